@@ -16,8 +16,8 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
 from urbantwin.roads.signals import heads_of
+from urbantwin.roads.signals.capacity import capped, cycle_s, green_seconds
 from urbantwin.roads.signals.default_programs import set_default_programs
-from urbantwin.roads.signals.webster import capped, cycle_s, green_seconds
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.site import read_extract
 

@@ -13,12 +13,11 @@ from urbantwin.acquire.area import Area, may_be_swapped, swapped_hint
 from urbantwin.acquire.copc import fetch_copc
 from urbantwin.acquire.elevation import fetch_cog, fetch_geotiff, fetch_terrain_tiles
 from urbantwin.acquire.entwine import fetch_ept
-from urbantwin.acquire.map_pictures import fetch_pictures
+from urbantwin.acquire.map_pictures import fetch_pictures, name_tileset
 from urbantwin.acquire.overpass import fetch_map
 from urbantwin.acquire.overture import fetch_footprints
 from urbantwin.acquire.source import AcquiredInput, Fetch, ListedSource, Source
 from urbantwin.acquire.source_table import KINDS, Kind, SourceSpec
-from urbantwin.acquire.tileset import name_tileset
 from urbantwin.acquire.web import NoKeyError, NotAcquiredError, NothingThereError, Web
 from urbantwin.artefact import sha256_of
 from urbantwin.download import DownloadError

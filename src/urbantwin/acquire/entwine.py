@@ -15,8 +15,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from urbantwin.acquire.area import Area
-from urbantwin.acquire.cloud_file import MOST_POINTS, inside_box, write_cloud
-from urbantwin.acquire.copc import NAME
+from urbantwin.acquire.copc import MOST_POINTS, NAME, inside_box, write_cloud
 from urbantwin.acquire.file_index import located_files
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from urbantwin.acquire.answer_cache import now
 from urbantwin.acquire.area import Area
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
@@ -16,7 +17,22 @@ from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.map_tiles import Mosaic, read_tiles
 from urbantwin.site.yaml_document import Document
 
-__all__ = ["fetch_pictures", "tile_mosaic"]
+__all__ = ["fetch_pictures", "name_tileset", "tile_mosaic"]
+
+
+def name_tileset(
+    spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
+) -> AcquiredInput:
+    """Name a tileset; nothing of it is fetched, since providers forbid keeping tiles."""
+    server = web.server(spec)  # which looks for the key
+    if web.offline:
+        raise NotAcquiredError("is asked during the build, and offline nobody is asked")
+    fields = {"url": spec.address}
+    if spec.key_env is not None:
+        fields["key_env"] = spec.key_env
+    told = "asked during the build"
+    return AcquiredInput("tiles", spec, None, server.shown(spec.address), now(), fields, told)
+
 
 #: A picture that lacks a larger share of its tiles is none.
 _MOST_MISSING = 0.25

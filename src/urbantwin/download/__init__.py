@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from urbantwin.download.address import (
+    Address,
+    DownloadError,
+    Origin,
+    Secrets,
+    parse_address,
+    parse_origin,
+)
 from urbantwin.download.client import Client, Limits
-from urbantwin.download.failure import DownloadError
 from urbantwin.download.kept_files import keep_bytes, kept_bytes
 from urbantwin.download.keys import (
     VARIABLE,
@@ -12,8 +19,6 @@ from urbantwin.download.keys import (
     keys_allowed,
     no_keys,
 )
-from urbantwin.download.origin import Address, Origin, parse_address, parse_origin
-from urbantwin.download.redaction import Secrets
 from urbantwin.download.response_body import Answer, Span
 
 __all__ = [

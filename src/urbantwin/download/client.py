@@ -20,11 +20,17 @@ from functools import cached_property
 from urllib.parse import quote, urlencode, urljoin
 
 from urbantwin import __version__
-from urbantwin.download.connection import Pace, open_connection, proxy_for, secure_context
-from urbantwin.download.failure import DownloadError
-from urbantwin.download.host_addresses import Place, is_public, literal_address, located
-from urbantwin.download.origin import Address, Origin, parse_address
-from urbantwin.download.redaction import Secrets
+from urbantwin.download.address import Address, DownloadError, Origin, Secrets, parse_address
+from urbantwin.download.connection import (
+    Pace,
+    Place,
+    is_public,
+    literal_address,
+    located,
+    open_connection,
+    proxy_for,
+    secure_context,
+)
 from urbantwin.download.response_body import Answer, Span, read_answer, waits_s
 
 __all__ = ["Client", "Limits"]

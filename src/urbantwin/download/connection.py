@@ -1,9 +1,10 @@
-"""Connections to checked addresses, with limits on how long a server may take."""
+"""Connections to checked addresses: which are public, and how long a server may take."""
 
 from __future__ import annotations
 
 import base64
 import http.client
+import ipaddress
 import socket
 import ssl
 import time
@@ -12,11 +13,87 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from urbantwin.download.failure import DownloadError
-from urbantwin.download.host_addresses import Place, literal_address, located
-from urbantwin.download.origin import Address, Origin
+from urbantwin.download.address import Address, DownloadError, Origin
 
-__all__ = ["Pace", "Proxy", "open_connection", "proxy_for", "secure_context"]
+__all__ = [
+    "Pace",
+    "Proxy",
+    "is_public",
+    "literal_address",
+    "located",
+    "open_connection",
+    "proxy_for",
+    "secure_context",
+]
+
+#: What ``socket.getaddrinfo`` says of a way to connect: family, and address of that family.
+Place = tuple[int, Any]
+
+_IPv4InIPv6 = {
+    # RFC 6052: how a network without IPv4 reaches it.
+    "nat64": (ipaddress.IPv6Network("64:ff9b::/96"), 0),
+    # RFC 3056.
+    "6to4": (ipaddress.IPv6Network("2002::/16"), 80),
+}
+
+
+def is_public(text: str) -> bool:
+    """Return whether an address (IPv4 or IPv6, as numbers) belongs to the open internet.
+
+    Not so loopback, private, link-local, shared, multicast, reserved and unspecified ones, by
+    IANA's registries of special-purpose addresses (RFC 6890); an IPv6 address that holds one of
+    IPv4 is judged by that.
+    """
+    address = ipaddress.ip_address(text.partition("%")[0])
+    if isinstance(address, ipaddress.IPv6Address):
+        if address.ipv4_mapped is not None:
+            return is_public(str(address.ipv4_mapped))
+        for network, shift in _IPv4InIPv6.values():
+            if address in network:
+                inner = int(address) >> shift & 0xFFFFFFFF
+                return is_public(str(ipaddress.IPv4Address(inner)))
+        if address.teredo is not None or address.is_site_local:
+            return False
+    return address.is_global and not (
+        address.is_multicast
+        or address.is_reserved
+        or address.is_unspecified
+        or address.is_loopback
+        or address.is_link_local
+        or address.is_private
+    )
+
+
+def literal_address(host: str) -> str | None:
+    """Return the numbers that a host's spelling alone stands for, or ``None`` for other names.
+
+    As the C library reads them: ``127.1``, ``2130706433`` and ``0x7f000001`` are one; and names
+    that are this machine by definition (RFC 6761).
+    """
+    if ":" in host:
+        return host
+    name = host.rstrip(".")
+    if name == "localhost" or name.endswith(".localhost"):
+        return "127.0.0.1"
+    try:
+        return socket.inet_ntoa(socket.inet_aton(name))
+    except OSError:
+        return None
+
+
+def located(host: str, port: int) -> list[Place]:
+    """Return where a host can be reached, in the system's order.
+
+    Raises:
+        OSError: its name is not known.
+    """
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return [
+        (family, place)
+        for family, _, _, _, place in found
+        if family in (socket.AF_INET, socket.AF_INET6)
+    ]
+
 
 #: Longest wait for a connection, and for the next byte, seconds.
 CONNECT_S, QUIET_S = 10.0, 20.0

@@ -18,8 +18,7 @@ from pathlib import Path
 
 from platformdirs import user_config_path
 
-from urbantwin.download.failure import DownloadError
-from urbantwin.download.origin import Origin, parse_address, parse_origin
+from urbantwin.download.address import DownloadError, Origin, parse_address, parse_origin
 from urbantwin.errors import InputError
 
 __all__ = ["PREFIX", "VARIABLE", "allowed_keys_file", "key_for", "keys_allowed", "no_keys"]

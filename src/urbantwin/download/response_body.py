@@ -12,7 +12,7 @@ import time
 import zlib
 from dataclasses import dataclass
 
-from urbantwin.download.failure import DownloadError
+from urbantwin.download.address import DownloadError
 
 __all__ = ["Answer", "Span", "read_answer", "read_body", "waits_s"]
 

@@ -1,7 +1,5 @@
 """The elevation of the bare earth."""
 
-from urbantwin.ground.elevation import Elevation
-from urbantwin.ground.merge import merged_elevation
-from urbantwin.ground.patch import ElevationPatch
+from urbantwin.ground.elevation import Elevation, ElevationPatch, merged_elevation
 
 __all__ = ["Elevation", "ElevationPatch", "merged_elevation"]

@@ -7,6 +7,7 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.interface.input_check import Findings, check
     from urbantwin.interface.preset_catalogue import PresetCatalogue, presets
+    from urbantwin.site.conditions import Clutter
     from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
     from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
     from urbantwin.site.extract_file import box_around, read_extract
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
     from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
     from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
-    from urbantwin.site.scene_options import Clutter
     from urbantwin.site.site import InputFile, Site, check_extract, load_site
     from urbantwin.site.traffic import TrafficSpec, load_traffic_changes
 

@@ -1,4 +1,4 @@
-"""Sensor effects that can be switched off, and the weather and sunlight of a recording."""
+"""Sensor effects, the weather and sunlight of a recording, and what stands beside streets."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["Angle", "Conditions", "Effects", "Strict"]
+__all__ = ["Angle", "Clutter", "Conditions", "Effects", "SceneSpec", "Strict"]
 
 Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
@@ -79,3 +79,18 @@ class Conditions(Strict):
     wet_ground: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = None
     sun_elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)] | None = None
     sun_azimuth_deg: Angle = 180.0
+
+
+#: What stands beside streets: what is mapped, with what is typical where the map is silent, or
+#: neither.
+Clutter = Literal["typical", "mapped", "none"]
+
+
+class SceneSpec(Strict):
+    """Options of the scene.
+
+    Attributes:
+        clutter: what stands beside the streets.
+    """
+
+    clutter: Clutter = "typical"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import textwrap
@@ -12,9 +13,9 @@ from pathlib import Path
 import shapely
 
 from urbantwin.artefact import check_file, overwriting, publish_file, replaced_file, sha256_of
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
-from urbantwin.site.draft_inputs import fetched_lines, fetched_of_kind, map_lines, quoted
+from urbantwin.pages.render import text_file
 from urbantwin.site.fetched import FetchedInput
 from urbantwin.site.pole_site import PolePosition
 from urbantwin.site.region import (
@@ -41,15 +42,6 @@ SENSOR, SENSOR_COLUMNS = "OS1-128", 1024
 
 #: The usual radius of a region, metres.
 RADIUS_M = 150.0
-
-_GUESS = """\
-  # How many come into the region per hour. These are guesses for midday from the streets' classes
-  # and lanes, the country, bus lines and what is around; put counts here if you have them. A class
-  # that is not listed has none.
-"""
-_GUESSED = """\
-  guessed: true         # no more come than signals let through; without this line all are tried
-"""
 
 
 @dataclass(frozen=True)
@@ -201,199 +193,31 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
     return file.name
 
 
-#: The terms of every extract of OpenStreetMap.
-_OSM_TERMS = """\
-  licence: ODbL-1.0
-  attribution: "© OpenStreetMap contributors"
-"""
-
-
-def _inputs(folder: Path, draft: SiteDraft, force: bool) -> str:
-    """Return the lines that name the maps."""
-    text = ""
-    if draft.osm is not None:
-        maps = fetched_of_kind(draft.fetched, "map")
-        terms = map_lines(maps[0]) if maps else _OSM_TERMS
-        text += f"""\
-# The map: .osm, .osm.bz2, .osm.gz or .osm.pbf. Whoever gets the twin is told its terms.
-osm:
-  file: {quoted(_brought_in(draft.osm, folder, force))}
-{terms}
-"""
-    elif draft.roads is not None:
-        text += """\
-# Buildings, trees and all else beside the roads, if you have it: an OpenStreetMap extract.
-# osm: map.osm
-
-"""
-    if draft.roads is not None:
-        anchor = ""
-        if draft.anchor_m is not None:
-            x, y = draft.anchor_m
-            anchor = f"""
-  # The map does not say where on earth it lies. Its own x (east), y (north) of the anchor:
-  anchor_m: [{x:g}, {y:g}]"""
-        text += f"""\
-# The roads: OpenDRIVE (.xodr) or Lanelet2 (.osm). Whoever gets the twin is told its terms.
-roads:
-  file: {quoted(_brought_in(draft.roads, folder, force))}
-  licence: not stated
-  attribution: not stated{anchor}
-  driving_side: auto    # auto: as in the map
-
-"""
-    return text
-
-
-def _beside(folder: Path, draft: SiteDraft, force: bool) -> str:
-    """Return the lines that name what else a site is made from, or show how."""
-
-    def lines(*kinds: str) -> str:
-        return fetched_lines(draft.fetched, lambda file: _brought_in(file, folder, force), *kinds)
-
-    flat = " Flat without it." if draft.roads is None else ""
-    elevation = f"""\
-# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region.{flat}
-# dem:
-#   file: dem.tif
-#   licence: CC-BY-4.0
-#   attribution: "who made it"
-
-"""
-    geometry = """\
-# Geometry that somebody surveyed or reconstructed, if you have it: 3D Tiles, meshes, airborne
-# LiDAR, CityJSON. It takes the place of the map's buildings and trees where it reaches.
-# geometry:
-#   - file: tiles/tileset.json
-#   - file: survey.laz
-#     footprints: buildings.gpkg    # outlines of buildings; the map's without it
-#     licence: CC-BY-4.0
-#     attribution: "who made it"
-
-"""
-    imagery = """\
-# Pictures of the ground from above, if you have them: they tell paint, asphalt, grass and soil.
-# imagery:
-#   - file: ortho.tif               # GeoTIFF of red, green and blue
-#   - xyz: "https://host/tiles/{z}/{x}/{y}.png"
-#     zoom: 19
-#     key_env: URBANTWIN_TILES_KEY  # the environment variable that holds the address's key
-#     origins: ["https://host2"]    # who else than the address's own host may be asked
-"""
-    return (
-        (lines("elevation") or elevation)
-        + lines("buildings")
-        + (lines("airborne", "tiles") or geometry)
-        + (lines("imagery").removesuffix("\n") or imagery)
-    )
+def quoted(text: str) -> str:
+    """Return a text as YAML has it: a JSON string is one, whatever is in it."""
+    return json.dumps(text, ensure_ascii=not text.isprintable())
 
 
 def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
-    region, pole = draft.region, draft.pole
-    outline = (
-        f"polygon: {quoted(_brought_in(region, folder, force))}"
-        if isinstance(region, Path)
-        else f"radius_m: {region:g}"
+    """Return the text of the file: ``first_site.yaml.j2``, filled in."""
+
+    def named(file: Path) -> str:
+        return _brought_in(file, folder, force)
+
+    remark = f"How many come into the region per hour. {draft.traffic_remark}."
+    return text_file(
+        "site/first_site.yaml.j2",
+        draft=draft,
+        fetched=draft.fetched,
+        polygon=named(draft.region) if isinstance(draft.region, Path) else "",
+        about="".join(_remark(line) for line in ("", *draft.about)) if draft.about else "",
+        traffic_remark=_remark(remark, indent="  "),
+        named=named,
+        quoted=quoted,
+        readable=readable,
+        sensor=SENSOR,
+        columns=SENSOR_COLUMNS,
     )
-    inputs, beside = _inputs(folder, draft, force), _beside(folder, draft, force)
-    roads = ""
-    if draft.roads is None:
-        roads = """
-# The roads are made from the map. An OpenDRIVE or Lanelet2 map can take their place: file: map.xodr
-roads:
-  driving_side: auto    # auto, left or right
-"""
-    loop = """\
-# Beyond the region every way out leads back to a way in, so that the same vehicles circulate. With
-# false they come in where the region's border cuts a street, and leave where it cuts another.
-closed_loop: true
-"""
-    scene = ""
-    if draft.osm is not None:
-        scene = """
-# Beside the streets: barriers and furniture as mapped, and where the map is silent hedges, walls,
-# signs, bins and the like as they usually stand there (typical). Or mapped alone, or none.
-scene:
-  clutter: typical
-"""
-    about = "".join(_remark(line) for line in ("", *draft.about)) if draft.about else ""
-    counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
-    return f"""\
-# A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
-# File names are relative to this file. Lengths in metres, angles in degrees, times in seconds.
-{about}
-name: {quoted(draft.title)}
-
-# The anchor: the origin of the site frame (x east, y north, z above the ground there), WGS84.
-# {draft.why}
-anchor:
-  latitude: {draft.latitude!r}
-  longitude: {draft.longitude!r}
-
-# What is built: a circle about the anchor (radius_m), or a polygon: the name of a GeoJSON file
-# with longitude, latitude (WGS84). It reaches at most 2000 m from the anchor.
-region:
-  {outline}
-
-{inputs}{beside}{roads}
-# Programs of signals, if you know them; else they are assumed. `urbantwin info` of the twin
-# lists its junctions with their streets, approaches and phases.
-# signals:
-#   - junction: First Street / Second Street
-#     cycle: 90           # seconds
-#     offset: 0           # after the clock's zero, for green waves
-#     phases:
-#       - seconds: 40
-#         green: [north, south]
-#       - green: [east, west]
-{scene}
-{loop}
-traffic:
-{_traffic_remark(draft.traffic_remark)}  per_hour:
-{counts}
-{_GUESSED if draft.guessed else ""}  duration_s: 20        # length of the recorded motion
-  warmup_s: 120         # simulated before it, so that the streets are not empty
-  step_s: 0.1           # between two steps of the simulation
-  seed: 1               # the same seed gives the same traffic
-
-# The sensors, or the name of a file that holds this mapping.
-rig:
-{draft.rig or _proposed_rig(pole)}"""
-
-
-def _proposed_rig(pole: PolePosition) -> str:
-    """Return the mapping ``rig`` of one sensor on a pole that is proposed."""
-    seen = "" if pole.seen is None else f": by the map, {100 * pole.seen:.0f} % is in sight"
-    return f"""\
-  rate_hz: 10           # frames per second
-  frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
-  boxes: track          # of the labels: one size per track, or tight about the mesh at its moment
-  sensors:
-    # A pole beside the junction, looking at its middle{seen}.
-    # More sensors: more items. docs/reference/rig_file.md lists all fields of a rig: heights,
-    # timing, echoes, weather, faults, carriers.
-    - name: pole
-      model: {SENSOR}    # "urbantwin catalogue sensors" lists the models
-      columns: {SENSOR_COLUMNS}     # per turn
-      east_m: {pole.east_m}
-      north_m: {pole.north_m}
-      # or, in place of east_m and north_m: latitude and longitude
-      height_m: {pole.height_m}     # above the ground there
-      yaw_deg: {pole.yaw_deg}    # counter-clockwise from east; or heading_deg, clockwise from north
-      pitch_deg: {pole.pitch_deg}    # positive looks down
-      roll_deg: 0.0
-      proposed: true    # a build moves it to where it sees more; without this line it stays here
-      effects:          # all but crosstalk are on unless turned off; effects: false turns off all
-        noise: true     # range noise as in the datasheet
-        dropout: true   # weak returns are lost
-"""
-
-
-def _traffic_remark(measured: str) -> str:
-    """Return the comment on how many come per hour."""
-    if not measured:
-        return _GUESS
-    return _remark(f"How many come into the region per hour. {measured}.", indent="  ")
 
 
 def _remark(text: str, indent: str = "") -> str:

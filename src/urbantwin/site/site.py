@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from urbantwin.artefact import sha256_of
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.conditions import Clutter, SceneSpec
 from urbantwin.site.corrections import CORRECTIONS, read_corrections
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
@@ -27,7 +28,6 @@ from urbantwin.site.region import (
     read_geojson,
 )
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
-from urbantwin.site.scene_options import Clutter, SceneSpec
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, must_exist, read_document, wrong

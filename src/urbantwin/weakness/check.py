@@ -3,25 +3,65 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
+
+import osmium
+import osmium.osm
 
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import Extract, Site, box_around, read_extract
 from urbantwin.site.building_file import read_buildings, with_buildings
 from urbantwin.site.corrections import read_corrections, with_elements
 from urbantwin.site.extract_coverage import check_roads
-from urbantwin.weakness.buildings import building_findings
 from urbantwin.weakness.finding import Finding, finding
-from urbantwin.weakness.furniture import furniture_findings
 from urbantwin.weakness.inputs import extract_findings, input_findings
 from urbantwin.weakness.junctions import junction_findings
-from urbantwin.weakness.map_date import map_date
+from urbantwin.weakness.map_findings import (
+    building_findings,
+    furniture_findings,
+    street_findings,
+    walking_findings,
+)
 from urbantwin.weakness.mapped_site import MappedSite
-from urbantwin.weakness.streets import street_findings
-from urbantwin.weakness.walking import walking_findings
 
-__all__ = ["InputCheck", "check_inputs"]
+__all__ = ["InputCheck", "check_inputs", "map_date"]
+
+#: Keys of a file's header that tell of when its data are.
+_KEYS = ("osmosis_replication_timestamp", "timestamp")
+#: Larger files are not read once more for the times of their elements, bytes.
+_MOST = 30_000_000
+
+
+def map_date(path: Path) -> datetime | None:
+    """Return of when an extract is: what its header says, or else its newest element's time.
+
+    Args:
+        path: an extract that was read before.
+
+    Returns:
+        ``None`` where it does not tell, or is large and its header does not.
+    """
+    with osmium.io.Reader(str(path)) as reader:
+        header = reader.header()
+        for key in _KEYS:
+            told = header.get(key)
+            if told:
+                try:
+                    found = datetime.fromisoformat(told)
+                except ValueError:
+                    continue
+                return found if found.tzinfo else found.replace(tzinfo=UTC)
+    if path.stat().st_size > _MOST:
+        return None
+    newest = None
+    for item in osmium.FileProcessor(str(path)):
+        if isinstance(item, osmium.osm.OSMObject):
+            time = item.timestamp
+            newest = time if newest is None else max(newest, time)
+    # Files without times have that of 1970.
+    return newest if newest is not None and newest.year > 2003 else None
 
 
 @dataclass(frozen=True, eq=False)

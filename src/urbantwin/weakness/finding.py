@@ -4,9 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
-__all__ = ["KINDS", "Finding", "Kind", "Matters", "Spot", "counted", "finding"]
+import numpy as np
+import shapely
+import yaml
+
+from urbantwin.geometry import SiteFrame
+
+__all__ = [
+    "KINDS",
+    "Finding",
+    "Kind",
+    "Matters",
+    "Spot",
+    "counted",
+    "editor_link",
+    "finding",
+    "spot",
+]
 
 Matters = Literal["much", "some", "little"]
 
@@ -19,8 +36,7 @@ class Kind:
     """A kind of finding.
 
     Attributes:
-        weight: how much it matters if all that can be weak in its way is, 0 to 1: about the share
-            of a frame that is guessed then. A judgement, nothing measured.
+        weight: how much it matters if all that can be weak in its way is, 0 to 1.
         instead: what the twin has instead.
         remedy: what to add.
     """
@@ -32,126 +48,10 @@ class Kind:
 
 #: The kinds of findings by their names in the document.
 KINDS: Mapping[str, Kind] = {
-    "extract-ends": Kind(
-        1.0,
-        "streets end there, and nothing stands beyond",
-        "take a larger extract, or a smaller region",
-    ),
-    "no-map": Kind(
-        0.9,
-        "nothing stands beside the roads",
-        "give an OpenStreetMap extract as well (osm:)",
-    ),
-    "signals-missing": Kind(
-        0.8,
-        "traffic yields by the rank of its streets, and no poles of signals stand there",
-        "if there are signals, map highway=traffic_signals on each approach",
-    ),
-    "sensors-proposed": Kind(
-        0.7,
-        "a place from which a sensor sees most of the junction is taken",
-        "give the true places, heights and angles of the sensors in the rig",
-    ),
-    "dem-missing": Kind(
-        0.6,
-        "the ground is flat",
-        "give an elevation model (dem:), or an airborne survey (geometry:)",
-    ),
-    "dem-coarse": Kind(
-        0.3,
-        "curbs, ramps and embankments are smoothed away",
-        "give an elevation model of 1 m cells, or an airborne survey (geometry:)",
-    ),
-    "buildings-missing": Kind(
-        0.5,
-        "nothing stands beside the streets",
-        "map the buildings, if there are any, with their heights",
-    ),
-    "building-heights": Kind(
-        0.5,
-        "heights are usual ones for the building's type",
-        "add building:levels, or height in metres",
-    ),
-    "traffic-guessed": Kind(
-        0.4,
-        "how many come is guessed from the classes of the streets",
-        "put counts into traffic.per_hour, or calibrate with a recording",
-    ),
-    "lanes": Kind(
-        0.5,
-        "the number of lanes is usual for the street's class",
-        "add lanes (and lanes:forward, lanes:backward where they differ)",
-    ),
-    "turn-lanes": Kind(
-        0.25,
-        "which lane may turn where is guessed",
-        "add turn:lanes (or turn:lanes:forward and :backward)",
-    ),
-    "crossings-missing": Kind(
-        0.35,
-        "people cross where the streets' corners suggest it",
-        "if there is a crossing, map a node highway=crossing where it meets the street",
-    ),
-    "sidewalks": Kind(
-        0.3,
-        "whether there is a sidewalk is guessed from the street's class",
-        "add sidewalk=both, left, right, no or separate, or map the footways",
-    ),
-    "footways-apart": Kind(
-        0.25,
-        "nobody walks from there to the rest",
-        "join the footway's end with the way that it meets: one node in common",
-    ),
-    "footway-ends": Kind(
-        0.2,
-        "the way is closed there",
-        "join the footway's end with the way that it meets: one node in common",
-    ),
-    "signal-programs": Kind(
-        0.15,
-        "cycles and greens are assumed by the streams that meet",
-        "give the programs (signals:), if you know them",
-    ),
-    "trees-missing": Kind(
-        0.25,
-        "there are none",
-        "map natural=tree, tree_row, or natural=wood",
-    ),
-    "lamps-missing": Kind(
-        0.15,
-        "lamps stand as they usually do, if scene.clutter is typical",
-        "map highway=street_lamp and power=pole where they stand",
-    ),
-    "imagery-missing": Kind(
-        0.15,
-        "materials of the ground follow from tags and classes",
-        "give an orthophoto (imagery:)",
-    ),
-    "imagery-old": Kind(
-        0.2,
-        "paint and surfaces are those of then",
-        "give newer imagery, or look whether anything changed",
-    ),
-    "imagery-coarse": Kind(
-        0.1,
-        "paint cannot be told from asphalt",
-        "give imagery of 0.2 m a pixel or finer",
-    ),
-    "surface": Kind(
-        0.1,
-        "streets are of asphalt",
-        "add surface",
-    ),
-    "maxspeed": Kind(
-        0.1,
-        "the country's usual limit is taken",
-        "add maxspeed",
-    ),
-    "licence": Kind(
-        0.02,
-        "whoever gets the twin is told that the terms are not stated",
-        "add licence and attribution to the input",
-    ),
+    name: Kind(**fields)
+    for name, fields in yaml.safe_load(
+        Path(__file__).with_name("kinds.yaml").read_text(encoding="utf-8")
+    ).items()
 }
 
 
@@ -275,3 +175,46 @@ def finding(
     ordered = sorted(spots, key=lambda one: (round(one.east_m**2 + one.north_m**2, 3), one.element))
     weight = KINDS[kind].weight * min(max(share, 0.0), 1.0)
     return Finding(kind, weight, problem, count, of, tuple(ordered), where)
+
+
+def editor_link(latitude: float, longitude: float, element: str = "") -> str:
+    """Return the address of a place in the editor iD, with an element of the map selected.
+
+    Args:
+        latitude: degrees, WGS84.
+        longitude: degrees, WGS84.
+        element: ``node/1``, ``way/1`` or ``relation/1``.
+    """
+    kind, _, number = element.partition("/")
+    selected = f"&{kind}={number}" if number else ""
+    return (
+        f"https://www.openstreetmap.org/edit?editor=id{selected}"
+        f"#map=19/{latitude:.6f}/{longitude:.6f}"
+    )
+
+
+def spot(frame: SiteFrame, shape: shapely.Geometry, *, element: str = "", name: str = "") -> Spot:
+    """Return the place of something in the site frame: a point that lies on it.
+
+    Args:
+        frame: the site frame.
+        shape: in the site frame.
+        element: of the map.
+        name: what it is, in words.
+    """
+    point = shape
+    if shape.geom_type == "LineString":
+        point = shape.interpolate(0.5, normalized=True)
+    elif shape.geom_type != "Point":
+        point = shape.representative_point()
+    xy = np.array([[point.x, point.y]])
+    longitude, latitude = (float(value) for value in frame.lonlat_from_site(xy)[0])
+    return Spot(
+        float(point.x),
+        float(point.y),
+        latitude,
+        longitude,
+        element,
+        name,
+        editor_link(latitude, longitude, element),
+    )

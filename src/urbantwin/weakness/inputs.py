@@ -15,9 +15,8 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site import ImagerySource, Site, read_heights
 from urbantwin.site.extract_coverage import small_features
 from urbantwin.site.geotiff import opened_geotiff
-from urbantwin.weakness.finding import Finding, counted, finding
+from urbantwin.weakness.finding import Finding, counted, finding, spot
 from urbantwin.weakness.mapped_site import MappedSite
-from urbantwin.weakness.place_in_editor import spot
 
 __all__ = ["extract_findings", "input_findings", "look_at_picture"]
 

@@ -10,9 +10,8 @@ import shapely
 from urbantwin.geometry import wrapped
 from urbantwin.roads.cross_section.lane_tags import count
 from urbantwin.site.junction_proposal import JunctionArm, MappedJunction
-from urbantwin.weakness.finding import Finding, Spot, counted, finding
+from urbantwin.weakness.finding import Finding, Spot, counted, finding, spot
 from urbantwin.weakness.mapped_site import MappedSite, MappedWay, nearness
-from urbantwin.weakness.place_in_editor import spot
 
 __all__ = ["junction_findings"]
 

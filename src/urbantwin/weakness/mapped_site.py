@@ -16,8 +16,7 @@ from urbantwin.site.corrections import Correction
 from urbantwin.site.extract import OsmFeature, Way
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.junction_proposal import STREETS, MappedJunction, mapped_junctions
-from urbantwin.weakness.finding import Spot
-from urbantwin.weakness.place_in_editor import spot
+from urbantwin.weakness.finding import Spot, spot
 
 __all__ = ["WALKED", "MappedSite", "MappedWay", "nearness"]
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -108,7 +107,8 @@ class Link:
         return self.movement in ("left", "right", "u-turn")
 
 
-class Feeder(NamedTuple):
+@dataclass(frozen=True)
+class Feeder:
     """A link that leads to another stop line: its index, and metres from stop line to stop line."""
 
     index: int

@@ -18,18 +18,22 @@ from pathlib import Path
 from lxml import etree
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.capacity import Flows, assumed_flows, choices_of, gap_flow, on_lanes
-from urbantwin.roads.signals.changes import Change, Changes, phases_of_stages
-from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
-from urbantwin.roads.signals.plan_check import WALK_S
-from urbantwin.roads.signals.webster import (
+from urbantwin.roads.signals.capacity import (
     LONGEST_CYCLE_S,
     SATURATION_VEH_H,
     SHORTEST_CYCLE_S,
+    Flows,
+    assumed_flows,
     capped,
+    choices_of,
     cycle_s,
+    gap_flow,
     green_seconds,
+    on_lanes,
 )
+from urbantwin.roads.signals.changes import Change, Changes, phases_of_stages
+from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
+from urbantwin.roads.signals.plan import WALK_S
 
 __all__ = ["set_default_programs"]
 
@@ -69,7 +73,7 @@ def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool =
 def _main_states(logic: etree._Element) -> list[str]:
     """Return the states of the stages: those that traffic extends, or else those without yellow."""
     phases = list(logic.iter("phase"))
-    extended = [x for x in phases if x.get("minDur", "") != x.get("maxDur", "")]
+    extended = [phase for phase in phases if phase.get("minDur") is not None]
     found: list[str] = []
     for phase in extended or phases:
         state = phase.get("state")
@@ -95,7 +99,8 @@ def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]
         for k in sorted(wanted, key=lambda k: (junction.is_walk(k), order[state[k]], k)):
             if junction.fits(k, green):
                 green.add(k)
-        stages.append(green)
+        if green:
+            stages.append(green)
     for k in sorted(junction.of_index):
         served = any(k in green for green in stages)
         for green in stages:
@@ -195,17 +200,18 @@ def _write(logic: etree._Element, timing: _Timing, *, fixed: bool) -> None:
     usual = timing.seconds()
     most = [max(pair) for pair in zip(usual, timing.seconds(LONGEST_CYCLE_S), strict=True)]
     phases = timing.phases(usual)
-    logic.set("offset", "0")
-    logic.set("type", "static" if fixed else "actuated")
-    for key, value in ({} if fixed else PARAMETERS).items():
-        etree.SubElement(logic, "param", key=key, value=value)
     extended = {} if fixed else _extended(timing, phases)
+    logic.set("offset", "0")
+    logic.set("type", "actuated" if extended else "static")
+    for key, value in (PARAMETERS if extended else {}).items():
+        etree.SubElement(logic, "param", key=key, value=value)
     for k, (seconds, state) in enumerate(phases):
         phase = etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
         if k in extended:
             stage = extended[k]
-            phase.set("minDur", f"{seconds - usual[stage] + timing.least_s[stage]:g}")
-            phase.set("maxDur", f"{seconds - usual[stage] + most[stage]:g}")
+            rest = seconds - usual[stage]  # the stage has parts before and after its main phase
+            phase.set("minDur", f"{max(rest + timing.least_s[stage], 1.0):g}")
+            phase.set("maxDur", f"{rest + most[stage]:g}")
     etree.indent(logic, space=" ", level=1)
 
 

@@ -1,8 +1,14 @@
-"""Signal plans in words turned into states of a program, checked for conflicts."""
+"""Signal plans in words turned into states of a program, checked for conflicts.
+
+Movements are named in a traffic engineer's words: ``north left``, ``southbound``, ``Main Street``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterable, Sequence
+from itertools import combinations
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.changes import (
@@ -12,17 +18,256 @@ from urbantwin.roads.signals.changes import (
     phases_of_stages,
     yellow_s,
 )
-from urbantwin.roads.signals.controlled_links import Link, Signalised
-from urbantwin.roads.signals.movements import UnknownMovement, crossings, vehicle_links
-from urbantwin.roads.signals.plan_check import (
-    WALK_S,
-    check_conflicts,
-    check_greens,
-    checked_states,
+from urbantwin.roads.signals.controlled_links import (
+    COMPASS,
+    FACING_DEG,
+    Link,
+    Signalised,
+    turn_between,
 )
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
-__all__ = ["plan_phases"]
+__all__ = [
+    "WALK_S",
+    "UnknownMovement",
+    "approaches",
+    "check_conflicts",
+    "check_greens",
+    "checked_states",
+    "crossings",
+    "link_in_words",
+    "plan_phases",
+    "vehicle_links",
+]
+
+MOVEMENT_WORDS = {
+    "left": "left",
+    "through": "through",
+    "thru": "through",
+    "straight": "through",
+    "right": "right",
+    "u-turn": "u-turn",
+    "uturn": "u-turn",
+}
+#: An arm answers to a direction's name when it lies within this angle of it, degrees.
+WITHIN_DEG = 45.0
+
+
+class UnknownMovement(Exception):  # noqa: N818 - callers turn it into an InputError
+    """Words that match no movement of a junction."""
+
+    def __init__(self, problem: str, expected: str) -> None:
+        super().__init__(problem)
+        self.problem, self.expected = problem, expected
+
+
+def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
+    """Return the links that words name.
+
+    Raises:
+        UnknownMovement: they name none.
+    """
+    text = " ".join(str(words).split())
+    vehicles = [link for link in junction.links if link.movement != "walk"]
+    parts = text.replace("+", " ").replace(",", " ").split()
+    movements = set()
+    while parts and parts[-1].lower() in MOVEMENT_WORDS:
+        movements.add(MOVEMENT_WORDS[parts.pop().lower()])
+    chosen = _of_approach(junction, vehicles, " ".join(parts) or "all")
+    found = [link for link in chosen if not movements or link.movement in movements]
+    if not found:
+        turns = sorted({link.movement for link in chosen})
+        raise UnknownMovement(
+            f"{text!r} names no way through the junction",
+            f"one of {', '.join(turns)} from there" if turns else _choices(junction),
+        )
+    return found
+
+
+def crossings(junction: Signalised, words: str) -> list[Link]:
+    """Return the crossings over the arms that words name.
+
+    Raises:
+        UnknownMovement: they name none.
+    """
+    walkers = [link for link in junction.links if link.movement == "walk"]
+    found = _of_approach(junction, walkers, " ".join(words.split()))
+    if not found:
+        arms = sorted({link.arm for link in walkers})
+        raise UnknownMovement(
+            f"{words!r} names no crossing with signals",
+            f"one of {', '.join(arms)}" if arms else "none: no such crossings here",
+        )
+    return found
+
+
+def approaches(junction: Signalised) -> list[tuple[str, str]]:
+    """Return (arm, street) of every approach, clockwise from north."""
+    order = list(COMPASS)
+    arms = {(link.arm, link.street) for link in junction.links if link.movement != "walk"}
+    return sorted(arms, key=lambda pair: (order.index(pair[0]), pair[1]))
+
+
+def _of_approach(junction: Signalised, links: list[Link], name: str) -> list[Link]:
+    lower = name.lower()
+    if lower == "all":
+        return links
+    kind, _, rest = lower.partition(" ")
+    if kind in ("link", "links") and rest:
+        wanted = _numbers(rest)
+        return [link for link in links if link.index in wanted]
+    if kind == "lane" and rest:
+        return [link for link in links if link.lane == name[5:].strip()]
+    for ending in ("bound", ""):
+        word = lower.removesuffix(ending).replace("-", "")
+        if (ending and not lower.endswith(ending)) or word not in COMPASS:
+            continue
+        # Southbound traffic comes from the north.
+        bearing = COMPASS[word] + (180.0 if ending else 0.0)
+        return [link for link in links if turn_between(link.bearing, bearing) < WITHIN_DEG]
+    if name in {link.road for link in links}:
+        return [link for link in links if link.road == name]
+    if not name.isdigit():
+        found = [link for link in links if link.street.casefold() == name.casefold()]
+        if found:
+            return found
+    raise UnknownMovement(f"{name!r} is not an approach of the junction", _choices(junction))
+
+
+def _numbers(text: str) -> set[int]:
+    found: set[int] = set()
+    for part in text.replace(",", " ").split():
+        first, _, last = part.partition("-")
+        if not all(re.fullmatch("[0-9]{1,4}", one) for one in (first, last or first)):
+            raise UnknownMovement(f"{text!r} is not a list of links", "numbers such as 0-3, 7")
+        found |= set(range(int(first), int(last or first) + 1))
+    return found
+
+
+def _choices(junction: Signalised) -> str:
+    listed = [f"{arm} ({street})" if street else arm for arm, street in approaches(junction)]
+    return "one of " + ", ".join(listed)
+
+
+#: Pedestrians get at least 4 s to set out (MUTCD 2009, 4E.06).
+WALK_S = 4.0
+GREEN = "Gg"
+
+
+def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
+    """Whether two simultaneous greens conflict beyond one driver giving way to another."""
+    if not junction.are_foes(a, b) or a.road == b.road:
+        return False
+    if "walk" in (a.movement, b.movement):
+        return junction.meets_walkers(*((b, a) if a.movement == "walk" else (a, b)))
+    facing = turn_between(a.bearing, b.bearing) > FACING_DEG
+    return not (facing and (a.is_turn or b.is_turn))
+
+
+def check_conflicts(
+    junction: Signalised, green: Iterable[Link], plan: SignalPlan, where: tuple[int | str, ...]
+) -> None:
+    """Check that links that have green together do not cross each other.
+
+    Raises:
+        InputError: two do.
+    """
+    pairs = [pair for pair in combinations(green, 2) if _conflict(junction, *pair)]
+    if pairs:
+        # Through movements make the clearest message.
+        a, b = max(pairs, key=lambda pair: sum(not link.is_turn for link in pair))
+        raise plan.error(
+            f"gives green to conflicting traffic: {link_in_words(a)} and {link_in_words(b)}",
+            where,
+            "approaches that do not cross each other in one phase",
+        )
+
+
+def link_in_words(link: Link) -> str:
+    """Return a link in words: ``north through (First Street)``."""
+    street = f" ({link.street})" if link.street else ""
+    if link.movement == "walk":
+        return f"the crossing over the {link.arm} arm{street}"
+    return f"{link.arm} {link.movement}{street}"
+
+
+def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
+    """Return the phases of a plan that is written letter by letter.
+
+    Raises:
+        InputError: a state has too many or too few letters, gives right of way to conflicting
+            traffic, or goes to red without yellow.
+    """
+    phases = tuple((spec.seconds, spec.state) for spec in plan.spec.states or [])
+    size = len(junction.phases[0][1]) if junction.phases else junction.size
+    for k, (_, state) in enumerate(phases):
+        where = ("states", k, "state")
+        if len(state) != size:
+            raise plan.error(f"has {len(state)} letters", where, f"{size}, one per link")
+        protected = [link for link in junction.links if state[link.index] == "G"]
+        for a, b in combinations(protected, 2):
+            if junction.are_foes(a, b) and a.road != b.road:
+                raise plan.error(
+                    "gives right of way to conflicting traffic: "
+                    f"{link_in_words(a)} (link {a.index}) and "
+                    f"{link_in_words(b)} (link {b.index})",
+                    where,
+                    "the letter g for who gives way, or one of them red",
+                )
+        following = phases[(k + 1) % len(phases)][1]
+        for link in junction.links:
+            abrupt = state[link.index] in GREEN and following[link.index] in "rs"
+            if abrupt and link.movement != "walk" and len(phases) > 1:
+                raise plan.error(
+                    f"is followed by red without yellow for {link_in_words(link)} "
+                    f"(link {link.index})",
+                    where,
+                    "a phase with y between them",
+                )
+    return phases
+
+
+def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]) -> None:
+    """Check that everybody gets green, and none that is too short.
+
+    Raises:
+        InputError: a movement never gets green, or too short a one.
+    """
+    where = ("phases",) if plan.spec.phases is not None else ("states",)
+    never = [
+        link for link in junction.links if all(state[link.index] in "rs" for _, state in phases)
+    ]
+    if never:
+        names = ", ".join(dict.fromkeys(map(link_in_words, never)))
+        raise plan.error(f"never gives green to {names}", where, "green for everybody in the cycle")
+    for link in junction.links:
+        on = [state[link.index] in GREEN for _, state in phases]
+        if not any(on):
+            continue
+        shortest = _shortest(on, [seconds for seconds, _ in phases])
+        least = min(plan.spec.minimum_green, WALK_S if link.movement == "walk" else math.inf)
+        if shortest < least - 1e-6:
+            raise plan.error(
+                f"gives {link_in_words(link)} {shortest:g} s of green",
+                where,
+                f"at least {least:g} s (minimum_green)",
+            )
+
+
+def _shortest(on: Sequence[bool], seconds: Sequence[float]) -> float:
+    """Return the shortest unbroken green, the program running round and round."""
+    if all(on):
+        return math.inf
+    start = on.index(False)
+    runs, run = [], 0.0
+    for k in range(len(on) + 1):
+        j = (start + k) % len(on)
+        if on[j] and k < len(on):
+            run += seconds[j]
+        elif run:
+            runs.append(run)
+            run = 0.0
+    return min(runs, default=math.inf)
 
 
 def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:

@@ -14,8 +14,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import SignalProgram
 from urbantwin.roads.signals.controlled_links import COMPASS, Signalised, signalised_junctions
-from urbantwin.roads.signals.movements import approaches
-from urbantwin.roads.signals.plan import plan_phases
+from urbantwin.roads.signals.plan import approaches, plan_phases
 from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.signals import SignalPlan
 

@@ -1,6 +1,6 @@
 """Corrections that a person draws: a twin mended without editing the map."""
 
-from urbantwin.site.corrections.elements import REMOVED, known_element, with_elements
+from urbantwin.site.corrections.elements import REMOVED, Outcome, known_element, with_elements
 from urbantwin.site.corrections.kinds import (
     AddLane,
     AddPole,
@@ -12,7 +12,6 @@ from urbantwin.site.corrections.kinds import (
     RemoveThing,
     SetTags,
 )
-from urbantwin.site.corrections.outcome import Outcome
 from urbantwin.site.corrections.read import CORRECTIONS, Correction, read_corrections
 
 __all__ = [

@@ -3,17 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.corrections.kinds import Element, RemoveElement, SetTags
-from urbantwin.site.corrections.outcome import Outcome
 from urbantwin.site.corrections.read import Correction
 from urbantwin.site.extract import Extract
 
-__all__ = ["REMOVED", "known_element", "with_elements"]
+__all__ = ["REMOVED", "Outcome", "known_element", "with_elements"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a correction.
+
+    Attributes:
+        correction: which one.
+        applied: whether anything is different because of it.
+        told: what is different, or why nothing is.
+        at: where on the plan, site frame.
+    """
+
+    correction: Correction
+    applied: bool
+    told: str
+    at: Sequence[shapely.Geometry] = ()
+
+    @property
+    def shapes(self) -> Sequence[shapely.Geometry]:
+        """Return where it is shown: where it was done, else where it was drawn."""
+        return self.at or self.correction.shapes
+
 
 #: Tag of what a person removed where something else is seeded beside it: it keeps its place free.
 REMOVED = "urbantwin:removed"

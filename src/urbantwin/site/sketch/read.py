@@ -14,9 +14,18 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract import Extract, Way
 from urbantwin.site.sketch.drawing import Feature, read_drawing
-from urbantwin.site.sketch.joined import Joined, Place, joined, place_of
 from urbantwin.site.sketch.kinds import Crossing, Junction, StopLine, Street, Turn
-from urbantwin.site.sketch.turns import FOLLOWED, attached, check_turns, is_followed, line_text
+from urbantwin.site.sketch.turns import (
+    FOLLOWED,
+    Joined,
+    Place,
+    attached,
+    check_turns,
+    is_followed,
+    joined,
+    line_text,
+    place_of,
+)
 
 __all__ = ["read_sketch"]
 
