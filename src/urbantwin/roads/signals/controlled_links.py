@@ -128,7 +128,8 @@ class Signalised:
         foes: pairs of rows of one junction whose ways cross or merge: (junction, row, row).
         yields: (junction, row, row): the former gives way to the latter.
         offset: seconds by which the program starts late.
-        phases: what it shows.
+        phases: what it shows, as long as it usually does.
+        longest: the same, as long as it does at most where traffic extends it.
         onward: lane of a short road behind the junction -> the edges that it leads to.
         inner_m: edge between two of the junctions, where a link waits again -> its length, metres.
     """
@@ -144,6 +145,7 @@ class Signalised:
     phases: tuple[Phase, ...]
     onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
     inner_m: Mapping[str, float] = field(default_factory=dict)
+    longest: tuple[Phase, ...] = ()
 
     @property
     def size(self) -> int:
@@ -311,6 +313,10 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     if float(lanes[link.to].get("length")) < CHANGING_M
                 },
                 _inner_edges(links[program], lanes),
+                tuple(
+                    (float(p.get("maxDur", p.get("duration"))), p.get("state"))
+                    for p in logic.iter("phase")
+                ),
             )
         )
     return found

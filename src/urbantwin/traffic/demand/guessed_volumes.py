@@ -67,9 +67,16 @@ def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
 
 
 def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
-    """Return the lanes with a load beyond ``FULL``."""
-    loads = (lane for item in junctions for lane in lane_loads(item, item.phases, flows))
-    return [lane for lane in loads if lane.load > FULL * (1.0 + EXCESS)]
+    """Return the lanes with a load beyond ``FULL``, however long traffic extends the greens."""
+    full = []
+    for junction in junctions:
+        usual, longest = (
+            {lane.lane: lane for lane in lane_loads(junction, phases, flows)}
+            for phases in (junction.phases, junction.longest)
+        )
+        least = (min(lane, longest[name], key=lambda x: x.load) for name, lane in usual.items())
+        full += [lane for lane in least if lane.load > FULL * (1.0 + EXCESS)]
+    return full
 
 
 def _reason(full: Iterable[LaneLoad]) -> str:
