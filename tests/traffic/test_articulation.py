@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from urbantwin.traffic.assets import Body, asset, asset_names
-from urbantwin.traffic.paths.articulation import on_rails, towed
+from urbantwin.traffic.paths.bending import on_rails, towed
 
 RADIUS_M = 25.0
 

@@ -10,10 +10,9 @@ from urbantwin.traffic.paths import crowd
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs
 from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
-from urbantwin.traffic.paths.outlines import Outlines
-from urbantwin.traffic.paths.parting import Moving
-from urbantwin.traffic.paths.walked_cells import WalkedCells
-from urbantwin.traffic.paths.walked_ground import WalkedGround
+from urbantwin.traffic.paths.obstacles import Outlines
+from urbantwin.traffic.paths.separation import Moving
+from urbantwin.traffic.paths.walked_ground import WalkedCells, WalkedGround
 
 STEP_S = 0.1
 HALF = {"pedestrian": (0.3, 0.25), "car": (2.2, 0.9)}

@@ -4,9 +4,8 @@ import numpy as np
 import shapely
 
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.crowd import crowd_walked
-from urbantwin.traffic.paths.kerbs import Crossings
-from urbantwin.traffic.paths.parting import Moving
+from urbantwin.traffic.paths.crowd import Crossings, crowd_walked
+from urbantwin.traffic.paths.separation import Moving
 from urbantwin.traffic.paths.walked_ground import WalkedGround
 
 STEP_S, COUNT, KERB_X, OVER_X = 0.1, 500, 4.0, 12.0

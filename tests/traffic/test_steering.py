@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from urbantwin.traffic.paths.steering import steered
+from urbantwin.traffic.paths.trajectory import steered
 
 
 @pytest.mark.parametrize(("radius", "rear_m"), [(8.0, 1.35), (12.0, 3.0), (40.0, 1.35)])

@@ -11,8 +11,8 @@ from urbantwin.traffic.assets import asset
 from urbantwin.traffic.demand.demand import Trip
 from urbantwin.traffic.paths.apart import Parted
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.crowd import NO_CROSSINGS
 from urbantwin.traffic.paths.kept_ways import KeptColumns, KeptWays
-from urbantwin.traffic.paths.kerbs import NO_CROSSINGS
 from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.stretches import LeftOff, Stretch, stretches
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.parting import Moving
+from urbantwin.traffic.paths.separation import Moving
 from urbantwin.traffic.paths.yielding import yielded
 
 STEP_S = 0.1

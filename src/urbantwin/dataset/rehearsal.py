@@ -23,7 +23,7 @@ def _walk() -> None:
 
     from urbantwin.traffic.paths.box_plan import PlanBoxes
     from urbantwin.traffic.paths.crowd import crowd_walked
-    from urbantwin.traffic.paths.parting import Moving
+    from urbantwin.traffic.paths.separation import Moving
     from urbantwin.traffic.paths.walked_ground import WalkedGround
 
     step = np.zeros(2, np.int64)

@@ -29,12 +29,12 @@ from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_f
 from urbantwin.traffic.paths.apart import Parted
 from urbantwin.traffic.paths.bending import vehicles
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.kerbs import Crossings
+from urbantwin.traffic.paths.crowd import Crossings
 from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
 from urbantwin.traffic.paths.overlap import overlaps_told
 from urbantwin.traffic.paths.placement import Ground
-from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.stretches import LeftOff, stretches
+from urbantwin.traffic.paths.walked_ground import Solids
 from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.sumo.simulation import Simulated
 

@@ -21,16 +21,19 @@ from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.freed_memory import hand_back_freed_memory
 from urbantwin.traffic.paths.apart import rear_of
-from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
+from urbantwin.traffic.paths.bending import (
+    corner_cutters,
+    steering_part,
+    vehicles,
+    with_bodies,
+    with_rigid,
+)
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
 from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.kept_ways import KeptColumns, KeptWays, some_actors
 from urbantwin.traffic.paths.placement import Ground
-from urbantwin.traffic.paths.solids import Solids
-from urbantwin.traffic.paths.steering import steered
-from urbantwin.traffic.paths.trajectory import smoothed
-from urbantwin.traffic.paths.walked_cells import AROUND_M, WalkedCells
+from urbantwin.traffic.paths.trajectory import smoothed, steered
+from urbantwin.traffic.paths.walked_ground import AROUND_M, Solids, WalkedCells
 from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["actor_ways"]

@@ -6,7 +6,7 @@ import pytest
 from urbantwin.roads import Lane
 from urbantwin.traffic.events.lane_way import Way
 from urbantwin.traffic.events.places import Spot
-from urbantwin.traffic.events.three_point_turn import turn_in_three
+from urbantwin.traffic.events.u_turn import turn_in_three
 
 R = 5.0
 

@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from urbantwin.errors import StageError
+from urbantwin.taxonomy import material_id
+from urbantwin.traffic.assets.asset_name import AssetName
 from urbantwin.traffic.events.blocked_sensor import blocked_sensor
 from urbantwin.traffic.events.crossing_paths import child_between_parked_cars, near_miss
 from urbantwin.traffic.events.elsewhere import staged_near
-from urbantwin.traffic.events.event_report import event_row
+from urbantwin.traffic.events.measures import Conflict, conflict
 from urbantwin.traffic.events.reacting import Reaction, changed_from, spliced
 from urbantwin.traffic.events.scenario import Debris, Event, PlacedEvent, WorkZone
 from urbantwin.traffic.events.scripted import (
@@ -27,13 +30,148 @@ from urbantwin.traffic.events.scripted import (
 from urbantwin.traffic.events.surroundings import Surroundings
 from urbantwin.traffic.events.things import debris, work_zone
 from urbantwin.traffic.events.u_turn import u_turn
-from urbantwin.traffic.events.unlit import unlit
 from urbantwin.traffic.insertion import Insertion, inserted
 from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.motion_rows import as_rows
 from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface
 from urbantwin.twin import Twin
 
-__all__ = ["PUT_IN", "StagedEvent", "staged_table", "with_events"]
+__all__ = [
+    "PUT_IN",
+    "StagedEvent",
+    "conflict_with",
+    "event_row",
+    "staged_table",
+    "unlit",
+    "with_events",
+]
+
+#: What each material becomes: nothing sends light back, and cloth is as dark as rubber.
+_BECOMES = {
+    **dict.fromkeys(
+        ("retroreflector", "reflex-reflector", "lamp-lens", "paint-white"), "metal-dark"
+    ),
+    "cloth": "rubber",
+}
+
+
+def unlit(motion: Motion, track: int) -> Motion:
+    """Return a motion in which one track's mesh has no reflectors; it gets a name of its own."""
+    table = motion.actors
+    tracks = table["track"].to_numpy()
+    names = np.asarray(table["asset"].to_numpy(zero_copy_only=False), object).copy()
+    mine = tracks == track
+    meshes = dict(motion.meshes)
+    renamed = {}
+    for name in sorted(set(names[mine].tolist())):
+        usual = AssetName.of(name)
+        dark = usual._replace(body=f"{usual.body}-unlit")
+        renamed[name] = str(dark)
+        for (asset, phase), mesh in motion.meshes.items():
+            if asset != usual.unsized:
+                continue
+            material = mesh.material.copy()
+            for before, after in _BECOMES.items():
+                material[mesh.material == material_id(before)] = material_id(after)
+            meshes[dark.unsized, phase] = replace(mesh, material=material)
+    names[mine] = [renamed[name] for name in names[mine]]
+    place = table.schema.get_field_index("asset")
+    changed = table.set_column(place, table.schema.field(place), pa.array(names.tolist()))
+    shown = {*names.tolist(), *motion.parked["asset"].to_pylist()}
+    used = {AssetName.of(name).unsized for name in shown}
+    return replace(
+        motion,
+        rows=as_rows(changed),
+        meshes={key: mesh for key, mesh in sorted(meshes.items()) if key[0] in used},
+    )
+
+
+#: Others who come nearer than this to an event's actor are looked at, metres.
+_NEAR_M = 30.0
+
+
+def event_row(
+    event: Event,
+    others: Surroundings,
+    *,
+    staged: str,
+    tracks: Sequence[int],
+    from_s: float,
+    until_s: float,
+    with_track: int | None = None,
+    told: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the row of an event.
+
+    Args:
+        event: what was asked for.
+        others: everybody in the motion, with the event.
+        staged: ``inserted`` or ``simulated``.
+        tracks: the event's own actors, the main one first.
+        from_s: when it begins.
+        until_s: and ends.
+        with_track: who it is about; whoever comes nearest where ``None``.
+        told: what is to be said besides.
+    """
+    main = tracks[0] if tracks else None
+    met, found = None, None
+    if main is not None:
+        ignoring = frozenset(tracks[1:]) - {with_track}
+        met, found = conflict_with(others, main, with_track, from_s, until_s, ignoring)
+    at = _place_of(others, main, from_s if found is None else found.gap_at_s)
+    row: dict[str, Any] = {
+        "event": event.event,
+        "staged": staged,
+        "asked": event.model_dump(exclude_unset=True, exclude_none=True),
+        "from_s": round(from_s, 3),
+        "until_s": round(until_s, 3),
+        "tracks": [*tracks, *([with_track] if with_track not in (None, *tracks) else [])],
+    }
+    if at is not None:
+        row["at"] = at
+    if met is not None and found is not None:
+        row["nearest"] = {"track": met, "class": _class_of(others, met), **found.told()}
+    extra = dict(told or {})
+    extra.pop("asked", None)
+    return {**row, **extra}
+
+
+def conflict_with(
+    others: Surroundings,
+    main: int,
+    with_track: int | None,
+    from_s: float,
+    until_s: float,
+    ignoring: frozenset[int] = frozenset(),
+) -> tuple[int | None, Conflict | None]:
+    """Return who came nearest to a track in a time, and how near."""
+    own = others.passage(main).between(from_s, until_s)
+    if not len(own.time_s):
+        return None, None
+    if with_track is None:
+        nearest = others.nearest(own, ignoring | {main})
+        if nearest is None or nearest.gap_m > _NEAR_M:
+            return None, None
+        with_track = nearest.track
+    # The other may pass over the place before or after the event.
+    other = others.passage(with_track).between(from_s - 10.0, until_s + 10.0)
+    return with_track, conflict(own, other)
+
+
+def _place_of(others: Surroundings, track: int | None, time_s: float) -> dict[str, float] | None:
+    if track is None:
+        return None
+    rows = others.rows_of(track)
+    if not len(rows):
+        return None
+    row = rows[int(np.argmin(np.abs(others.time_s[rows] - time_s)))]
+    x, y = others.xy[row]
+    return {"x": round(float(x), 3), "y": round(float(y), 3)}
+
+
+def _class_of(others: Surroundings, track: int) -> str:
+    return str(others.kind[others.rows_of(track)[0]])
+
 
 #: Events that change nobody else, and what makes their actors.
 PUT_IN: dict[str, Callable[[Any, Setting], Scripted]] = {

@@ -14,14 +14,13 @@ from urbantwin.progress import Progress, between
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.paths.bending import vehicles
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.crowd import crowd_walked
+from urbantwin.traffic.paths.crowd import Crossings, crowd_walked
 from urbantwin.traffic.paths.kept_ways import KeptWays
-from urbantwin.traffic.paths.kerbs import Crossings
 from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.separation import Moving, separated
-from urbantwin.traffic.paths.steering import steered
 from urbantwin.traffic.paths.stretches import LeftOff, Stretch, Ways
 from urbantwin.traffic.paths.track_box import track_size
+from urbantwin.traffic.paths.trajectory import steered
 from urbantwin.traffic.paths.walked_ground import WalkedGround
 from urbantwin.traffic.paths.yielding import Before, yielded
 

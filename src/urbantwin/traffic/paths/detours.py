@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from urbantwin.traffic.paths.walked_cells import SOLID, WalkedCells
+from urbantwin.traffic.paths.walked_ground import SOLID, WalkedCells
 
 __all__ = ["round_blocks"]
 

@@ -15,8 +15,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.motion_rows import ActorRows, as_rows
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, shared_areas
 from urbantwin.traffic.paths.coupling import are_coupled
-from urbantwin.traffic.paths.obstacles import Obstacles
-from urbantwin.traffic.paths.outlines import Outlines
+from urbantwin.traffic.paths.obstacles import Obstacles, Outlines
 
 __all__ = [
     "OVERLAP_M2",

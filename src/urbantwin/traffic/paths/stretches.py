@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.traffic.paths.kept_ways import KeptWays
-from urbantwin.traffic.paths.retiming import LIMITS, Pace, curve_speeds, retimed
-from urbantwin.traffic.paths.steering import steered
-from urbantwin.traffic.paths.way import Way
+from urbantwin.traffic.paths.retiming import LIMITS, Pace, Way, curve_speeds, retimed
+from urbantwin.traffic.paths.trajectory import steered
 
 __all__ = ["WALKS", "LeftOff", "Stretch", "Ways", "far_at", "no_walks", "stretches"]
 

@@ -18,15 +18,17 @@ from scipy.ndimage import uniform_filter1d
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.traffic.compiled.waiting import first_contacts
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, shared_areas
-from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.retiming import (
+    BEHIND_M,
     GRID_M,
     LIMITS,
+    Let,
     Pace,
+    Way,
     curve_speeds,
     retimed,
 )
-from urbantwin.traffic.paths.way import BEHIND_M, Let, Way
+from urbantwin.traffic.paths.separation import Moving
 
 __all__ = ["Before", "yielded"]
 
