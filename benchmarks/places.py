@@ -19,16 +19,28 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
 
 import urbantwin as ut
-from places_hour import an_hour
 from places_map import MappedStreets
 from places_motion import driving, seeing, street_covered
 from places_roads import measure
-from random_anchors import anchors
 from urbantwin.interface.whole_line import Run
+from urbantwin.roads.build import NETWORK_CLASSES
+from urbantwin.site import read_extract
+from urbantwin.site.extract import Extract
+from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.fleet_of_twin import own_bodies
+from urbantwin.traffic.flow.circulation_report import circulation_report
+from urbantwin.traffic.sumo.simulation import observe
+from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
+from urbantwin.twin import Twin
 
 DATA = Path(__file__).parents[2] / "shared/data/osm"
 STAGES = ("build", "traffic", "record")
@@ -46,6 +58,10 @@ COLUMNS = (
     "moved", "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near",
     "warnings", "cycle", "driven", "slowing", "halt", "stood", "gone",
 )  # fmt: skip
+#: Radii of regions that are drawn, metres.
+RADII_M = (80.0, 100.0, 120.0, 150.0)
+#: SUMO's step, milliseconds, and the seconds whose means are compared.
+STEP_MS, SLICE_S = 500, 900
 
 
 def extracts(data: Path, only: list[str]) -> dict[str, Path]:
@@ -131,6 +147,95 @@ def place(
     except RuntimeError as problem:
         row["failed"] = str(problem)
     return row
+
+
+def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
+    """Drive a closed loop for an hour after its warm-up; paths are not worked out.
+
+    Returns:
+        ``driven``: share of what was requested, by the distance travelled in this hour, and
+        ``held_up``: where the longest queue begins if that is less than nearly all. ``speeds``:
+        mean speeds of vehicles in SUMO's own summary, m/s, by quarters of an hour.
+        ``teleports``, and ``vehicles``: the fewest and most on the road, of the same.
+        ``people``: the fewest and most, and ``planned`` of both. ``longest_halt_s``,
+        ``stood``: how many stood for longer than 300 s, and ``where``.
+    """
+    asked = twin.site["traffic"]
+    warmup_s = round(float(asked["warmup_s"]))
+    demand = demand_of(twin, duration_s=seconds, seed=seed)
+    with tempfile.TemporaryDirectory() as scratch:
+        summary = Path(scratch) / "summary.xml"
+        seen = observe(
+            twin.net_path,
+            demand,
+            own_bodies(twin).asset,
+            seconds=warmup_s + seconds,
+            step_ms=STEP_MS,
+            seed=seed,
+            warmup_s=warmup_s,
+            trams=tram_conflicts(twin.net_path, twin.roads),
+            outputs={"summary-output": summary, "summary-output.period": 1},
+        )
+        rows = [
+            {key: float(row.get(key, 0)) for key in ("time", "running", "meanSpeed", "teleports")}
+            for row in ElementTree.parse(summary).iter("step")
+        ]
+    told = circulation_report(demand, seen, warmup_s, twin.roads)
+    settled = [row for row in rows if row["time"] >= warmup_s]
+    speeds = []
+    for first in range(warmup_s, warmup_s + seconds, SLICE_S):
+        part = [row["meanSpeed"] for row in settled if first <= row["time"] < first + SLICE_S]
+        speeds.append(round(sum(part) / max(len(part), 1), 2))
+    population = told["population"]
+    people = population.get("pedestrian", {"planned": 0, "least": 0, "most": 0})
+    return {
+        "driven": told["carried_share_of_motor_traffic"],
+        "share_of_guess": told["share_of_guess"],
+        "held_up": told["held_up"],
+        "speeds": speeds,
+        "teleports": seen.teleports + int(max(row["teleports"] for row in rows)),
+        "vehicles": [int(f(row["running"] for row in settled)) for f in (min, max)],
+        "people": [people["least"], people["most"]],
+        "planned": [
+            sum(row["planned"] for name, row in population.items() if name != "pedestrian"),
+            people["planned"],
+        ],
+        "longest_halt_s": told["longest_halt_s"],
+        "stood": len(told["halted"]),
+        "where": sorted({(row["class"], row["lane"]) for row in told["halted"]}),
+    }
+
+
+def anchors(path: Path, seed: int, count: int) -> list[tuple[float, float, float]]:
+    """Draw latitude, longitude and radius: signals and junctions in turn."""
+    extract = read_extract(path)
+    uses = Counter(
+        node
+        for way in extract.highways()
+        if way.tags["highway"] in NETWORK_CLASSES and way.tags.get("area") != "yes"
+        for node in way.nodes
+        if node in extract.nodes
+    )
+    low, high = np.percentile(list(extract.nodes.values()), [3, 97], axis=0)
+    beside = path.with_name(f"{path.name.split('.')[0]}.boundary.json")
+    area = shapely.box(*low, *high)
+    if beside.exists():
+        area &= shapely.union_all(shapely.get_parts(shapely.from_geojson(beside.read_text())))
+    nodes = [node for node in sorted(uses) if area.contains(shapely.Point(extract.nodes[node]))]
+    lit = [node for node in nodes if _is_signal(extract, node)]
+    meeting = [node for node in nodes if uses[node] > 1]
+    random = np.random.default_rng([seed, sum(path.name.encode())])
+    found = []
+    for k in range(count):
+        pool = lit if lit and k % 2 == 0 else meeting
+        lon, lat = extract.nodes[pool[int(random.integers(len(pool)))]]
+        found.append((round(lat, 6), round(lon, 6), float(random.choice(RADII_M))))
+    return found
+
+
+def _is_signal(extract: Extract, node: int) -> bool:
+    tags = extract.node_tags.get(node, {})
+    return "traffic_signals" in (tags.get("highway"), tags.get("crossing"))
 
 
 def line_of(row: dict[str, Any]) -> dict[str, str]:

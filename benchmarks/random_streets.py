@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from places import DATA, extracts
-from random_anchors import anchors
+from places import DATA, anchors, extracts
 from urbantwin.errors import UrbanTwinError
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side

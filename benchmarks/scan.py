@@ -11,8 +11,7 @@ that of all three, the interpreter and what compiled code was loaded included. O
 and after, and its faster time counts. Beside the frames per second stands the processor time that
 a frame takes on all processors together: it tells more where the machine has other work to do.
 
-    python benchmarks/scan.py                          # one table
-    python benchmarks/scan.py --curves --picture scan.png   # 1 to 400 actors, 1 to 8 sensors
+    python benchmarks/scan.py
 """
 
 from __future__ import annotations
@@ -285,94 +284,20 @@ def table(job: Job) -> dict:
     }
 
 
-def curves(job: Job) -> dict:
-    """Frames per second over the number of actors and of sensors, effects off and on."""
-    found: dict[str, list[dict]] = {"actors": [], "sensors": [], "open3d": []}
-    for effects in (False, True):
-        one = replace(job, effects=effects)
-        found["actors"] += [alone(ours, replace(one, actors=n)) for n in (1, 10, 100, 400)]
-        found["sensors"] += [alone(ours, replace(one, sensors=n)) for n in (1, 2, 4, 8)]
-    found["open3d"] = [alone(open3d, replace(job, actors=n)) for n in (1, 10, 100, 400)]
-    return found
-
-
-def picture(found: dict, path: Path) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
-    for effects, colour in ((False, "tab:blue"), (True, "tab:orange")):
-        name = f"effects {'on' if effects else 'off'}"
-        rows = [row for row in found["actors"] if row["effects"] == effects]
-        axes[0].plot(
-            [row["actors"] for row in rows],
-            [row["frames_per_s"] for row in rows],
-            "o-",
-            color=colour,
-            label=name,
-        )
-        axes[1].plot(
-            [row["rays_that_can_touch"] / 1000 for row in rows],
-            [1000 / row["frames_per_s"] for row in rows],
-            "o-",
-            color=colour,
-            label=name,
-        )
-        rows = [row for row in found["sensors"] if row["effects"] == effects]
-        axes[2].plot(
-            [row["sensors"] for row in rows],
-            [1000 / row["frames_per_s"] for row in rows],
-            "o-",
-            color=colour,
-            label=name,
-        )
-    rows = found["open3d"]
-    axes[0].plot(
-        [row["actors"] for row in rows],
-        [row["frames_per_s"] for row in rows],
-        "x--",
-        color="tab:gray",
-        label="Open3D, full recast",
-    )
-    axes[0].set(xscale="log", yscale="log", xlabel="actors", ylabel="frames per second")
-    axes[1].set(xlabel="thousand rays that can touch an actor", ylabel="ms per frame")
-    axes[2].set(xlabel="sensors, 50 actors", ylabel="ms per frame")
-    for ax in axes:
-        ax.grid(alpha=0.3)
-        ax.legend()
-    for ax in axes[1:]:
-        ax.set_ylim(bottom=0)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--actors", type=int, default=50)
     parser.add_argument("--workers", type=int, default=2, help="processes that scan")
     parser.add_argument("--seconds", type=float, default=6.0, help="how long each line is timed")
-    parser.add_argument("--curves", action="store_true")
-    parser.add_argument("--picture", type=Path, help="of the curves")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     job = Job(actors=given.actors, workers=given.workers, seconds=given.seconds)
     result = table(job)
-    if given.curves or given.picture:
-        result["curves"] = curves(job)
-    if given.picture:
-        picture(result["curves"], given.picture)
     if given.json:
         print(json.dumps(result, indent=2))
         return
     for key, value in result.items():
-        if key == "curves":
-            for name, rows in value.items():
-                print(f"over {name}:")
-                for row in rows:
-                    print("  " + ", ".join(f"{k} {v}" for k, v in row.items()))
-        elif isinstance(value, dict):
+        if isinstance(value, dict):
             print(
                 f"{key}: {value['frames_per_s']} frames/s, {value['cpu_ms_per_frame']} ms of "
                 f"processor time each, {value['points_per_frame']} points, "

@@ -19,7 +19,7 @@ ONLY_FILES = {"eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
 #: Extras for developers: nothing of them is imported by the package.
-DEVELOPMENT = {"all", "bench", "dev", "docs"}
+DEVELOPMENT = {"all", "dev", "docs"}
 OPTIONAL = {
     extra: lines
     for extra, lines in PROJECT["optional-dependencies"].items()

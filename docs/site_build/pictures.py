@@ -132,7 +132,7 @@ def busiest(dataset: ut.Dataset) -> int:
 
 def draw_real_and_simulated(real: Path, path: Path) -> Path:
     """Draw a real frame, and beside it the same with our bodies along the same rays."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
+    sys.path.insert(0, str(ROOT / "tools"))
     from pandaset_frame import pandaset_frame
 
     frame = pandaset_frame(real)

@@ -1,9 +1,7 @@
 """A sensor's pose found from one frame: of made streets whose rays Open3D casts, and a real one."""
 
-import importlib
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,10 +40,10 @@ from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.twin import build_twin
 
+from ..real_cases.argoverse_log import Log
+from ..real_cases.pittsburgh_site import Place, write_site
 from ..real_files import argoverse_log
 from ..thorough import further
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def box(middle, size, name):
@@ -392,15 +390,11 @@ def test_painted_lines_are_found_in_the_twin_and_bright_spots_in_the_frame():
 @pytest.fixture(scope="module")
 def pittsburgh(shared_data, tmp_path_factory):
     """The twin that the log's vector map and heights give, the log, and the vehicle's pose."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        logs = importlib.import_module("argoverse_log")
-        pittsburgh_twin = importlib.import_module("pittsburgh_twin")
-    log = logs.Log(shared_data / "lidar" / "argoverse2-pittsburgh")
+    log = Log(shared_data / "lidar" / "argoverse2-pittsburgh")
     folder = tmp_path_factory.mktemp("pittsburgh")
-    site = load_site(pittsburgh_twin.write_site(log, folder, 45))
+    site = load_site(write_site(log, folder, 45))
     twin = build_twin(site, folder / "twin")
-    return log, twin, pittsburgh_twin.Place.of(log, log.sweeps[0], twin).site_SE3_vehicle
+    return log, twin, Place.of(log, log.sweeps[0], twin).site_SE3_vehicle
 
 
 @pytest.mark.thorough

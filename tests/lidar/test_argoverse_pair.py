@@ -1,21 +1,16 @@
 """Both VLP-32C of Argoverse 2 where they were, simulated, beside what they really saw."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from ..real_cases.argoverse_pair import measure
+
 pytestmark = pytest.mark.thorough
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
 def result(shared_data):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        argoverse = importlib.import_module("argoverse")
-        return argoverse.measure(shared_data / "lidar" / "argoverse2-pittsburgh")
+    return measure(shared_data / "lidar" / "argoverse2-pittsburgh")
 
 
 def test_the_catalogues_beams_and_firing_times_are_those_of_the_real_sensors(result):

@@ -1,40 +1,27 @@
-"""The simulated sensors against scans of real ones, by the project's own benchmarks.
+"""The simulated sensors against scans of real ones, measured by `real_cases`.
 
 What is asserted is agreement with real data: nothing here was fitted to it but the roughness and
 the reflectivity of asphalt, which are Argoverse's (`notebook/real_lidar.md`).
 """
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from ..real_cases import ouster_street, roadside_scan
 from ..real_files import ouster_scans
 from ..real_files import roadside as of_roadside
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-def _module(name):
-    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", BENCHMARKS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
 def ouster(shared_data):
     """Return what the benchmark measures of the real OS1-128's scans."""
-    return _module("ouster").measure(ouster_scans(shared_data))
+    return ouster_street.measure(ouster_scans(shared_data))
 
 
 @pytest.fixture(scope="module")
 def roadside(shared_data):
     """Return what the benchmark measures of the real roadside VLS-128."""
-    return _module("newbrunswick").measure(of_roadside(shared_data))
+    return roadside_scan.measure(of_roadside(shared_data))
 
 
 def _range_of_half(rows, side):

@@ -25,7 +25,8 @@ only within a fraction of a degree of facing it squarely, and is left out.
 
 **Texture.** No surface is the same all over, and laser light speckles: returns scatter from
 beam to beam by a fifth to a third on real asphalt (second differences of reflectivity in scans of
-an OS1-128, `benchmarks/ouster.py`). We let the static world scatter with a log-normal of `TEXTURE`
+an OS1-128, `tests/real_cases/ouster_street.py`). We let the static world scatter with a log-normal
+of `TEXTURE`
 whose mean is 1 and which a beam's number and the triangle that it meets decide: a sensor that
 stands still sees the same place alike in every frame. Real cars do not have it: neighbouring
 returns of their smooth paint differ by 2 to 4 % (Argoverse 2), so actors have none.

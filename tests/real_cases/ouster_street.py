@@ -10,17 +10,13 @@ and from there on all is `ReturnModel`. Real and simulated numbers come from the
 - Range noise is what 9 neighbours in a row leave around a parabola in 1/range: on a plane 1/range
   is a sine of the azimuth, and the sensor's own motion is as smooth. Both sides count in 8 mm.
 - Ground is what lies near the plane of the road; the surface around it decides its cosine.
-
-    python benchmarks/ouster.py --picture ouster.png
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import struct
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +28,6 @@ from urbantwin.lidar.returns import ReturnModel, scatter_of_materials, standard_
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 
-DATA = Path(__file__).parents[2] / "shared/data/lidar/ouster-os1-128"
 NAME = "OS-1-128_v2.3.0_1024x10"
 ROWS, COLUMNS, STEP_M = 128, 1024, 0.008
 REACH, AGREE, WINDOW, EVEN = 4, 0.03, 9, 0.3
@@ -60,7 +55,7 @@ def directions() -> np.ndarray:
     return np.roll(beam_directions(sensor("OS1-128"), COLUMNS), COLUMNS // 2, axis=1)
 
 
-def read_recording(folder: Path = DATA) -> Recording:
+def read_recording(folder: Path) -> Recording:
     """Profile RNG15_RFL8_NIR8: 16 columns a packet, 4 bytes a pixel, range in 8 mm."""
     metadata = json.loads((folder / f"{NAME}.json").read_text())
     raw = (folder / f"{NAME}_lb_n3.pcap").read_bytes()
@@ -382,60 +377,7 @@ def road_missing(recording: Recording) -> list[dict]:
     return found
 
 
-def picture(result: dict, path: Path) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
-
-    figure, axes = plt.subplots(2, 3, figsize=(15, 8), layout="constrained")
-    styles = (("real", "o-"), ("simulated", "x--"))
-    colours = {"ground": "tab:gray", "other": "tab:red", "even": "tab:blue"}
-
-    def draw(ax: object, rows: list[dict], by: str, value: str, colour: str, kind: str) -> None:
-        middle = [np.sqrt(row[by][0] * row[by][1]) for row in rows]
-        for side, style in styles:
-            found = [np.ravel(row[value.format(side)])[0] for row in rows]
-            ax.plot(middle, found, style, color=colour, label=f"{kind}, {side}")
-
-    draw(axes[0, 0], result["road_missing"], "range_m", "{}", "tab:gray", "open road")
-    for ax, key, by, value in (
-        (axes[0, 1], "dropout_by_range", "range_m", "{}"),
-        (axes[0, 2], "dropout_by_strength", "strength_between", "{}"),
-        (axes[1, 0], "range_noise", "range_m", "{}_mm"),
-    ):
-        for kind, colour in colours.items():
-            rows = [row for row in result[key] if row["surface"] == kind]
-            if rows:
-                draw(ax, rows, by, value, colour, kind)
-    for side, style in styles:
-        cosine = [row["cosine"] for row in result["asphalt"]]
-        brightness = [row[side] for row in result["asphalt"]]
-        axes[1, 1].plot(cosine, brightness, style, color="tab:gray", label=f"road, {side}")
-    axes[1, 2].axis("off")
-    axes[0, 0].set_ylabel("rays at the open road that find nothing")
-    axes[0, 1].set_ylabel("missing pixels on surfaces")
-    axes[0, 2].set(xlabel="strength (1: 10 % at 45 m)", ylabel="missing pixels on surfaces")
-    axes[1, 0].set(yscale="log", ylabel="range noise on planes, mm (best quartile)")
-    axes[1, 1].set(xlabel="cosine of incidence on the road", ylabel="reflectivity reported")
-    axes[1, 1].set_ylim(bottom=0)
-    for ax, ticks in ((axes[0, 2], (0.5, 1, 2, 5, 10, 30, 100)), (None, (5, 10, 20, 40, 80))):
-        for one in [axes[0, 0], axes[0, 1], axes[1, 0]] if ax is None else [ax]:
-            one.set_xscale("log")
-            one.xaxis.set_major_locator(FixedLocator(ticks))
-            one.xaxis.set_minor_locator(NullLocator())
-            one.xaxis.set_major_formatter(ScalarFormatter())
-            if ax is None:
-                one.set_xlabel("range, m")
-    for ax in axes.flat[:5]:
-        ax.grid(alpha=0.3)
-        ax.legend()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
-
-
-def measure(folder: Path = DATA) -> dict:
+def measure(folder: Path) -> dict:
     recording = read_recording(folder)
     found = surfaces(recording)
     return {
@@ -443,58 +385,7 @@ def measure(folder: Path = DATA) -> dict:
         "returns": [int((scan > 0).sum()) for scan in recording.range_m],
         "beam_error_deg": beam_error_deg(recording),
         "dropout_by_range": dropout(found, "range_m"),
-        "dropout_by_strength": dropout(found, "strength_between"),
         "range_noise": range_noise(recording),
         "asphalt": asphalt(found),
         "road_missing": road_missing(recording),
     }
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    if not given.data.is_dir():
-        sys.exit(f"the real scans are not here: {given.data}")
-    result = measure(given.data)
-    if given.picture:
-        picture(result, given.picture)
-    if given.json:
-        print(json.dumps(result, indent=2))
-        return
-    print(f"largest error of a beam: {result['beam_error_deg']:.4f} deg")
-    for key, by in (("dropout_by_range", "range_m"), ("dropout_by_strength", "strength_between")):
-        print(f"\nmissing on surfaces {key[8:].replace('_', ' ')}: real, simulated")
-        for row in result[key]:
-            low, high = row[by]
-            print(
-                f"  {row['surface']:7} {low:5g} to {high:5g} {row['pixels']:7d} pixels "
-                f"{row['real']:7.3f} {row['simulated']:7.3f}"
-            )
-    print("\nrange noise on planes, mm (quartile, median): real, simulated")
-    for row in result["range_noise"]:
-        low, high = row["range_m"]
-        real, simulated = row["real_mm"], row["simulated_mm"]
-        print(
-            f"  {row['surface']:7} {low:5g} to {high:5g} m {row['windows']:6d} windows "
-            f"{real[0]:6.1f} {real[1]:6.1f}   {simulated[0]:6.1f} {simulated[1]:6.1f}"
-        )
-    print("\nreflectivity of the road against the cosine of incidence: real, simulated")
-    for row in result["asphalt"]:
-        print(
-            f"  {row['cosine']:.3f} ({row['range_m']:4.1f} m) {row['pixels']:6d} pixels "
-            f"{row['real']:.3f} {row['simulated']:.3f}"
-        )
-    print("\nrays at the open road that find nothing: real, simulated from the material alone")
-    for row in result["road_missing"]:
-        low, high = row["range_m"]
-        print(
-            f"  {low:5g} to {high:5g} m (cosine {row['cosine']:.3f}) {row['rays']:6d} rays "
-            f"{row['real']:.3f} {row['simulated']:.3f}"
-        )
-
-
-if __name__ == "__main__":
-    main()

@@ -5,8 +5,7 @@ frame, and neither rings nor where the sensor was. Where it was and how it moved
 points lie on the channels of the catalogue's Pandar64: place, tilt and velocity are fitted to
 12,000 points, and points farther than `NEAR_DEG` from any channel are left out.
 
-    python benchmarks/pandaset_frame.py pandaset/        # a folder that every command reads
-    urbantwin compare --objects pandaset/ --sensor Pandar64 -o objects/
+    python tools/pandaset_frame.py pandaset/        # a folder that every command reads
 """
 
 from __future__ import annotations

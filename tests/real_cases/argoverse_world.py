@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
-from argoverse_log import COLUMNS, SENSORS, ActorBox, Log, vlp32c
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import LabelledFrame, MountedSensor, PosedActor, Rig, Scanner
 from urbantwin.lidar.actor_path import ActorPath
@@ -24,6 +23,8 @@ from urbantwin.traffic.assets import (
     asset_names,
     coated_mesh,
 )
+
+from .argoverse_log import COLUMNS, SENSORS, ActorBox, Log, vlp32c
 
 __all__ = ["World", "actor_class", "mesh_in_box", "meshes_of", "numbers", "numbers_of"]
 

@@ -8,8 +8,7 @@ points, each filled with a mesh of its class, by the velocity of its track.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,48 +23,25 @@ from rasterio.fill import fillnodata
 from rasterio.transform import Affine
 from scipy.spatial.transform import Rotation
 
-from argoverse_log import ActorBox, Log
-from argoverse_world import EGO, TIMES_S, actor_class, mesh_in_box
-from urbantwin.dataset import record
-from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.lidar import Rig
-from urbantwin.site import load_site
-from urbantwin.site.rig import RideSpec
 from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
-from urbantwin.traffic import Motion, run_traffic
+from urbantwin.traffic import Motion
 from urbantwin.traffic.motion import ACTOR_SCHEMA
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
-from urbantwin.twin import Twin, build_twin
+from urbantwin.twin import Twin
 
-__all__ = [
-    "ANCHOR",
-    "RADIUS_M",
-    "Elsewhere",
-    "Place",
-    "elsewhere",
-    "motion_of",
-    "write_site",
-]
+from .argoverse_log import ActorBox, Log
+from .argoverse_world import EGO, TIMES_S, actor_class, mesh_in_box
+
+__all__ = ["Place", "motion_of", "write_site"]
 
 ANCHOR = {"latitude": 40.462723, "longitude": -79.951023}
 #: City coordinates plus this are EPSG:32617.
 CITY = np.array([583710.007, 4477260.000])
-RADIUS_M = 100
-#: The arbitrary site, and when a car carries the sensors there, seconds.
-EXAMPLE = Path(__file__).parents[1] / "examples/two-avenues/site.yaml"
-ELSEWHERE_S = (4.0, 6.0, 8.0, 10.0)
-#: From the middle of a car on the ground to the log's vehicle frame, above its rear axle.
-AXLE_M = np.array([-1.4, 0.0, 0.33])
 STEP_S = float(TIMES_S[1] - TIMES_S[0])
 
 
-def write_site(
-    log: Log,
-    folder: Path,
-    radius_m: float = RADIUS_M,
-    geometry: Mapping[str, Any] | None = None,
-) -> Path:
+def write_site(log: Log, folder: Path, radius_m: float) -> Path:
     """Write ``site.yaml`` and the DEM beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     _write_dem(log, folder / "ground.tif")
@@ -80,8 +56,6 @@ def write_site(
             "sensors": [{"name": "a", "model": "OS1-128", "east_m": 0, "north_m": 0, "height_m": 6}]
         },
     }
-    if geometry:
-        site["geometry"] = [dict(geometry)]
     path = folder / "site.yaml"
     path.write_text(yaml.safe_dump(site))
     return path
@@ -215,58 +189,3 @@ def _ego_mesh() -> LabelledMesh:
     return LabelledMesh.build(
         shape.vertices, shape.faces, semantic, material_id("metal-painted"), 1
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """What the sensors see at the arbitrary site, in the frame of the log's vehicle.
-
-    Attributes:
-        xyz: (N, 3).
-        intensity: (N,), 0 to 255.
-        road: (N,) which points are of the carriageway.
-        actors: (N,) which points are of actors.
-    """
-
-    xyz: NDArray[np.float64]
-    intensity: NDArray[np.float64]
-    road: NDArray[np.bool_]
-    actors: NDArray[np.bool_]
-
-
-def elsewhere(rig: Rig, folder: Path) -> list[Elsewhere]:
-    """Drive the rig through the example's traffic, each time on the car nearest to its anchor."""
-    twin = build_twin(load_site(EXAMPLE), folder / "twin")
-    motion = run_traffic(twin, folder / "motion", seconds=ELSEWHERE_S[-1] + 1.0)
-    on_axle = Pose(np.eye(3), AXLE_M)
-    sensors = tuple(
-        replace(
-            one,
-            site_SE3_sensor=on_axle @ one.site_SE3_sensor,
-            carrier_SE3_sensor=on_axle @ one.site_SE3_sensor,
-        )
-        for one in rig.sensors
-    )
-    kinds = [semantic_id(name) for name in ("road", "parking")]
-    found = []
-    for time_s in ELSEWHERE_S:
-        rows = motion.at(time_s)
-        cars = rows[rows["class"] == "car"]
-        carrier = cars[np.hypot(cars["x"], cars["y"]).argmin()]
-        track = int(carrier["track"])
-        riding = replace(rig, sensors=sensors, ride=RideSpec(track=track), carrier=track)
-        out = folder / f"dataset-{time_s:g}"
-        record(twin, motion, riding, out, workers=1, start_s=time_s, stop_s=time_s)
-        frame = open_recording(out).read(0)
-        assert frame.intensity is not None
-        assert frame.semantic is not None
-        assert frame.instance is not None
-        place = np.array([carrier["x"], carrier["y"], carrier["z"]])
-        car = Pose.from_ypr(place, carrier["yaw"], carrier["pitch"], carrier["roll"])
-        xyz = (car @ on_axle).inverse().apply(frame.points)
-        found.append(
-            Elsewhere(
-                xyz, 255.0 * frame.intensity, np.isin(frame.semantic, kinds), frame.instance > 0
-            )
-        )
-    return found

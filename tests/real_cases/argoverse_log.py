@@ -28,9 +28,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Sensor, sensor
 
-__all__ = ["DATA", "SENSORS", "ActorBox", "Log", "RealRays", "vlp32c"]
+__all__ = ["SENSORS", "ActorBox", "Log", "RealRays", "vlp32c"]
 
-DATA = Path(__file__).parents[2] / "shared/data/lidar/argoverse2-pittsburgh"
 #: Name, lasers in the file, and how it turns in its own frame: the lower one hangs upside down.
 SENSORS = (("up_lidar", 0, "cw"), ("down_lidar", 32, "ccw"))
 CYCLE_S = 55.296e-6
@@ -135,7 +134,7 @@ class ActorBox:
 class Log:
     """The log. Poses are interpolated between those that the vehicle recorded."""
 
-    def __init__(self, folder: Path = DATA) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = next(path for path in folder.iterdir() if path.is_dir())
         poses = self._table("city_SE3_egovehicle.feather")
         poses = poses.drop_duplicates("timestamp_ns").sort_values("timestamp_ns")

@@ -3,15 +3,10 @@
 The world is the measured ground and the annotated boxes, each filled with a mesh of its class
 scaled to it, and nothing else. Real and simulated rays are compared one by one: the same beam at
 the column that stands nearest to the real encoder's angle.
-
-    python benchmarks/argoverse.py
-    python benchmarks/argoverse.py --picture argoverse.png --json
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,14 +14,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
-from argoverse_log import COLUMNS, DATA, SENSORS, ActorBox, Log, RealRays
-from argoverse_picture import draw
-from argoverse_world import World, numbers
 from urbantwin.geometry import DownwardProbe
 from urbantwin.lidar import LabelledFrame
 from urbantwin.site.rig import Effects
+
+from .argoverse_log import COLUMNS, SENSORS, ActorBox, Log, RealRays
+from .argoverse_world import World, numbers
 
 #: A real point is one of the ground this near to the measured one, metres up or down.
 GROUND_M = 0.15
@@ -36,7 +30,6 @@ BLOCKED_M = 1.0
 FEWEST_POINTS = 21
 GEOMETRY = Effects.none().model_copy(update={"rolling_shutter": True})
 RANGES_M = (0, 10, 15, 20, 30, 40, 60, 80, 120)
-NEIGHBOURS = 31
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,77 +211,6 @@ def ratio(rows: list[dict[str, Any]], key: str) -> dict[str, float]:
     }
 
 
-def real_again(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> dict[str, float]:
-    """Real against real: points of the same box a turn later."""
-    later = {row["name"]: row["real"] for row in second}
-    both = [row | {"later": later[row["name"]]} for row in first if row["name"] in later]
-    return ratio(both, "later")
-
-
-def road_missing(sweeps: list[list[Pair]]) -> list[dict[str, float]]:
-    """How many rays towards the road are lost, by distance, whatever became of those beside them.
-
-    A ray counts that must meet a drivable area if nothing stands in its way, and that returned
-    from there or not at all. One that met something else and was lost there counts too.
-    """
-    real, simulated, distance = [], [], []
-    for pair in (pair for sweep in sweeps for pair in sweep):
-        there = np.abs(pair.real.range_m - pair.exact_m) < np.maximum(0.5, 0.05 * pair.exact_m)
-        back = np.isfinite(pair.real.range_m)
-        judged = pair.road & (there | ~back)
-        real.append(~back[judged])
-        simulated.append(np.isnan(pair.range_m[judged]))
-        distance.append(pair.exact_m[judged])
-    return _by_distance(*(np.concatenate(one) for one in (real, simulated, distance)))
-
-
-def dropout(sweeps: list[list[Pair]], *, actors: bool) -> list[dict[str, float]]:
-    """How many rays are lost, by distance, where it is known what they must have met.
-
-    A ray counts where most of the rays beside it in its own turn that returned did so from where
-    the simulated ones did, and at least three in ten returned at all; itself it returned from
-    there or not at all. Where a whole stretch is lost the real scan does not tell why, so the
-    highest rates are not seen.
-    """
-    real, simulated, distance = [], [], []
-    for pair in (pair for sweep in sweeps for pair in sweep):
-        tolerance = np.maximum(0.5, 0.05 * pair.exact_m)
-        there = np.abs(pair.real.range_m - pair.exact_m) < tolerance
-        back = np.isfinite(pair.real.range_m)
-        alike, returned = (
-            uniform_filter1d(one.astype(float), NEIGHBOURS, axis=1, mode="wrap")
-            for one in (there, back)
-        )
-        kind = (pair.actor > 0) if actors else (pair.actor == 0)
-        judged = kind & np.isfinite(pair.exact_m) & (there | ~back)
-        judged &= (alike > 0.8 * returned) & (returned > 0.3)
-        real.append(~back[judged])
-        simulated.append(np.isnan(pair.range_m[judged]))
-        distance.append(pair.exact_m[judged])
-    return _by_distance(*(np.concatenate(one) for one in (real, simulated, distance)))
-
-
-def _by_distance(
-    lost: NDArray[np.bool_], ours: NDArray[np.bool_], at: NDArray[np.float64]
-) -> list[dict[str, float]]:
-    """Shares of rays (N,) that are lost, really and simulated, at distances (N,)."""
-    rows = []
-    for low, high in pairwise(RANGES_M):
-        inside = (at >= low) & (at < high)
-        if inside.sum() >= 100:
-            rows.append(
-                {
-                    "from_m": low,
-                    "to_m": high,
-                    "rays": int(inside.sum()),
-                    "real": round(float(lost[inside].mean()), 4),
-                    "simulated": round(float(ours[inside].mean()), 4),
-                    "same_outcome": round(float((lost == ours)[inside].mean()), 4),
-                }
-            )
-    return rows
-
-
 def brightness(sweeps: list[list[Pair]]) -> list[dict[str, float]]:
     """Median intensity of the ground by distance, in the sensor's codes (percent up to 100)."""
     real, simulated, distance = [], [], []
@@ -314,10 +236,8 @@ def brightness(sweeps: list[list[Pair]]) -> list[dict[str, float]]:
     return rows
 
 
-def measure(
-    data: Path = DATA, seed: int = 0, keep: list[list[Pair]] | None = None
-) -> dict[str, Any]:
-    """Everything, of both sweeps; their pairs go to ``keep``."""
+def measure(data: Path, seed: int = 0) -> dict[str, Any]:
+    """Every figure, of both sweeps."""
     log = Log(data)
     sweeps, rows = [], []
     for sweep in log.sweeps:
@@ -326,8 +246,6 @@ def measure(
         seen = pairs(world, boxes, frame)
         sweeps.append(seen)
         rows.append(boxes_of(log, sweep, boxes, frame, seen))
-    if keep is not None:
-        keep += sweeps
     errors = [
         (pair.real.range_m - pair.range_m)[on_ground(pair)] for sweep in sweeps for pair in sweep
     ]
@@ -344,55 +262,5 @@ def measure(
         "ground_real_against_real": again(sweeps),
         "ground_per_beam": per_beam(sweeps),
         "boxes": [ratio(one, "simulated") for one in rows],
-        "boxes_unblocked": [ratio(one, "unblocked") for one in rows],
-        "boxes_real_against_real": real_again(*rows),
         "intensity_ground": brightness(sweeps),
-        "dropout_road": road_missing(sweeps),
-        "dropout_ground": dropout(sweeps, actors=False),
-        "dropout_actors": dropout(sweeps, actors=True),
-        "box_rows": rows,
     }
-
-
-def table(rows: list[dict[str, Any]]) -> str:
-    """Rows under their keys."""
-    keys = list(rows[0])
-    lines = [[str(row[key]) for key in keys] for row in rows]
-    width = [max(len(line[k]) for line in [keys, *lines]) for k in range(len(keys))]
-    return "\n".join(
-        "  ".join(text.rjust(w) for text, w in zip(line, width, strict=True))
-        for line in [keys, *lines]
-    )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
-    parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    if not options.data.is_dir():
-        raise SystemExit(f"{options.data} is missing")
-    sweeps: list[list[Pair]] = []
-    result = measure(options.data, keep=sweeps)
-    if options.picture:
-        draw(sweeps[0], result, options.picture)
-    if options.json:
-        print(json.dumps(result, indent=1))
-        return
-    rows = result.pop("box_rows")
-    result["box_rows"] = [
-        {key: value for key, value in row.items() if key != "name"}
-        for one in rows
-        for row in one
-        if row["real"] >= FEWEST_POINTS
-    ]
-    for key, value in result.items():
-        if isinstance(value, list) and value:
-            print(f"\n{key}\n{table(value)}")
-        else:
-            print(f"{key}: {value}")
-
-
-if __name__ == "__main__":
-    main()
