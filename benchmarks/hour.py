@@ -3,6 +3,7 @@
 Processor time, so that whatever else runs on the machine counts little; SUMO runs in a process of
 its own.
 
+    python benchmarks/hour.py                        # the demo's map, central Helsinki
     python benchmarks/hour.py places/munich/twin
     python benchmarks/hour.py places/munich/twin --seconds 900 --seed 3
     python benchmarks/hour.py places/munich/twin --share 0.66  # of its traffic
@@ -19,7 +20,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import urbantwin as ut
+from urbantwin.interface.whole_line import helsinki_extract
+from urbantwin.site import init_site, load_site
 from urbantwin.traffic import run_traffic
+from urbantwin.twin import Twin, build_twin
 
 #: How often is looked at how much memory processes have, seconds.
 _EVERY_S = 0.2
@@ -80,27 +84,34 @@ class Stages:
         self._stage, self._since = what, now
 
 
+def helsinki(folder: Path) -> Twin:
+    """Build the twin that `init` proposes for the demo's map."""
+    return build_twin(load_site(init_site(folder / "site", helsinki_extract())), folder / "twin")
+
+
 def main() -> None:
     """Drive a twin and print what it took."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("twin", type=Path, help="a twin's folder")
+    parser.add_argument("twin", type=Path, nargs="?", help="a twin's folder")
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--share", type=float, default=1.0, help="of the traffic of the site")
     given = parser.parse_args()
-    twin = ut.Twin.open(given.twin)
+    scratch = tempfile.TemporaryDirectory()
+    folder = Path(scratch.name)
+    twin = ut.Twin.open(given.twin) if given.twin else helsinki(folder)
     asked = twin.site["traffic"]["per_hour"]
     fewer = {"per_hour": {name: count * given.share for name, count in asked.items()}}
     began = time.perf_counter()
     children = ChildrensMemory()
     children.start()
     stages = Stages()
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch:
         motion = run_traffic(
             twin,
-            Path(folder) / "motion",
+            folder / "motion",
             seconds=given.seconds,
             seed=given.seed,
             changes=fewer,

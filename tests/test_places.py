@@ -1,7 +1,6 @@
 """The measures of benchmarks/places.py, on streets and motions made for them."""
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+import places_map
+import places_motion
 from urbantwin.traffic import Motion
 from urbantwin.traffic.motion import ACTOR_SCHEMA
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
@@ -19,19 +20,7 @@ ROAD = {"highway": "primary", "lanes": "2"}
 STEP_S = 0.1
 
 
-@pytest.fixture(scope="module")
-def places() -> Iterator[SimpleNamespace]:
-    """The modules of the benchmark."""
-    folder = str(Path(__file__).parents[1] / "benchmarks")
-    sys.path.insert(0, folder)
-    import places_map
-    import places_motion
-
-    yield SimpleNamespace(map=places_map, motion=places_motion)
-    sys.path.remove(folder)
-
-
-def test_a_crossing_that_is_mapped_twice_is_one(places: SimpleNamespace, write_osm: Write) -> None:
+def test_a_crossing_that_is_mapped_twice_is_one(write_osm: Write) -> None:
     footway = {"highway": "footway", "footway": "crossing"}
     nodes = {
         1: (-50, 0, {}), 2: (-20, 0, {"highway": "crossing"}), 3: (50, 0, {}),
@@ -44,20 +33,18 @@ def test_a_crossing_that_is_mapped_twice_is_one(places: SimpleNamespace, write_o
         1: ([1, 2, 10, 3], ROAD), 2: ([4, 2, 5], footway), 3: ([6, 7], footway),
         4: ([8, 9], {**footway, "layer": "1"}),
     }  # fmt: skip
-    found = places.map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).crossings()
+    found = places_map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).crossings()
     assert sorted(round(one.x) for one in found) == [-20, 20]
 
 
-def test_signals_are_for_the_traffic_that_reaches_them(
-    places: SimpleNamespace, write_osm: Write
-) -> None:
+def test_signals_are_for_the_traffic_that_reaches_them(write_osm: Write) -> None:
     forward = {"highway": "traffic_signals", "traffic_signals:direction": "forward"}
     nodes = {
         1: (-50, 0, {}), 2: (-10, 0, forward), 3: (0, 0, {"highway": "traffic_signals"}),
         4: (50, 0, {}), 5: (0, 50, {}),
     }  # fmt: skip
     ways = {1: ([1, 2, 3, 4], ROAD), 2: ([5, 3], {**ROAD, "oneway": "yes"})}
-    before, junction = places.map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).signals()
+    before, junction = places_map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).signals()
     assert np.allclose(before.headings, [0.0], atol=1e-3)
     assert not before.is_junction
     assert junction.is_junction
@@ -65,16 +52,14 @@ def test_signals_are_for_the_traffic_that_reaches_them(
     assert headings.tolist() == [0, 180, 270]
 
 
-def test_arrows_are_those_of_the_last_way_and_know_what_leads_there(
-    places: SimpleNamespace, write_osm: Write
-) -> None:
+def test_arrows_are_those_of_the_last_way_and_know_what_leads_there(write_osm: Write) -> None:
     one_way = {**ROAD, "oneway": "yes"}
     turns = {**one_way, "turn:lanes": "left|through;right"}
     nodes = {k: (x, y, {}) for k, x, y in [(1, -90, 0), (2, -60, 1), (3, -30, 0), (4, 0, 0),
                                            (5, 40, 0), (6, 0, 40)]}  # fmt: skip
     ways = {1: ([1, 2], one_way), 2: ([2, 3], turns), 3: ([3, 4], turns), 4: ([4, 5], ROAD),
             5: ([4, 6], ROAD)}  # fmt: skip
-    (found,) = places.map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).arrows()
+    (found,) = places_map.MappedStreets(write_osm(nodes, ways), 48.7, 9.18).arrows()
     assert found.lanes == ({"left"}, {"through", "right"})
     assert np.allclose(found.line[-1], [0, 0], atol=0.5)
     assert found.tagged_before
@@ -104,7 +89,7 @@ def on_a_circle(track: int, radius: float, speed: float) -> list[dict[str, Any]]
     ]  # fmt: skip
 
 
-def test_lateral_acceleration_of_a_circle_and_braking_of_a_stop(places: SimpleNamespace) -> None:
+def test_lateral_acceleration_of_a_circle_and_braking_of_a_stop() -> None:
     twin = SimpleNamespace(roads=SimpleNamespace(signals=(), lane_by_id={}))
     stop = [
         {"time_s": round(k * STEP_S, 9), "track": 3, "x": 900.0, "y": 0.0, "yaw": 0.0,
@@ -112,7 +97,7 @@ def test_lateral_acceleration_of_a_circle_and_braking_of_a_stop(places: SimpleNa
         for k in range(60)
     ]  # fmt: skip
     motion = driven([*on_a_circle(1, 50.0, 10.0), *on_a_circle(2, 20.0, 10.0), *stop])
-    found = places.motion.driving(twin, motion)
+    found = places_motion.driving(twin, motion)
     over, vehicles, most = found["lateral"]  # v^2 / r: 2 and 5 m/s2
     assert (over, vehicles) == (1, 3)
     assert most == pytest.approx(10.0**2 / 20.0, abs=0.05)
@@ -120,7 +105,7 @@ def test_lateral_acceleration_of_a_circle_and_braking_of_a_stop(places: SimpleNa
     assert found["moved"] == [2, 3]
 
 
-def test_overlaps_count_pairs_once_and_by_their_boxes(places: SimpleNamespace) -> None:
+def test_overlaps_count_pairs_once_and_by_their_boxes() -> None:
     def parked(track: int, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> list[dict]:
         return [
             {"time_s": round(k * STEP_S, 9), "track": track, "x": x, "y": y, "z": z, "yaw": yaw,
@@ -129,6 +114,6 @@ def test_overlaps_count_pairs_once_and_by_their_boxes(places: SimpleNamespace) -
         ]  # fmt: skip
 
     apart = [*parked(1, 0, 0), *parked(2, 0, 2.01), *parked(3, 0, 0, z=6.0)]  # one on a bridge
-    assert places.motion.overlaps(driven(apart)) == {}
+    assert places_motion.overlaps(driven(apart)) == {}
     across = [*apart, *parked(4, 2.5, -1.5, np.pi / 2)]  # its side is in the bonnet of the first
-    assert places.motion.overlaps(driven(across)) == {(1, 4): ("car", "car")}
+    assert places_motion.overlaps(driven(across)) == {(1, 4): ("car", "car")}

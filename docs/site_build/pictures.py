@@ -25,7 +25,6 @@ from urbantwin.drawing.film.from_corner import FromCorner
 from urbantwin.drawing.film.signal_lamps import Lamps
 from urbantwin.drawing.scene import Camera
 from urbantwin.fidelity.histograms import full_scale
-from urbantwin.fidelity.objects.measure import compare_objects
 from urbantwin.geometry import Pose
 from urbantwin.lidar import sensor
 from urbantwin.taxonomy import BOX_SEMANTICS, GROUND_CLASSES, semantic_id
@@ -132,8 +131,10 @@ def busiest(dataset: ut.Dataset) -> int:
 
 def draw_real_and_simulated(real: Path, path: Path) -> Path:
     """Draw a real frame, and beside it the same with our bodies along the same rays."""
-    sys.path.insert(0, str(ROOT / "tools"))
+    sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "benchmarks")]
     from pandaset_frame import pandaset_frame
+
+    from objects_in_boxes.measure import compare_objects
 
     frame = pandaset_frame(real)
     assert frame.intensity is not None

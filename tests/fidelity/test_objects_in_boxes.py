@@ -6,18 +6,17 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import urbantwin as ut
+from objects_in_boxes.bodies import PlacedBody, candidates, placed
+from objects_in_boxes.figures import figures_of
+from objects_in_boxes.frame_rays import rays_of
+from objects_in_boxes.measure import compare_objects
+from objects_in_boxes.mending import PassedBy, mended, mended_of
+from objects_in_boxes.scan_rays import scan_rays
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.objects import compare_in_boxes
-from urbantwin.fidelity.objects.bodies import PlacedBody, candidates, placed
-from urbantwin.fidelity.objects.frame_rays import rays_of
-from urbantwin.fidelity.objects.measure import compare_objects
-from urbantwin.fidelity.objects.mending import PassedBy, mended, mended_of
-from urbantwin.fidelity.objects.scan_rays import scan_rays
-from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import MountedSensor, PosedActor, Rig, Scanner, sensor
@@ -26,7 +25,6 @@ from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.assets import asset, scaled_mesh
 
 from ..real_files import argoverse_log
-from ..whole_page import whole_page
 
 pytestmark = pytest.mark.thorough
 
@@ -226,14 +224,13 @@ def made_frame() -> Frame:
 def test_a_frame_of_ours_is_like_itself() -> None:
     """What the scanner made of whole turns comes out again along the rays that are found."""
     frame = made_frame()
-    recording = Recording(Path("made"), "own", ("made",), lambda _: frame)
-    report = compare_in_boxes(recording, sensor("OS1-64"))
-    assert [one.class_name for one in report.seen] == ["car", "car", "truck", "pedestrian"]
-    for one in report.seen:
+    seen = compare_objects(frame, sensor("OS1-64"), scale=1.0)
+    assert [one.class_name for one in seen] == ["car", "car", "truck", "pedestrian"]
+    for one in seen:
         assert one.counts["mended"] == pytest.approx(one.counts["real"], rel=0.12), one.class_name
         assert one.chamfer_m["annotated"] is not None
         assert one.chamfer_m["annotated"] < 0.1, one.class_name
-    rows = {row["class"]: row for row in report.figures if row["to_m"] == 80}
+    rows = {row["class"]: row for row in figures_of(seen) if row["to_m"] == 80}
     lost = rows["car"]["lost_opaque"]
     # Other draws decide which of these rays are lost: three standard errors of a difference.
     share = (lost["real"] + lost["ours"]) / 200
@@ -305,54 +302,14 @@ def test_a_body_that_is_not_there_changes_the_figures() -> None:
         assert away is None or away > 3 * there.chamfer_m["annotated"]
 
 
-def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None:
-    clouds = tmp_path / "clouds"
-    clouds.mkdir()
-    np.save(clouds / "0.npy", np.random.default_rng(0).normal(0, 9, (500, 4)).astype("f4"))
-    with pytest.raises(ut.InputError, match="objects are compared without dataset"):
-        ut.compare(clouds, clouds, objects=True)  # type: ignore[call-overload]
-    with pytest.raises(ut.InputError, match="nothing to compare"):
-        ut.compare(clouds)
-    with pytest.raises(ut.InputError, match="which sensor"):
-        ut.compare(clouds, objects=True)
-    with pytest.raises(ut.InputError, match="no labelled object"):
-        ut.compare(clouds, objects=True, sensor="OS1-64", out=tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.real
-def test_a_report_of_two_real_cars(shared_data: Path, tmp_path: Path) -> None:
-    log = argoverse_log(shared_data)
-    one, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())
-    first = shutil.copytree(log, tmp_path / "log", ignore=shutil.ignore_patterns(*later))
-    boxes = pd.read_feather(log / "annotations.feather")
-    cars = boxes[boxes.timestamp_ns.astype(str).eq(one.split(".")[0])]
-    cars = cars[cars.category.eq("REGULAR_VEHICLE")].nlargest(2, "num_interior_pts")
-    (first / "annotations.feather").unlink()
-    cars.reset_index(drop=True).to_feather(first / "annotations.feather")
-    report = ut.compare(first, out=tmp_path / "out", objects=True, progress=False)
-    assert {path.name for path in report.folder.iterdir()} >= {
-        *("objects.json", "objects.html", "objects.png"),
-    }
-    page = whole_page((report.folder / "objects.html").read_text())
-    assert page.cells[:3] == ["Class", "m", "Boxes"]
-    (row,) = (one for one in report.figures if (one["from_m"], one["to_m"]) == (0.0, 80.0))
-    assert (row["class"], row["boxes"]) == ("car", 2)
-    assert row["chamfer_m"] < 0.35
-
-
-@pytest.mark.real
-@pytest.mark.thorough
 def test_real_cars_and_people(shared_data: Path, tmp_path: Path) -> None:
     log = argoverse_log(shared_data)
     _, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())
     first = shutil.copytree(log, tmp_path / "log", ignore=shutil.ignore_patterns(*later))
     assert len(later) == 1
-    report = ut.compare(first, out=tmp_path / "out", objects=True, progress=False)
-    assert {path.name for path in report.folder.iterdir()} >= {
-        *("objects.json", "objects.html", "objects.png"),
-    }
-    rows = {(row["class"], row["from_m"], row["to_m"]): row for row in report.figures}
+    seen = compare_objects(open_recording(first).read(0), sensor("VLP-32C"), scale=255.0)
+    rows = {(row["class"], row["from_m"], row["to_m"]): row for row in figures_of(seen)}
     cars = rows["car", 0.0, 80.0]
     assert cars["boxes"] >= 15
     assert 0.8 < cars["points_ratio"] < 1.25

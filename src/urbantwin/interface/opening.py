@@ -30,7 +30,6 @@ _CLASSES = {
     "motion": ("motion", "Motion"),
     "dataset": ("dataset", "Dataset"),
     "report": ("report", "Report"),
-    "objects": ("objects_report", "ObjectsReport"),
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
@@ -92,7 +91,7 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             ``s3://bucket/dataset``.
 
     Returns:
-        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
+        A `Twin`, `Motion`, `Dataset`, `Report`, `Coverage`, `Tuning`, `Run`,
         `SequenceFiles`, `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets`, of any
         other folder with several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or
         a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
@@ -20,8 +20,6 @@ from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from urbantwin.interface.objects_report import ObjectsReport
 
 __all__ = ["Report", "compare"]
 
@@ -165,64 +163,12 @@ class Report(Artefact):
             ) from None
 
 
-@overload
-def compare(
-    real: AnyPath,
-    dataset: AnyPath | None = None,
-    out: AnyPath | None = None,
-    *,
-    objects: Literal[False] = False,
-    sensor: str | None = None,
-    arbitrary: AnyPath | None = None,
-    anchor: AnyPath | None = None,
-    within: ArrayLike | None = None,
-    layout: str | None = None,
-    columns: int | None = None,
-    origin: ArrayLike | None = None,
-    protocol: str | None = None,
-    detections: AnyPath | None = None,
-    workers: int | None = None,
-    progress: ShowProgress = True,
-) -> Report: ...
-@overload
-def compare(
-    real: AnyPath,
-    dataset: AnyPath | None = None,
-    out: AnyPath | None = None,
-    *,
-    objects: Literal[True],
-    sensor: str | None = None,
-    layout: str | None = None,
-    columns: int | None = None,
-    progress: ShowProgress = True,
-) -> ObjectsReport: ...
-@overload
-def compare(
-    real: AnyPath,
-    dataset: AnyPath | None = None,
-    out: AnyPath | None = None,
-    *,
-    objects: bool,
-    sensor: str | None = None,
-    arbitrary: AnyPath | None = None,
-    anchor: AnyPath | None = None,
-    within: ArrayLike | None = None,
-    layout: str | None = None,
-    columns: int | None = None,
-    origin: ArrayLike | None = None,
-    protocol: str | None = None,
-    detections: AnyPath | None = None,
-    workers: int | None = None,
-    progress: ShowProgress = True,
-) -> Report | ObjectsReport: ...
 @command
 def compare(
     real: AnyPath,
-    dataset: AnyPath | None = None,
+    dataset: AnyPath,
     out: AnyPath | None = None,
     *,
-    objects: bool = False,
-    sensor: Annotated[str | None, "MODEL"] = None,
     arbitrary: AnyPath | None = None,
     anchor: AnyPath | None = None,
     within: Annotated[tuple[float, float, float] | ArrayLike | None, "X Y Z"] = None,
@@ -233,21 +179,15 @@ def compare(
     detections: AnyPath | None = None,
     workers: Annotated[int | None, Ge(1)] = None,
     progress: ShowProgress = True,
-) -> Report | ObjectsReport:
+) -> Report:
     """Measure simulated frames against real ones.
-
-    With ``objects`` it measures bodies of the catalogue in the boxes of labelled real frames.
 
     Args:
         real: real frames: clouds, a dataset in a known layout, a ROS bag or MCAP, or a capture of
             packets.
-        dataset: dataset, or folder of clouds in the same frame; none with ``objects``.
+        dataset: dataset, or folder of clouds in the same frame.
         out: folder to write, in which an older report is replaced; ``report`` beside the dataset
-            (``objects`` beside the real frames) if not given.
-        objects: put bodies of the catalogue into the boxes of labelled real frames and compare
-            points, shape, codes and lost rays, ray by ray; needs no twin and no dataset.
-        sensor: with ``objects``: model of the sensor that recorded the real frames, or its file; by
-            their layout if not given.
+            if not given.
         arbitrary: clouds of another site, measured alike as a control; ``none`` for no control; an
             example site, recorded by the dataset's sensors, if not given.
         anchor: other real frames of the place, for real against real; each frame's neighbour if not
@@ -263,8 +203,7 @@ def compare(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: a side cannot be read, ``out`` holds other files, or an option is of the other
-            comparison.
+        InputError: a side cannot be read, or ``out`` holds other files.
         StageError: a worker was killed.
 
     Example:
@@ -272,31 +211,6 @@ def compare(
         >>> report.means["js_mean"]
         $ urbantwin compare real/ urbantwin-demo/dataset -o report/
     """
-    only_frames = {
-        "dataset": dataset,
-        "arbitrary": arbitrary,
-        "anchor": anchor,
-        "within": within,
-        "origin": origin,
-        "protocol": protocol,
-        "detections": detections,
-        "workers": workers,
-    }
-    if objects:
-        given = [name for name, value in only_frames.items() if value is not None]
-        if given:
-            raise InputError(
-                f"objects are compared without {', '.join(given)}",
-                expected="labelled real frames, and their sensor where they do not tell it",
-            )
-        return _compared_objects(real, out, sensor, layout, columns, progress)
-    if dataset is None:
-        raise InputError(
-            "there is nothing to compare the real frames with",
-            expected="a dataset, or --objects for our bodies in their boxes",
-        )
-    if sensor is not None:
-        raise InputError("a sensor is given", expected="--objects with it")
     from urbantwin.fidelity.compare import compare as compare_frames
 
     place = beside(dataset, "report", out)
@@ -320,25 +234,6 @@ def compare(
             progress=tell,
         )
     return Report(place)
-
-
-def _compared_objects(
-    real: AnyPath,
-    out: AnyPath | None,
-    sensor: str | None,
-    layout: str | None,
-    columns: int | None,
-    progress: ShowProgress,
-) -> ObjectsReport:
-    from urbantwin.fidelity.objects import write_objects
-    from urbantwin.interface.objects_report import ObjectsReport
-
-    place = beside(real, "objects", out)
-    with shown_stage("compare", progress) as tell:
-        write_objects(
-            Path(real), place, sensor=sensor, layout=layout, columns=columns, progress=tell
-        )
-    return ObjectsReport(place)
 
 
 def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:

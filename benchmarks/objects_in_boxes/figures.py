@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.objects.measure import ObjectSeen
+from objects_in_boxes.measure import ObjectSeen
 
 __all__ = ["EDGES_M", "FIGURES", "figures_of"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.objects.bodies import PlacedBody
+from objects_in_boxes.bodies import PlacedBody
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.actor_path import Paths, PosedActor
 from urbantwin.lidar.beams import Beams

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from objects_in_boxes.bodies import GROUND_M, PlacedBody
 from urbantwin.fidelity.nearest_triangle import NearestTriangle
-from urbantwin.fidelity.objects.bodies import GROUND_M, PlacedBody
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.rays import RayScene
 from urbantwin.traffic.assets import scaled_mesh

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, median_filter
 from scipy.spatial import cKDTree
 
+from objects_in_boxes.bodies import AROUND_M, GROUND_M, PlacedBody, candidates
+from objects_in_boxes.frame_rays import FrameRays, rays_of
+from objects_in_boxes.mending import PassedBy, mended_of
+from objects_in_boxes.movement import bodies_then, owners_then, shifts_of
+from objects_in_boxes.scan_rays import SeenBodies, scan_rays
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, candidates
-from urbantwin.fidelity.objects.frame_rays import FrameRays, rays_of
-from urbantwin.fidelity.objects.mending import PassedBy, mended_of
-from urbantwin.fidelity.objects.movement import bodies_then, owners_then, shifts_of
-from urbantwin.fidelity.objects.scan_rays import SeenBodies, scan_rays
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.taxonomy import ACTOR_CLASSES, material_id, semantic_id

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from objects_in_boxes.bodies import PlacedBody
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.objects.bodies import PlacedBody
 
 __all__ = ["bodies_then", "owners_then", "shifts_of"]
 
