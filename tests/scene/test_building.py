@@ -327,33 +327,9 @@ def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, radi
     assert checked >= fewest
 
 
-@pytest.mark.parametrize("inside", [False, True], ids=["hung before", "within the outline"])
-def test_mapped_balconies_are_slabs_with_parapets_on_their_storeys(inside):
-    house = box(0, -1.5 if inside else 0, 12, 10)
-    balcony = feature(
-        box(4, -1.5, 8, 0),
-        2,
-        building__part="balcony",
-        building__min_level="1",
-        building__levels="4",
-        building__material="concrete",
-    )
-    mesh, notes = build(feature(house, building="yes", height="12", building__levels="4"), balcony)
-    assert notes["mapped balconies"] == 1
-    assert uneven_edges(mesh) == 0
-    if not inside:
-        walls = build(feature(house, building="yes", height="12", building__levels="4"))[0]
-        # Three storeys: slabs of 0.2 m, parapets of 1 m and 8 cm along three sides.
-        sides = (4 * 1.5 - (4 - 0.16) * (1.5 - 0.08)) - 2 * 0.08 * 0.15
-        assert volume(mesh) - volume(walls) == pytest.approx(3 * (6 * 0.2 + sides), rel=0.02)
-    # Straight up before the wall: three slabs, each with an underside and a top; free below.
-    assert crossings(mesh, [6.1, -0.7, -1.0], [6.2, -0.8, 20.0]) == 6
-    assert crossings(mesh, [6.1, -0.7, 0.1], [6.2, -0.8, 2.7]) == 0
-    # Outward at the height of the first parapet: its inside and its outside.
-    assert crossings(mesh, [6.1, -0.7, 3.5], [6.2, -3.0, 3.6]) == 2
-
-
-def test_a_balcony_without_a_house_is_told_and_left_out():
-    mesh, notes = build(feature(box(0, 0, 3, 2), building__part="balcony"))
-    assert not len(mesh.faces)
-    assert notes["balconies without a building"] == 1
+def test_mapped_balconies_are_no_part_of_their_house():
+    house = feature(box(0, 0, 12, 10), building="yes", height="12")
+    balcony = feature(box(4, -1.5, 8, 0), 2, building__part="balcony", building__levels="4")
+    mesh, notes = build(house, balcony)
+    assert notes["balconies, not drawn"] == 1
+    assert volume(mesh) == pytest.approx(volume(build(house)[0]))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,6 @@ from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads.passage import ROAD_CLEARANCE_M, Passage, passages_of
-from urbantwin.scene.balcony import balcony_parts
 from urbantwin.scene.building_outline import (
     MappedBuilding,
     building_footprints,
@@ -26,13 +25,7 @@ from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
 from urbantwin.scene.canopy import arcade_columns, canopy_posts
 from urbantwin.scene.extrusion import Body, clean_polygons
-from urbantwin.scene.facade import (
-    Front,
-    facade_openings,
-    facade_relief,
-    mapped_doors,
-    mapped_shops,
-)
+from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
 from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.opening import Opening, open_bodies
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
@@ -77,14 +70,12 @@ class _Placed:
         volumes: the volume of each body.
         tags: of each volume, and of its outline where it has none of its own.
         posts: what its roofs stand on.
-        balconies: the mapped ones, with their materials.
     """
 
     plan: ShellPlan
     volumes: list[Volume]
     tags: list[dict[str, str]]
     posts: list[Solid]
-    balconies: list[tuple[Solid, str]] = field(default_factory=list)
 
 
 def building_mesh(
@@ -95,7 +86,6 @@ def building_mesh(
     carriageway: Geometry,
     without: Geometry | None = None,
     country: str | None = None,
-    street: Geometry | None = None,
     tell: Progress = untold,
 ) -> Buildings:
     """Build every building that touches the region, whole.
@@ -115,8 +105,6 @@ def building_mesh(
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
         country: ISO 3166-1 alpha-2, empty if unknown; ``None`` draws nothing that is not mapped.
-        street: carriageways and footways; where it is given, steps, sills, downpipes, balconies and
-            the like stand out of the facades.
         tell: called with the share done (0..1) and the current task.
     """
     notes: Counter[str] = Counter()
@@ -150,8 +138,6 @@ def building_mesh(
                 found.posts.extend(
                     arcade_columns(plan, passage.corridor, datum - FOUNDATION_M, top)
                 )
-        found.balconies.extend(_balconies(building, volumes, datum))
-        notes["mapped balconies"] += len(building.balconies)
         placed.append(found)
         fronts.append(Front(building, found.volumes, found.plan.walls, plan, datum))
     tell(0.5, "windows")
@@ -163,20 +149,14 @@ def building_mesh(
         ground_height=ground_height,
         notes=notes,
     )
-    outstanding: list[list[tuple[Solid, str]]] = [[] for _ in placed]
-    if street is not None:
-        relief = facade_relief(fronts, windows, street, ground_height=ground_height, notes=notes)
-        windows, outstanding = relief.openings, relief.parts
     assembly = Assembly()
-    opened = list(zip(placed, windows, outstanding, strict=True))
-    for found, holes, parts in each(opened, between(tell, 0.7, 1.0), "walls"):
+    opened = list(zip(placed, windows, strict=True))
+    for found, holes in each(opened, between(tell, 0.7, 1.0), "walls"):
         surface = found.plan.build(holes)
         if not is_closed(surface.solid.faces):
             notes["roofs drawn level: their surface does not close"] += 1
             surface = ShellPlan([replace(body, roof=()) for body in found.plan.bodies]).build()
         part = _add(assembly, found, surface)
-        for solid, material in (*found.balconies, *parts):
-            assembly.add(solid, "building", material, part)
         colours += [(part, *row) for row in _colours_of(found)]
     notes["buildings"] = assembly.parts
     told = {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
@@ -298,19 +278,6 @@ def _place(
         owners += [volume] * len(opened)
     tags = [{**outline, **volume.tags} for volume in owners]
     return _Placed(ShellPlan(bodies), owners, tags, posts) if bodies else None
-
-
-def _balconies(
-    building: MappedBuilding, volumes: Sequence[Volume], datum: float
-) -> Iterator[tuple[Solid, str]]:
-    """Yield a building's mapped balconies, on its ground."""
-    walls = shapely.union_all([volume.body.footprint for volume in volumes])
-    highest = max(volumes, key=lambda volume: volume.eaves_m)
-    storey = highest.storey_m
-    for tags, plan in building.balconies:
-        levels = max(round(highest.eaves_m / storey), 1)
-        for solid, material in balcony_parts(tags, plan, walls, storey, levels):
-            yield Solid(solid.vertices + [0.0, 0.0, datum], solid.faces), material
 
 
 def _level(volume: Volume) -> Volume:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 import shapely
 from shapely import Geometry, MultiPolygon, Polygon
 
-from urbantwin.scene.balcony import BALCONY
 from urbantwin.scene.building_height import ROOF_TYPES, building_type
 from urbantwin.scene.extrusion import clean_polygons
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["MappedBuilding", "building_footprints", "mapped_buildings"]
 
-#: A balcony is the building's that is no farther away, metres.
+#: A balcony belongs to the building that is at most this far away, metres.
 BESIDE_M = 0.5
 
 
@@ -29,14 +28,14 @@ class MappedBuilding:
         tags: the outline's.
         footprints: the outline's polygons, site frame.
         parts: tags and polygon of every part.
-        balconies: those of every balcony; it is no part of the plan.
+        balconies: polygons of mapped balconies: no part of the plan, and not drawn.
     """
 
     id: int
     tags: dict[str, str]
     footprints: list[Polygon]
     parts: list[tuple[dict[str, str], Polygon]] = field(default_factory=list)
-    balconies: list[tuple[dict[str, str], Polygon]] = field(default_factory=list)
+    balconies: list[Polygon] = field(default_factory=list)
 
     def plan(self) -> Geometry:
         """Return the whole footprint."""
@@ -123,11 +122,11 @@ def _with_parts(
     """Give parts and balconies to the outlines that they are of."""
     tree = shapely.STRtree([MultiPolygon(outline.footprints) for outline in outlines])
     for identity, tags, polygon in parts:
-        if tags["building:part"] == BALCONY:
+        if tags["building:part"] == "balcony":
             beside = tree.query_nearest(polygon, max_distance=BESIDE_M, all_matches=False)
-            notes["balconies without a building"] += not len(beside)
+            notes["balconies, not drawn"] += 1
             for number in beside.tolist():
-                outlines[number].balconies.append((tags, polygon))
+                outlines[number].balconies.append(polygon)
             continue
         owner, most = None, 0.5 * polygon.area
         for k in sorted(tree.query(polygon).tolist()):

@@ -71,7 +71,7 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
     if building.footprints:
         rise = building_rise(building.tags, {}, area, own_notes)
         top = rise.high_m
-    replaced = [polygon for _, polygon in building.balconies]
+    replaced = list(building.balconies)
     for tags, polygon in building.parts:
         part_rise = building_rise(tags, building.tags, polygon.area, notes)
         volumes.append(_volume(polygon, tags, building.tags, part_rise, notes))

@@ -28,10 +28,9 @@ from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.swept_lanes import SweptLanes
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
-from urbantwin.scene.zones import Zone, ground_zones
+from urbantwin.scene.zones import ground_zones
 from urbantwin.site import Clutter, OsmFeature
 from urbantwin.site.corrections import Correction, Outcome
-from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 
@@ -148,7 +147,6 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         carriageway=carriageway,
         without=covers.get("buildings"),
         country=country,
-        street=_paved(zones) if clutter == "typical" else None,
         tell=between(tell, SURFACE, BUILDINGS, "buildings"),
     )
     deck_heights = deck_height(network, surface, ground_height)
@@ -225,13 +223,6 @@ def _paved_when_unmapped(measured: shapely.Geometry) -> shapely.Geometry:
     Outlines of cells are drawn together, so that borders do not follow every one of them.
     """
     return shapely.simplify(shapely.buffer(shapely.buffer(measured, 1.0), -1.5), 0.5)
-
-
-def _paved(zones: Sequence[Zone]) -> shapely.Geometry:
-    """Return carriageways and footways."""
-    walked = semantic_id("sidewalk")
-    kept = [z.area for z in zones if z.kind in ("carriageway", "footway") or z.semantic == walked]
-    return shapely.union_all(kept)
 
 
 def _kept_free(network: RoadNetwork) -> shapely.Geometry:

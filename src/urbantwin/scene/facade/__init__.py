@@ -3,7 +3,6 @@
 from urbantwin.scene.facade.door import Door, mapped_doors
 from urbantwin.scene.facade.front import Front
 from urbantwin.scene.facade.layout import facade_openings
-from urbantwin.scene.facade.relief import facade_relief
 from urbantwin.scene.facade.style import mapped_shops
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
 
@@ -14,7 +13,6 @@ __all__ = [
     "Wall",
     "WallMesh",
     "facade_openings",
-    "facade_relief",
     "mapped_doors",
     "mapped_shops",
     "wall_mesh",
