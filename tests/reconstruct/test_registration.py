@@ -10,7 +10,7 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
-from urbantwin.drawing.registration import registration_picture
+from urbantwin.drawing.geometry_pictures import registration_picture
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct import ImportedModel, PointCloud, Surroundings, TriangleMesh

@@ -3,8 +3,7 @@
 from urbantwin.reconstruct.cleaning.clean import Cleaned, cleaned
 from urbantwin.reconstruct.cleaning.cloud import CleanedCloud, cleaned_cloud
 from urbantwin.reconstruct.cleaning.decimate import unseen_error
-from urbantwin.reconstruct.cleaning.picture import CleaningPicture
-from urbantwin.reconstruct.cleaning.removal import Removal
+from urbantwin.reconstruct.cleaning.removal import CleaningPicture, Removal
 
 __all__ = [
     "Cleaned",

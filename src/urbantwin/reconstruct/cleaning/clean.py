@@ -10,16 +10,13 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.clip import clipped
-from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.decimate import decimated
-from urbantwin.reconstruct.cleaning.picture import CleaningPicture
-from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
+from urbantwin.reconstruct.cleaning.removal import CleaningPicture, Removal, Spots, measures
 from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
-from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces
-from urbantwin.reconstruct.cleaning.weld import cleared, selected
+from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, cleared, pieces_of, selected
+from urbantwin.io.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec
 
 __all__ = ["Cleaned", "cleaned"]

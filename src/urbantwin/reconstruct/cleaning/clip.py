@@ -8,9 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, selected, some_corner
 from urbantwin.io.model import TriangleMesh
-from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
-from urbantwin.reconstruct.cleaning.weld import selected
 
 __all__ = ["Cut", "clipped", "cut_along"]
 
@@ -51,11 +50,7 @@ def clipped(
     return _part(mesh, cut, cut.inside), int(crossed.sum())
 
 
-def cut_along(
-    mesh: TriangleMesh,
-    area: shapely.Polygon | shapely.MultiPolygon,
-    among: NDArray[np.int64] | None = None,
-) -> Cut:
+def cut_along(mesh: TriangleMesh, area: shapely.Polygon | shapely.MultiPolygon) -> Cut:
     """Cut triangles along an outline so that none crosses it; neighbours stay joined.
 
     Each edge of the outline is a vertical plane. The edges of triangles that it crosses get one
@@ -64,20 +59,16 @@ def cut_along(
     Args:
         mesh: welded, site frame, metres.
         area: in plan, site frame, metres.
-        among: numbers of the triangles that may meet the outline; all others are left alone and
-            count as outside.
     """
     faces = mesh.faces.astype(np.int64)
     count = len(mesh.vertices)
-    candidates = np.arange(len(faces)) if among is None else among
     west, south, east, north = area.bounds
-    looked_at = faces if among is None else faces[candidates]
-    low, high = bounds_of_faces(mesh.vertices[:, :2], looked_at)
+    low, high = bounds_of_faces(mesh.vertices[:, :2], faces)
     shapely.prepare(area)
     outline = area.boundary
     shapely.prepare(outline)
     beyond = (high[:, 0] < west) | (high[:, 1] < south) | (low[:, 0] > east) | (low[:, 1] > north)
-    within = np.zeros(len(candidates), bool)
+    within = np.zeros(len(faces), bool)
     near = np.flatnonzero(~beyond)
     if len(near) > _COARSE**2:
         coarse, inner = _coarse(area, low[near], high[near])
@@ -90,13 +81,13 @@ def cut_along(
     work = near[meets]
     # Neighbours of what is cut share its edges and must be cut with it.
     touched = np.zeros(count, bool)
-    touched[faces[candidates[work]].ravel()] = True
-    around = some_corner(touched, looked_at)
+    touched[faces[work].ravel()] = True
+    around = some_corner(touched, faces)
     around[work] = True
 
-    used, local = np.unique(faces[candidates[around]], return_inverse=True)
+    used, local = np.unique(faces[around], return_inverse=True)
     vertices, pieces, parent = _split(
-        mesh.vertices[used], local.reshape(-1, 3), candidates[around], _segments(area)
+        mesh.vertices[used], local.reshape(-1, 3), np.flatnonzero(around), _segments(area)
     )
     middle = vertices[pieces].mean(axis=1)
     # Back to the mesh's numbers; new vertices follow the mesh's own.
@@ -104,15 +95,12 @@ def cut_along(
     pieces = number[pieces]
     vertices = np.concatenate([mesh.vertices, vertices[len(used) :]])
     inside_piece = shapely.contains_xy(area, middle[:, 0], middle[:, 1])
-    rest = np.ones(len(faces), bool)
-    rest[candidates[around]] = False
-    inside_rest = np.zeros(len(faces), bool)
-    inside_rest[candidates] = within
+    rest = ~around
     return Cut(
         vertices,
         np.concatenate([faces[rest], pieces]).astype(np.int32),
         np.concatenate([np.flatnonzero(rest), parent]),
-        np.concatenate([inside_rest[rest], inside_piece]),
+        np.concatenate([within[rest], inside_piece]),
     )
 
 

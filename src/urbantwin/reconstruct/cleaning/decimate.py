@@ -11,10 +11,9 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation, normals_of
-from urbantwin.reconstruct.cleaning.triangle_corners import some_corner
-from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected
+from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected, some_corner
+from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Decimated", "decimated", "unseen_error"]
 

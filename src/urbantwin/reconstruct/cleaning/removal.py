@@ -1,4 +1,4 @@
-"""What cleaning took out, and what it left: lines of its report."""
+"""What cleaning removed and kept: lines of its report, and the data of its picture."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.io.model import TriangleMesh
-from urbantwin.reconstruct.cleaning.connected_components import Pieces, pieces_of
-from urbantwin.reconstruct.cleaning.weld import areas_of_faces
+from urbantwin.reconstruct.cleaning.weld import Pieces, areas_of_faces, pieces_of
+from urbantwin.io.model import PointCloud, TriangleMesh
 from urbantwin.site.geometry import Spot
 
-__all__ = ["Removal", "Spots", "measures"]
+__all__ = ["CleaningPicture", "Removal", "Spots", "measures"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,3 +132,26 @@ def measures(mesh: TriangleMesh, pieces: Pieces | None = None) -> dict[str, Any]
         "bounds_m": [[round(float(v), 3) for v in corner] for corner in bounds],
         "pieces": len(pieces_of(mesh) if pieces is None else pieces),
     }
+
+
+@dataclass(frozen=True, eq=False)
+class CleaningPicture:
+    """What a picture of cleaning shows, before and after.
+
+    Attributes:
+        before: the mesh (or points) as it came, in the region and a little around.
+        after: as it is now.
+        removed: what was taken out.
+        kept: what an override kept.
+        passed: objects on the carriageway that do not qualify as vehicles.
+        region: of interest.
+        roads: carriageways, may be empty.
+    """
+
+    before: TriangleMesh | PointCloud
+    after: TriangleMesh | PointCloud
+    removed: tuple[Removal, ...]
+    kept: tuple[Removal, ...]
+    passed: tuple[Removal, ...]
+    region: shapely.Geometry
+    roads: shapely.Geometry

@@ -1,4 +1,4 @@
-"""Vehicles baked into a mesh: detected, cut out, the holes filled."""
+"""Vehicles baked into a mesh: detected, and taken out of it."""
 
 from __future__ import annotations
 
@@ -9,28 +9,22 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from urbantwin.io.model import TriangleMesh
-from urbantwin.reconstruct.cleaning.clip import cut_along
-from urbantwin.reconstruct.cleaning.connected_components import pieces_of
-from urbantwin.reconstruct.cleaning.height_grid import Grid
-from urbantwin.reconstruct.cleaning.hole_filling import Outline, fill, outline_of
+from urbantwin.reconstruct.cleaning.outline import Outline, outline_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street_surface import REACH_M, WIDEST_M, Street, street_of_mesh
-from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
-from urbantwin.reconstruct.cleaning.weld import selected
+from urbantwin.reconstruct.cleaning.weld import areas_of_faces, pieces_of, selected, some_corner
+from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Untrafficked", "without_traffic"]
 
 #: What is higher than this over the ground under a vehicle is the vehicle's, metres.
 _OVER_M = 0.05
-#: The rim lies within this of the ground that is expected, metres.
-_RIM_M = 0.35
 #: Share of the rays from half a metre around a vehicle that meet it within a reach, metres.
 _CLOSED, _SIDE_REACH_M = 0.6, 1.4
-#: Cells of the grid that tells which triangles come near vehicles, metres.
-_COARSE_M = 1.0
+#: Lowered triangles with less area are dropped: upright flanks, square metres.
+_NO_AREA_M2 = 1e-9
 #: What an override names may be this high, metres.
 _HIGHEST_M = 100.0
 
@@ -99,7 +93,7 @@ def without_traffic(
                 passed.append(_removal(blob, "other", why))
             continue
         chosen.append((blob, kind, why, outline))
-    mesh, removed = _cut_out(mesh, chosen)
+    mesh, removed = _without(mesh, chosen)
     return Untrafficked(mesh, removed, kept, passed)
 
 
@@ -138,171 +132,73 @@ def _closed_sides(rays: Rays, outline: Outline, blob: Blob) -> bool:
     return not met or max(met) >= _CLOSED
 
 
-def _cut_out(
+def _without(
     mesh: TriangleMesh, chosen: list[tuple[Blob, str, str, Outline]]
 ) -> tuple[TriangleMesh, list[Removal]]:
-    """Cut vehicles out of a mesh and close it."""
-    if not chosen:
-        return mesh, []
-    groups = _groups([outline for *_, outline in chosen])
+    """Take vehicles out of a mesh.
+
+    A vehicle on a surface that goes on under it is dropped. The vertices of one that is part of the
+    surface are lowered onto the ground around it: nothing is cut, so the surface stays closed.
+    """
     removed: list[Removal] = []
-    works: list[TriangleMesh] = []
-    used_by: list[NDArray[np.int64]] = []
-    away = np.zeros(len(mesh.faces), bool)
-    for numbers, together in _neighbourhoods([outline for outline, _ in groups], mesh):
-        away[numbers] = True
-        used, local = np.unique(mesh.faces[numbers], return_inverse=True)
-        work = replace(
-            mesh,
-            vertices=mesh.vertices[used],
-            faces=local.reshape(-1, 3).astype(np.int32),
-            colour=None if mesh.colour is None else mesh.colour[numbers],
-            object=mesh.object[numbers],
-            semantic=None if mesh.semantic is None else mesh.semantic[numbers],
+    vertices = mesh.vertices.copy()
+    gone, lowered = (np.zeros(len(mesh.faces), bool) for _ in range(2))
+    corners = mesh.vertices[mesh.faces]
+    for blob, kind, why, outline in chosen:
+        if outline.covered:
+            own = _standing_inside(mesh, outline)
+            gone |= own
+        else:
+            some = _raised(mesh.vertices, outline)
+            vertices[some, 2] = outline.ground.at(mesh.vertices[some, :2])
+            own = some_corner(some, mesh.faces)
+            lowered |= own
+        removed.append(
+            replace(
+                _removal(blob, kind, why),
+                area=_area(corners[own]),
+                count=int(own.sum()),
+                outline=outline.area,
+                closed=0.0 if outline.covered else float(outline.area.area),
+            )
         )
-        for group in together:
-            outline, members = groups[group]
-            work, area, count, closed = _cut_one(work, outline)
-            share = 1.0 / len(members)
-            for k in members:
-                blob, kind, why, _ = chosen[k]
-                removed.append(
-                    replace(
-                        _removal(blob, kind, why),
-                        area=area * share,
-                        count=round(count * share),
-                        outline=outline.area,
-                        closed=closed * share,
-                    )
-                )
-        works.append(work)
-        used_by.append(used.astype(np.int64))
-    return _put_back(mesh, ~away, works, used_by), removed
-
-
-def _put_back(
-    mesh: TriangleMesh,
-    rest: NDArray[np.bool_],
-    works: list[TriangleMesh],
-    used_by: list[NDArray[np.int64]],
-) -> TriangleMesh:
-    """Return the rest of a mesh with the parts that were worked on; shared vertices stay shared."""
-    vertices, faces, next_number = [mesh.vertices], [mesh.faces[rest]], len(mesh.vertices)
-    for work, used in zip(works, used_by, strict=True):
-        new = work.vertices[len(used) :]
-        number = np.concatenate([used, next_number + np.arange(len(new))]).astype(np.int32)
-        vertices.append(new)
-        faces.append(number[work.faces])
-        next_number += len(new)
-    colour, semantic = None, None
-    if mesh.colour is not None:
-        parts = [work.colour for work in works if work.colour is not None]
-        colour = np.concatenate([mesh.colour[rest], *parts])
-    if mesh.semantic is not None:
-        kinds = [work.semantic for work in works if work.semantic is not None]
-        semantic = np.concatenate([mesh.semantic[rest], *kinds])
-    objects = np.concatenate([mesh.object[rest], *(work.object for work in works)])
-    return selected(
-        TriangleMesh(
-            np.concatenate(vertices), np.concatenate(faces), colour, objects, mesh.names, semantic
-        )
+    if not removed:
+        return mesh, []
+    like = _looks(corners.mean(axis=1), lowered & ~gone, ~(lowered | gone))
+    found = TriangleMesh(
+        vertices,
+        mesh.faces,
+        None if mesh.colour is None else mesh.colour[like],
+        mesh.object[like],
+        mesh.names,
+        None if mesh.semantic is None else mesh.semantic[like],
     )
+    flat = lowered & (areas_of_faces(found) < _NO_AREA_M2)
+    return selected(found, ~(gone | flat)), removed
 
 
-def _groups(outlines: list[Outline]) -> list[tuple[Outline, list[int]]]:
-    """Return outlines with those that overlap made one, and which of the given each is."""
-    groups: list[tuple[Outline, list[int]]] = []
-    for k, outline in enumerate(outlines):
-        members = [k]
-        apart = []
-        for other, theirs in groups:
-            if shapely.distance(other.area, outline.area) < 0.01:
-                outline = other.joined(outline)  # noqa: PLW2901
-                members = theirs + members
-            else:
-                apart.append((other, theirs))
-        groups = [*apart, (outline, members)]
-    return groups
-
-
-def _neighbourhoods(
-    outlines: list[Outline], mesh: TriangleMesh
-) -> list[tuple[NDArray[np.int64], list[int]]]:
-    """Return, for outlines that share no triangle with others, the triangles near, and which."""
-    low, high = bounds_of_faces(mesh.vertices[:, :2], mesh.faces)
-    bounds = np.array([outline.area.bounds for outline in outlines])
-    grid = Grid.over((*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)), _COARSE_M)
-    mask = np.zeros(grid.shape, bool)
-    (r0, c0), (r1, c1) = grid.cells(bounds[:, :2]), grid.cells(bounds[:, 2:])
-    for a, b, c, d in zip(r0, r1, c0, c1, strict=True):
-        mask[a : b + 1, c : d + 1] = True
-    sums = np.zeros((grid.rows + 1, grid.columns + 1), np.int32)
-    sums[1:, 1:] = mask.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-    (a, c), (b, d) = grid.cells(low), grid.cells(high)
-    b, d = b + 1, d + 1
-    some = np.flatnonzero(sums[b, d] - sums[a, d] - sums[b, c] + sums[a, c])
-    low, high = low[some], high[some]
-    found: list[tuple[NDArray[np.int64], list[int]]] = []
-    touched = np.zeros(len(mesh.vertices), bool)
-    # Their neighbours are among these: what shares a vertex with them.
-    touched[mesh.faces[some].ravel()] = True
-    ring = np.flatnonzero(some_corner(touched, mesh.faces))
-    faces = mesh.faces[ring]
-    for number, (west, south, east, north) in enumerate(bounds):
-        near = (high[:, 0] >= west) & (low[:, 0] <= east)
-        near &= (high[:, 1] >= south) & (low[:, 1] <= north)
-        touched[:] = False
-        touched[mesh.faces[some[near]].ravel()] = True
-        mine, together = ring[some_corner(touched, faces)], [number]
-        apart = []
-        for theirs, others in found:
-            if np.isin(mine, theirs, assume_unique=True).any():
-                mine, together = np.union1d(mine, theirs), others + together
-            else:
-                apart.append((theirs, others))
-        found = [*apart, (mine, together)]
+def _raised(vertices: NDArray[np.float64], outline: Outline) -> NDArray[np.bool_]:
+    """Return which vertices (V,) belong to a vehicle that is part of the surface."""
+    west, south, east, north = outline.area.bounds
+    x, y, z = vertices.T
+    near = np.flatnonzero(
+        (x > west) & (x < east) & (y > south) & (y < north) & (z < outline.top + 0.3)
+    )
+    near = near[shapely.contains_xy(outline.area, x[near], y[near])]
+    found = np.zeros(len(vertices), bool)
+    found[near[z[near] > outline.ground.at(vertices[near, :2]) - 0.5]] = True
     return found
 
 
-def _cut_one(work: TriangleMesh, outline: Outline) -> tuple[TriangleMesh, float, int, float]:
-    """Return the mesh without one vehicle, its area and triangles, and the area closed."""
-    if outline.covered:
-        gone = _standing_inside(work, outline)
-        area, count = _area(work.vertices[work.faces[gone]]), int(gone.sum())
-        rest = np.flatnonzero(~gone)
-        return _attributes(work, work.vertices, work.faces[rest], rest), area, count, 0.0
-    cut = cut_along(work, outline.area)
-    middle = cut.vertices[cut.faces].mean(axis=1)
-    over = np.full(len(middle), np.inf)
-    inside = np.flatnonzero(cut.inside)
-    over[inside] = middle[inside, 2] - outline.ground.at(middle[inside, :2])
-    top = outline.top - float(outline.ground.at(np.array([outline.area.centroid.coords[0]]))[0])
-    gone = cut.inside & (over > -0.5) & (over < top + 0.3)
-    if not gone.any():
-        return work, 0.0, 0, 0.0
-    rim = _rim(cut.vertices, cut.faces, gone, outline)
-    try:
-        extra, triangles = fill(outline, cut.vertices[rim])
-    except (RuntimeError, ValueError):  # an outline that crosses itself: the vehicle stays
-        return work, 0.0, 0, 0.0
-    number = np.concatenate([rim, len(cut.vertices) + np.arange(len(extra))])
-    vertices = np.concatenate([cut.vertices, extra])
-    patch = number[triangles].astype(np.int32)
-    keep = np.flatnonzero(~gone)
-    # The new triangles look like the nearest of those that were left around.
-    beside = keep[_beside(middle[keep], outline)]
-    if not len(beside):
-        beside = keep if len(keep) else np.arange(len(gone))
-    like = beside[cKDTree(middle[beside]).query(vertices[patch].mean(axis=1))[1]]
-    parent = np.concatenate([cut.parent[keep], cut.parent[like]])
-    closed = _area(vertices[patch])
-    mesh = _attributes(work, vertices, np.concatenate([cut.faces[keep], patch]), parent)
-    return (
-        mesh,
-        _area(cut.vertices[cut.faces[gone]]),
-        len(np.unique(cut.parent[gone])),
-        closed,
-    )
+def _looks(
+    middle: NDArray[np.float64], new: NDArray[np.bool_], rest: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Return for each triangle (F,) the one whose colour and class it has: new ones the nearest."""
+    like = np.arange(len(middle))
+    if new.any() and rest.any():
+        beside = np.flatnonzero(rest)
+        like[new] = beside[cKDTree(middle[beside, :2]).query(middle[new, :2])[1]]
+    return like
 
 
 def _standing_inside(work: TriangleMesh, outline: Outline) -> NDArray[np.bool_]:
@@ -328,54 +224,6 @@ def _standing_inside(work: TriangleMesh, outline: Outline) -> NDArray[np.bool_]:
     return np.asarray(gone | (inner & high)[pieces.of_face])
 
 
-def _rim(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    gone: NDArray[np.bool_],
-    outline: Outline,
-) -> NDArray[np.int64]:
-    """Return the vertices of what stays that lie on the outline, on the ground, each place once."""
-    both = np.zeros(len(vertices), bool)
-    both[faces[gone].ravel()] = True
-    stays = np.zeros(len(vertices), bool)
-    stays[faces[~gone].ravel()] = True
-    rim = np.flatnonzero(both & stays)
-    if not len(rim):
-        return rim
-    line = outline.area.exterior
-    rim = rim[shapely.distance(line, shapely.points(vertices[rim, :2])) < 2e-5]
-    off = np.abs(vertices[rim, 2] - outline.ground.at(vertices[rim, :2]))
-    rim, off = rim[off < _RIM_M], off[off < _RIM_M]
-    rim = rim[np.argsort(off, kind="stable")]
-    _, once = np.unique(np.round(vertices[rim, :2], 4), axis=0, return_index=True)
-    return np.asarray(rim[np.sort(once)])
-
-
-def _beside(middle: NDArray[np.float64], outline: Outline) -> NDArray[np.int64]:
-    west, south, east, north = shapely.buffer(outline.area, 1.0).bounds
-    near = (middle[:, 0] > west) & (middle[:, 0] < east)
-    near &= (middle[:, 1] > south) & (middle[:, 1] < north)
-    some = np.flatnonzero(near)
-    low = np.abs(middle[some, 2] - outline.ground.at(middle[some, :2])) < 0.1
-    return np.asarray(some[low])
-
-
 def _area(corners: NDArray[np.float64]) -> float:
     a, b, c = np.moveaxis(corners, 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-
-
-def _attributes(
-    mesh: TriangleMesh,
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    parent: NDArray[np.int64],
-) -> TriangleMesh:
-    return TriangleMesh(
-        vertices,
-        faces.astype(np.int32),
-        None if mesh.colour is None else mesh.colour[parent],
-        mesh.object[parent],
-        mesh.names,
-        None if mesh.semantic is None else mesh.semantic[parent],
-    )

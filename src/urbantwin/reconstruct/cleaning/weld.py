@@ -1,16 +1,51 @@
-"""Welding: coincident vertices merged, degenerate and duplicate triangles removed."""
+"""Welding of meshes, their connected pieces, and bounds of triangles."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from urbantwin.io.model import TriangleMesh
-from urbantwin.reconstruct.cleaning.triangle_corners import every_corner
 
-__all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]
+__all__ = [
+    "WELD_M",
+    "Pieces",
+    "areas_of_faces",
+    "bounds_of_faces",
+    "cleared",
+    "pieces_of",
+    "selected",
+    "some_corner",
+    "welded",
+]
+
+
+def bounds_of_faces(
+    vertices: NDArray[np.float64], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the greatest coordinates (F, D) of triangles.
+
+    Args:
+        vertices: (V, D) metres.
+        faces: (F, 3) indices.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
+def every_corner(flag: NDArray[np.bool_], faces: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Return which triangles (F,) have the flag (V,) at all their corners."""
+    return np.asarray(flag[faces[:, 0]] & flag[faces[:, 1]] & flag[faces[:, 2]])
+
+
+def some_corner(flag: NDArray[np.bool_], faces: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Return which triangles (F,) have the flag (V,) at one of their corners."""
+    return np.asarray(flag[faces[:, 0]] | flag[faces[:, 1]] | flag[faces[:, 2]])
+
 
 #: Vertices nearer than this are one, metres: below what float32 keeps within 1 km of the origin.
 WELD_M = 1e-4
@@ -117,3 +152,70 @@ def _repeated(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     again[order[1:][same]] = True
     return again
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The connected components of a mesh, K of them.
+
+    Attributes:
+        of_face: (F,) int32 number of each triangle's piece.
+        low: (K, 3) least x, y, z, metres.
+        high: (K, 3) greatest.
+        area: (K,) square metres.
+        triangles: (K,) how many.
+        foot: (K,) int32 vertex that lies lowest.
+    """
+
+    of_face: NDArray[np.int32]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    area: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    foot: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.area)
+
+    @property
+    def size(self) -> NDArray[np.float64]:
+        """Extent (K, 3) along x, y and z, metres."""
+        return self.high - self.low
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Middle (K, 3) of the bounds."""
+        return (self.low + self.high) / 2
+
+
+def pieces_of(mesh: TriangleMesh) -> Pieces:
+    """Return the pieces of a welded mesh.
+
+    Args:
+        mesh: welded (``welded``), every vertex used.
+    """
+    count = len(mesh.vertices)
+    a, b, c = mesh.faces.T
+    rows, columns = np.concatenate([a, b]), np.concatenate([b, c])
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
+    number, of_vertex = connected_components(graph, directed=False)
+    of_face = of_vertex[a].astype(np.int32) if len(a) else np.zeros(0, np.int32)
+    order = np.argsort(of_vertex, kind="stable")
+    starts = np.searchsorted(of_vertex[order], np.arange(number))
+    if number:
+        sorted_vertices = mesh.vertices[order]
+        low = np.minimum.reduceat(sorted_vertices, starts)
+        high = np.maximum.reduceat(sorted_vertices, starts)
+        by_height = np.lexsort((mesh.vertices[:, 2], of_vertex))
+        foot = by_height[starts]
+    else:
+        low = high = np.zeros((0, 3))
+        foot = np.zeros(0, np.int64)
+    return Pieces(
+        of_face,
+        low,
+        high,
+        np.asarray(np.bincount(of_face, areas_of_faces(mesh), number), np.float64),
+        np.bincount(of_face, minlength=number).astype(np.int64),
+        foot,
+    )

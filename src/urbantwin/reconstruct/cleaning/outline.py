@@ -1,12 +1,10 @@
-"""Cutting a vehicle out of a surface, and filling the hole from its rim."""
+"""Where a vehicle meets the ground, and the ground under it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
-import pythoncdt
 import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
@@ -16,10 +14,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 
-if TYPE_CHECKING:
-    from typing_extensions import Buffer
-
-__all__ = ["Ground", "Outline", "fill", "outline_of"]
+__all__ = ["Ground", "Outline", "outline_of"]
 
 #: Cells of the close look at one vehicle, metres.
 _FINE_M = 0.1
@@ -39,8 +34,6 @@ _SKIRT_M = 0.08
 _LOST_M = 0.015
 #: Farthest that a skirt reaches, cells.
 _SKIRT = 8
-#: Sides of the triangles that close the surface, metres.
-_SIDE_M = 0.6
 #: What lies farther off the surface than this is beyond a step: a curb, metres.
 _STEP_M = 0.08
 #: And than this, or three times the surface's own roughness, metres.
@@ -48,8 +41,6 @@ _ROUGH_M = 0.02
 #: Share of the rim that lies on one surface if there is no step. A tilted plane through a street on
 #: one side and a sidewalk on the other leaves the short ends off.
 _ONE_SURFACE = 0.97
-#: The foot of a step runs this far inside the outline, metres.
-_FOOT_M = 0.05
 #: Most rim points that an interpolation takes.
 _MOST = 250
 
@@ -192,36 +183,16 @@ class Outline:
     """Where a vehicle meets the ground.
 
     Attributes:
-        area: in plan: everything of it lies inside, and its rim on the ground.
+        area: in plan: everything of it lies inside.
         ground: the ground under it.
         top: greatest height of it, metres.
         covered: the surface goes on under it, so that nothing is to be closed.
-        around: (N, 3) the ground around it.
-        plane: the street under it, roughly.
     """
 
     area: shapely.Polygon
     ground: Ground
     top: float
     covered: bool
-    around: NDArray[np.float64]
-    plane: Plane
-
-    def joined(self, other: Outline) -> Outline:
-        """Return the outline of two vehicles that stand side by side."""
-        area = shapely.union(self.area, other.area, grid_size=1e-6)
-        area = max(shapely.get_parts(area), key=lambda part: part.area)
-        area = shapely.polygons(shapely.get_exterior_ring(area))
-        around = np.concatenate([self.around, other.around])
-        around = around[~shapely.contains_xy(area, around[:, 0], around[:, 1])]
-        return Outline(
-            area,
-            Ground.through(around) or self.ground,
-            max(self.top, other.top),
-            self.covered and other.covered,
-            around,
-            self.plane,
-        )
 
 
 def outline_of(
@@ -292,77 +263,4 @@ def outline_of(
     layer = np.abs(below - expected) < 0.1
     apart = top[mask] - below > 0.1
     covered = bool((layer & apart).mean() > 0.8)
-    return Outline(area, ground, float(np.nanmax(top[mask])), covered, around, plane)
-
-
-def fill(
-    outline: Outline, rim: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return a surface that closes an area: its own vertices, and triangles.
-
-    Args:
-        outline: where the surface was cut.
-        rim: (R, 3) vertices of the surface that lie on the outline.
-
-    Returns:
-        New vertices (N, 3), and triangles (T, 3): indices of the rim's vertices and, from R on,
-        of the new ones; counter-clockwise from above.
-    """
-    area = outline.area
-    corners = shapely.get_coordinates(area.exterior)[:-1]
-    line = area.exterior
-    if len(rim):
-        distance, _ = cKDTree(rim[:, :2]).query(corners)
-        corners = corners[distance > 1e-4]
-    border = np.concatenate([rim[:, :2], corners])
-    even = outline.plane.even(rim)
-    spline = (Ground.through(rim[even]) if even.sum() > 3 else None) or outline.ground
-    station = shapely.line_locate_point(line, shapely.points(border))
-    order = np.argsort(station, kind="stable")
-    edges = np.column_stack([order, np.roll(order, -1)])
-    inner = _spread(area, border)
-    if not even.all():
-        inner = np.concatenate([inner, _foot_of_steps(area, rim[~even, :2], inner)])
-    points = np.concatenate([border, inner])
-    triangulation = pythoncdt.Triangulation(
-        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
-    )
-    triangulation.insert_vertices(cast("Buffer", np.ascontiguousarray(points)))
-    triangulation.insert_edges(cast("Buffer", edges.astype(np.uint32)))
-    triangulation.erase_outer_triangles_and_holes()
-    triangles = triangulation.triangles_array()["vertices"].astype(np.int32)
-    extra = np.concatenate([corners, inner])
-    heights = spline.at(extra)
-    return np.column_stack([extra, heights]), triangles
-
-
-def _spread(area: shapely.Polygon, border: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (N, 2) inside an area, evenly spread, not near its border."""
-    west, south, east, north = area.bounds
-    x = np.arange(west + _SIDE_M / 2, east, _SIDE_M)
-    y = np.arange(south + _SIDE_M / 2, north, _SIDE_M)
-    gx, gy = (k.ravel() for k in np.meshgrid(x, y))
-    inside = shapely.contains_xy(area, gx, gy)
-    points = np.column_stack([gx, gy])[inside]
-    if len(points):
-        far = cKDTree(border).query(points)[0] > 0.4 * _SIDE_M
-        far &= shapely.distance(area.exterior, shapely.points(points)) > 0.3 * _SIDE_M
-        points = points[far]
-    return np.asarray(points, np.float64)
-
-
-def _foot_of_steps(
-    area: shapely.Polygon, raised: NDArray[np.float64], others: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return points (N, 2) just inside the outline where its rim is beyond a step.
-
-    Without them the surface would rise to the curb like a ramp.
-    """
-    inset = shapely.buffer(area, -_FOOT_M, join_style="mitre")
-    rings = [shapely.segmentize(part.exterior, 0.2) for part in shapely.get_parts(inset)]
-    points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings] or [raised[:0]])
-    if len(points):
-        points = points[cKDTree(raised).query(points)[0] < 0.3]
-    if len(points) and len(others):
-        points = points[cKDTree(others).query(points)[0] > 0.02]
-    return np.asarray(points, np.float64)
+    return Outline(area, ground, float(np.nanmax(top[mask])), covered)
