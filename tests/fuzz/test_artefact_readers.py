@@ -38,7 +38,7 @@ from urbantwin.exports.carla.package import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.fidelity.tuning.journal import Journal
+from urbantwin.fidelity.tuning.study import Journal
 from urbantwin.geometry import LabelledMesh
 from urbantwin.interface.dataset import Dataset, Fleet
 from urbantwin.interface.rig import rig_on

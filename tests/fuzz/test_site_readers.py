@@ -25,6 +25,7 @@ from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.lidar import load_scan_pattern, load_sensor
 from urbantwin.lidar.sensor_options import check_models
 from urbantwin.reconstruct.airborne import read_footprints
+from urbantwin.scene.catalogue import street_objects
 from urbantwin.site import (
     ImagerySource,
     ImagerySpec,
@@ -404,6 +405,27 @@ traffic: {seconds: 60, seed: 7, demand: m, scenario: m}
 record: {rig: m, start: 5, stop: 15, weather: rain, visibility: 800, effects: none, seed: 3}
 """
 
+OBJECTS = b"""
+lantern:
+  tags: {highway: street_lamp, lamp_model: [lantern, "old*"], bench: null}
+  counted: lanterns
+  placed: lamp
+  sizes:
+    height: {tag: [height, est_height], usual: min(usual_height, 6) ** 1, least: 3, most: 12}
+    seats: {tag: seats, count: true, usual: 2}
+    body: {tag: material, usual: wood, choices: {steel: metal-bare}}
+  parts:
+    - {drum: height - 0.4, at: [0, 0, 0], radius: 0.11, top: 0.07, material: body, class: pole}
+    - {box: [0.4, 0.5 * seats, 0.1], at: [1, 0, 0.4], material: wood, mirror: y, when: {seats: no}}
+  arms: [{bar: [[0, 0, height], [reach, 0, height]], radius: 0.03, material: glass, sides: 6}]
+"""
+
+
+def read_street_objects(path: Path) -> None:
+    for one in street_objects(path):
+        one.pieces({"height": "9", "seats": "3", "material": "steel"}, (0.0, 3.1))
+
+
 READERS = [
     Reader("osm", read_map, "map.osm", lambda: [_osm()]),
     Reader("osm of a city", read_map, "map.osm",
@@ -416,6 +438,7 @@ READERS = [
     Reader("site", read_site, "site.yaml", _sites, _beside_site),
     Reader("corrections", lambda path: read_corrections(path, FRAME, AREA), "corrections.geojson",
            _corrections),
+    Reader("street objects", read_street_objects, "street_objects.yaml", lambda: [OBJECTS]),
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("study", StudyFile.read, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),

@@ -6,8 +6,8 @@ import shapely
 
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.clutter import assumed_features
+from urbantwin.scene.clutter.practice import rows_of
 from urbantwin.scene.clutter.scatter import cell_draws, scattered
-from urbantwin.scene.clutter.table import rows_of
 from urbantwin.scene.tree import tree_mesh
 from urbantwin.scene.tree.shrub import leafy_bush, leafy_hedge
 from urbantwin.scene.zones import Zone

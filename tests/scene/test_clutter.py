@@ -6,8 +6,7 @@ import shapely
 
 from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.clutter.practice import BOUNDARIES, group_of, kerbside_kinds
-from urbantwin.scene.furniture.bicycle import bicycle
-from urbantwin.scene.furniture.shelter import cycle_stands
+from urbantwin.scene.furniture.shelter import bicycle, cycle_stands
 from urbantwin.scene.land_use import use_of_building
 from urbantwin.scene.zones import Zone
 from urbantwin.site.extract import OsmFeature

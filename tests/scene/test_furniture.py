@@ -5,8 +5,8 @@ import pytest
 import shapely
 from shapely import LineString, Point, Polygon, box
 
+from urbantwin.scene.catalogue import street_objects
 from urbantwin.scene.furniture import furniture_mesh
-from urbantwin.scene.furniture.street import STREET
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -54,7 +54,11 @@ EXTRA = [
     {"amenity": "vending_machine", "vending": "cigarettes"},
     {"amenity": "vending_machine", "vending": "excrement_bags"},
 ]
-KINDS = [{key: value} for key, value in STREET if (key, value) != ("tourism", "information")]
+KINDS = [
+    {key: (values[0] or "").replace("*", "") for key, values in one.tags.wanted.items()}
+    for one in street_objects()
+    if one.tags is not None and one.parts and one.placed == "furniture"
+]
 
 
 @pytest.mark.parametrize("tags", KINDS + EXTRA, ids=lambda tags: "-".join(tags.values()))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from urbantwin.scene.measured_curb import with_measured_curbs
+from urbantwin.scene.scene import with_measured_curbs
 from urbantwin.scene.zones import Zone
 
 

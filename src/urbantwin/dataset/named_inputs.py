@@ -14,6 +14,7 @@ INPUT_KINDS = {
     "roads": "map of the roads",
     "dem": "elevation model",
     "corrections": "corrections by hand",
+    "street_objects": "street objects described by hand",
     "buildings": "footprints of buildings with heights",
     "geometry": "geometry (mesh, point cloud or 3D Tiles)",
     "recording": "real LiDAR frames of the static world",

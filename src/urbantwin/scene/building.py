@@ -1,4 +1,4 @@
-"""Buildings: watertight solids over mapped footprints, with their roofs and facades."""
+"""Buildings: watertight solids over mapped footprints, with roofs, passages and windows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import Geometry, Polygon
+from shapely import Geometry, LineString, Polygon
 
 from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.geometry.manifold import is_closed
@@ -23,17 +23,119 @@ from urbantwin.scene.building_outline import (
 from urbantwin.scene.building_practice import Neighbours, usual_tags
 from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
-from urbantwin.scene.canopy import arcade_columns, canopy_posts
 from urbantwin.scene.extrusion import Body, clean_polygons
 from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
-from urbantwin.scene.face import DOOR, GLASS, ROOF
-from urbantwin.scene.opening import Opening, open_bodies
-from urbantwin.scene.solids import Assembly, GroundHeight, Solid
+from urbantwin.scene.facade.wall import DOOR, GLASS, ROOF
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box
 from urbantwin.scene.tag_values import colour_of
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id
 
 __all__ = ["Buildings", "building_footprints", "building_mesh"]
+
+#: A body whose underside is lower than this above its building's ground stands on the ground.
+RAISED_M = 2.0
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What is taken out of a building: a footprint, from the ground up to a ceiling, metres.
+
+    Attributes:
+        footprint: where.
+        ceiling: for bodies that stand on the ground; infinite where nothing may stay above.
+        raised_ceiling: for bodies that are raised; 0 leaves them as they are.
+    """
+
+    footprint: Geometry
+    ceiling: float
+    raised_ceiling: float
+
+
+def open_bodies(bodies: Sequence[Body], openings: Sequence[Opening]) -> list[Body]:
+    """Return bodies with openings taken out: nothing solid remains below an opening's ceiling."""
+    for opening in openings:
+        opened: list[Body] = []
+        for body in bodies:
+            raised = body.low >= RAISED_M
+            ceiling = opening.raised_ceiling if raised else opening.ceiling
+            if body.low >= ceiling or not body.footprint.intersects(opening.footprint):
+                opened.append(body)
+                continue
+            beside = body.footprint.difference(opening.footprint)
+            opened += [replace(body, footprint=piece) for piece in clean_polygons(beside)]
+            if max(body.eaves, body.low) - ceiling > 0.3 or (
+                not body.roof and body.high - ceiling > 0.3
+            ):
+                above = body.footprint.intersection(opening.footprint)
+                opened += [
+                    replace(body, footprint=piece, low=ceiling)
+                    for piece in clean_polygons(above, smallest_m2=0.0, thinnest_m=0.0)
+                ]
+        bodies = opened
+    return list(bodies)
+
+
+POST_M = 0.25
+INSET_M = 0.4
+SPACING_M = 8.0
+#: Columns of arcades: side, distance, and how far they stand within the outline, metres.
+COLUMN_M, BAY_M, EDGE_M = 0.45, 4.0, 0.3
+#: Shorter openings than this, metres, are an arcade's ends.
+OPEN_SIDE_M = 6.0
+
+
+def canopy_posts(
+    slab: Body, carriageway: Geometry, datum: float, foundation_m: float
+) -> list[Solid]:
+    """Return the posts that carry a slab, none of them on a carriageway.
+
+    Args:
+        slab: the roof, heights above ``datum``.
+        carriageway: where no post may stand, site frame.
+        datum: the building's lowest ground, metres.
+        foundation_m: how far posts reach below it.
+    """
+    inner = slab.footprint.buffer(-INSET_M).simplify(0.3)
+    if inner.is_empty:
+        spots = shapely.get_coordinates(slab.footprint.representative_point())
+    else:
+        rings = shapely.get_rings(shapely.get_parts(inner))
+        spaced = shapely.segmentize(rings, SPACING_M)
+        spots = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in spaced])
+
+    if not carriageway.is_empty:
+        spots = spots[shapely.distance(carriageway, shapely.points(spots)) > POST_M]
+    if not len(spots):
+        return []
+    low, high = datum - foundation_m, datum + slab.low + 0.05
+    centre = np.column_stack([spots, np.full(len(spots), (low + high) / 2)])
+    size = np.broadcast_to([POST_M, POST_M, high - low], centre.shape)
+    return [box(centre, size)]
+
+
+def arcade_columns(plan: Geometry, corridor: Polygon, low: float, high: float) -> list[Solid]:
+    """Return the columns along the open side of an arcade.
+
+    Args:
+        plan: the building's footprint.
+        corridor: the ground that the arcade takes.
+        low: height of the columns' feet, metres.
+        high: height of the ceiling.
+    """
+    inside = shapely.buffer(plan, -EDGE_M, join_style="mitre")
+    sides = shapely.line_merge(shapely.intersection(inside.boundary, corridor.buffer(EDGE_M)))
+    spots = [
+        shapely.get_coordinates(shapely.segmentize(side, BAY_M))
+        for side in shapely.get_parts(sides)
+        if isinstance(side, LineString) and side.length >= OPEN_SIDE_M
+    ]
+    if not spots or high <= low:
+        return []
+    xy = np.concatenate(spots)
+    centre = np.column_stack([xy, np.full(len(xy), (low + high) / 2)])
+    return [box(centre, np.broadcast_to([COLUMN_M, COLUMN_M, high - low], centre.shape))]
+
 
 #: Walls reach this far below the lowest ground at the outline, metres.
 FOUNDATION_M = 0.5

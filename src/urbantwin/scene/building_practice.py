@@ -10,9 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 import numpy as np
 import shapely
+import yaml
 from shapely import Geometry, Polygon
 
 from urbantwin.scene.building_height import ROOF_TYPES, building_materials, building_type
@@ -23,30 +26,6 @@ __all__ = ["Neighbours", "usual_tags"]
 
 SEED = 2
 Shares = Mapping[str, float]
-
-PLASTERS = ("#e8e0d0", "#f0ece2", "#e3d3b0", "#d9c7a2", "#d8d8d4", "#cfd6d3", "#e6c9b0", "#c9b79c")
-BRIGHT = ("#e9d8a6", "#d9e0c4", "#e7b98f", "#c4d4dc", "#efe6e0", "#d7a98c", "#e8e0d0")
-#: Colours of walls by their material.
-WALL_COLOURS: Mapping[str, Sequence[str]] = {
-    "brick": ("#8a5a4a", "#9b6a56", "#a67a63", "#7c5346", "#a1806a", "#b39a7c"),
-    "plaster": PLASTERS,
-    "concrete": ("#c4c1b9", "#b3b1ab", "#d0cdc5", "#a7a7a3", "#c9c2b2"),
-    "stone": ("#b9b09c", "#a8a192", "#c9bda0", "#9b9588"),
-    "wood": ("#f1efe8", "#c9d2d6", "#8a6f55", "#7f8f7a", "#d9cfae", "#6d7b86", "#b9a58c"),
-    "metal-painted": ("#c8ccce", "#9aa5ad", "#b7b3a8", "#7f8b93", "#e3e3df", "#8fa3b0"),
-    "glass": ("#6f8ea6", "#7d98a8"),
-}
-#: Colours of roofs by their material.
-ROOF_COLOURS: Mapping[str, Sequence[str]] = {
-    "roof-tile": ("#9c5f49", "#8c5646", "#a76d50", "#7a5347", "#5b4d48", "#4c4b4d"),
-    "slate": ("#54595f", "#61656b", "#474c52", "#6a6a6e"),
-    "roofing-felt": ("#6a6c6e", "#7b7c7b", "#5f5a55", "#75685c", "#4f5357", "#8b8a86"),
-    "gravel": ("#9c988e", "#a9a59b", "#8d8a82"),
-    "concrete": ("#aaa79f", "#b9b6ae", "#9d9a93"),
-    "metal-painted": ("#8d979d", "#a7adb0", "#6f7a80", "#66706b", "#76554c"),
-    "grass": ("#7f9f52",),
-    "glass": ("#8ba3b1",),
-}
 
 
 @dataclass(frozen=True)
@@ -67,113 +46,39 @@ class Practice:
     shapes: Shares
     sloped: Shares
     level: Shares
-    plasters: Sequence[str] = PLASTERS
+    plasters: Sequence[str]
 
 
-FELT = {"tar_paper": 0.6, "gravel": 0.3, "concrete": 0.1}
-SLABS = {"concrete": 0.8, "tar_paper": 0.2}
-CENTRAL = Practice(
-    house={"plaster": 0.85, "brick": 0.1, "wood": 0.05},
-    block={"plaster": 0.75, "brick": 0.1, "concrete": 0.15},
-    shapes={"gabled": 0.6, "hipped": 0.2, "half-hipped": 0.1, "flat": 0.1},
-    sloped={"roof_tiles": 0.85, "slate": 0.15},
-    level=FELT,
-)
-BRITISH = Practice(
-    house={"brick": 0.72, "plaster": 0.2, "stone": 0.08},
-    block={"brick": 0.65, "plaster": 0.15, "concrete": 0.15, "stone": 0.05},
-    shapes={"gabled": 0.68, "hipped": 0.28, "flat": 0.04},
-    sloped={"roof_tiles": 0.6, "slate": 0.4},
-    level=FELT,
-)
-LOW = Practice(
-    house={"brick": 0.85, "plaster": 0.15},
-    block={"brick": 0.7, "plaster": 0.1, "concrete": 0.2},
-    shapes={"gabled": 0.65, "hipped": 0.1, "flat": 0.25},
-    sloped={"roof_tiles": 0.9, "slate": 0.1},
-    level=FELT,
-)
-NORDIC = Practice(
-    house={"wood": 0.65, "plaster": 0.2, "brick": 0.15},
-    block={"plaster": 0.5, "brick": 0.25, "concrete": 0.25},
-    shapes={"gabled": 0.75, "hipped": 0.1, "flat": 0.15},
-    sloped={"metal": 0.45, "roof_tiles": 0.4, "tar_paper": 0.15},
-    level=FELT,
-)
-LATIN = Practice(
-    house={"plaster": 0.75, "stone": 0.15, "brick": 0.1},
-    block={"plaster": 0.7, "stone": 0.15, "concrete": 0.1, "brick": 0.05},
-    shapes={"gabled": 0.4, "hipped": 0.35, "flat": 0.25},
-    sloped={"roof_tiles": 0.95, "slate": 0.05},
-    level={"concrete": 0.4, "tar_paper": 0.3, "gravel": 0.3},
-    plasters=(*PLASTERS, *BRIGHT),
-)
-NORTH_AMERICA = Practice(
-    house={"wood": 0.65, "brick": 0.2, "plaster": 0.15},
-    block={"brick": 0.4, "plaster": 0.25, "wood": 0.15, "concrete": 0.2},
-    shapes={"gabled": 0.6, "hipped": 0.32, "flat": 0.08},
-    sloped={"tar_paper": 0.92, "metal": 0.08},
-    level=FELT,
-)
-OCEANIA = Practice(
-    house={"brick": 0.55, "wood": 0.3, "plaster": 0.15},
-    block={"brick": 0.4, "plaster": 0.3, "concrete": 0.3},
-    shapes={"hipped": 0.5, "gabled": 0.42, "flat": 0.08},
-    sloped={"metal": 0.5, "roof_tiles": 0.5},
-    level={"metal": 0.5, "concrete": 0.3, "tar_paper": 0.2},
-)
-JAPAN = Practice(
-    house={"plaster": 0.6, "wood": 0.15, "metal": 0.25},
-    block={"concrete": 0.55, "plaster": 0.3, "brick": 0.15},
-    shapes={"gabled": 0.45, "hipped": 0.3, "flat": 0.25},
-    sloped={"roof_tiles": 0.35, "slate": 0.45, "metal": 0.2},
-    level=SLABS,
-)
-EAST_ASIA = Practice(
-    house={"concrete": 0.35, "plaster": 0.4, "brick": 0.25},
-    block={"concrete": 0.5, "plaster": 0.35, "brick": 0.15},
-    shapes={"flat": 0.75, "gabled": 0.2, "hipped": 0.05},
-    sloped={"metal": 0.6, "roof_tiles": 0.4},
-    level=SLABS,
-)
-WARM = Practice(
-    house={"plaster": 0.75, "brick": 0.15, "concrete": 0.1},
-    block={"plaster": 0.65, "concrete": 0.3, "brick": 0.05},
-    shapes={"flat": 0.75, "gabled": 0.15, "hipped": 0.1},
-    sloped={"roof_tiles": 0.55, "metal": 0.45},
-    level=SLABS,
-    plasters=BRIGHT,
-)
-#: Country (ISO 3166-1 alpha-2) -> what is usual there; the practice of warm countries elsewhere.
-PRACTICES: Mapping[str, Practice] = {
-    **dict.fromkeys("DE AT CH LI LU CZ SK PL HU SI HR LT LV EE UA BY RU".split(), CENTRAL),
-    **dict.fromkeys("GB IE IM JE GG".split(), BRITISH),
-    **dict.fromkeys("NL BE DK".split(), LOW),
-    **dict.fromkeys("SE NO FI IS FO AX GL".split(), NORDIC),
-    **dict.fromkeys("FR ES PT IT GR MT CY MC SM AD RO BG RS BA ME MK AL TR".split(), LATIN),
-    **dict.fromkeys("US CA".split(), NORTH_AMERICA),
-    **dict.fromkeys("AU NZ".split(), OCEANIA),
-    "JP": JAPAN,
-    **dict.fromkeys("TW KR CN HK MO SG".split(), EAST_ASIA),
-    "": CENTRAL,
-}
-#: Walls of buildings that are used for something else than living, whatever the country.
-HALLS = {"metal": 0.6, "concrete": 0.25, "brick": 0.15}
-OFFICES = {"concrete": 0.4, "stone": 0.2, "plaster": 0.25, "brick": 0.15}
-PUBLIC = {"brick": 0.35, "plaster": 0.35, "concrete": 0.3}
-SACRED = {"stone": 0.6, "brick": 0.4}
-BARE = {"concrete": 1.0}
-SMALL = {"concrete": 0.4, "brick": 0.3, "wood": 0.2, "plaster": 0.1}
-WALLS_OF_KIND: Mapping[str, Shares] = {
-    **dict.fromkeys(("industrial", "warehouse", "hangar", "manufacture", "factory"), HALLS),
-    **dict.fromkeys(("supermarket", "sports_hall", "barn", "farm_auxiliary", "stable"), HALLS),
-    **dict.fromkeys(("office", "commercial", "retail", "hotel", "bank", "mixed_use"), OFFICES),
-    **dict.fromkeys(("parking", "train_station", "transportation"), BARE),
-    **dict.fromkeys(("school", "university", "college", "hospital", "kindergarten"), PUBLIC),
-    **dict.fromkeys(("public", "civic", "government", "fire_station"), PUBLIC),
-    **dict.fromkeys(("church", "chapel", "cathedral", "monastery"), SACRED),
-    **dict.fromkeys(("garage", "garages", "shed", "hut", "service", "toilets"), SMALL),
-}
+@dataclass(frozen=True)
+class _Table:
+    """``building_practice.yaml``: colours by material, practices by country, walls by kind."""
+
+    wall_colours: Mapping[str, Sequence[str]]
+    roof_colours: Mapping[str, Sequence[str]]
+    practices: Mapping[str, Practice]
+    elsewhere: Practice
+    walls_of_kind: Mapping[str, Shares]
+
+
+@cache
+def _table() -> _Table:
+    file = files("urbantwin.scene") / "building_practice.yaml"
+    read = yaml.safe_load(file.read_text(encoding="utf-8"))
+    practices, plasters = {}, read["wall_colours"]["plaster"]
+    found: dict[str, Practice] = {}
+    for name, row in read["practices"].items():
+        countries = row.pop("countries").split()
+        practices[name] = Practice(**{"plasters": plasters, **row})
+        found |= dict.fromkeys(countries, practices[name])
+    return _Table(
+        read["wall_colours"],
+        read["roof_colours"],
+        {"": practices["central"], **found},
+        practices["warm"],
+        {kind: row["walls"] for row in read["walls_of_kind"] for kind in row["kinds"]},
+    )
+
+
 #: Kinds of houses, and of buildings that may be houses, whose roof is drawn.
 HOUSES = frozenset(
     "house detached semidetached_house terrace residential bungalow farm villa cabin yes".split()
@@ -222,7 +127,8 @@ def usual_tags(
         return {}
     rng = np.random.default_rng([SEED, abs(building.id)])
     draws = rng.random(7)  # always as many, so that a tag that is mapped changes no other
-    practice = PRACTICES.get(country, WARM)
+    table = _table()
+    practice = table.practices.get(country, table.elsewhere)
     tags = building.tags
     found: dict[str, str] = {}
     house = _is_house(building, kind)
@@ -238,15 +144,19 @@ def usual_tags(
         shape = tags["roof:shape"]
     elif any(key in tags for key in ROOF_KEYS):
         shape = "gabled"
-    walls_of = WALLS_OF_KIND.get(kind, practice.house if house else practice.block)
+    walls_of = table.walls_of_kind.get(kind, practice.house if house else practice.block)
     found["building:material"] = _drawn(walls_of, draws[1])
     found["roof:material"] = _drawn(
         practice.level if shape == "flat" else practice.sloped, draws[2]
     )
     wall, roof = building_materials({**found, **tags}, {})
-    colours = practice.plasters if wall == "plaster" else WALL_COLOURS.get(wall, PLASTERS)
+    colours = (
+        practice.plasters
+        if wall == "plaster"
+        else table.wall_colours.get(wall, table.wall_colours["plaster"])
+    )
     found["building:colour"] = _shade(colours, draws[3], draws[4])
-    colours = ROOF_COLOURS.get(roof, ROOF_COLOURS["roofing-felt"])
+    colours = table.roof_colours.get(roof, table.roof_colours["roofing-felt"])
     found["roof:colour"] = _shade(colours, draws[5], draws[6])
     return {key: value for key, value in found.items() if key not in tags}
 

@@ -21,8 +21,7 @@ from shapely import LineString, Polygon
 from urbantwin.geometry import area_intersection
 from urbantwin.geometry.manifold import is_closed, with_simple_edges
 from urbantwin.scene.extrusion import Body, rings_of, triangulate
-from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
-from urbantwin.scene.face import FLOOR, ROOF, WALL
+from urbantwin.scene.facade.wall import FLOOR, ROOF, WALL, Opening, Wall, WallMesh, wall_mesh
 from urbantwin.scene.roof.facet import Facet
 from urbantwin.scene.solids import Solid
 

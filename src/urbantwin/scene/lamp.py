@@ -9,14 +9,15 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
+from urbantwin.scene.catalogue import Catalogue
+from urbantwin.scene.piece import add_pieces
 from urbantwin.scene.placement import on_ground, toward_carriageway
-from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
-from urbantwin.scene.tag_values import count_of, length_m_of, yaw_of_direction
+from urbantwin.scene.solids import Assembly, GroundHeight
+from urbantwin.scene.tag_values import count_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_lamps", "add_wall_lamps", "seeded_lamps"]
 
-BURIED_M = 0.3
 #: Lamps farther than this from any carriageway light a path: no arm, and a lower mast.
 ARM_REACH_M = 15.0
 #: Masts beside streets and beside paths; arms reach this far beyond the curb, within limits.
@@ -24,8 +25,10 @@ STREET_M, PATH_M = 8.0, 4.5
 BEYOND_CURB_M, SHORTEST_ARM_M, LONGEST_ARM_M = 0.6, 1.3, 3.5
 #: A carriageway this near on both sides makes a lamp stand on a median: two arms.
 MEDIAN_M = 4.0
-#: Lamps on walls hang this high and this far out; a wall must be this near.
-WALL_M, BRACKET_M, NEAREST_WALL_M = 5.0, 0.8, 2.5
+#: A lamp is on a wall that is this near, metres.
+NEAREST_WALL_M = 2.5
+#: Street objects that lamps are.
+ON_TOP, WITH_ARMS, BENT = "lamp with its light on top", "lamp with arms", "lamp with bent arms"
 #: Seeded lamps: 3.5 times the height of the mast apart, the rule of thumb for EN 13201's even
 #: light on one side after the other; none within reach of a mapped one.
 SPACING_M, MAPPED_M = 28.0, 32.0
@@ -44,11 +47,13 @@ def add_lamps(
     feet: NDArray[np.float64],
     tags: Sequence[dict[str, str]],
     carriageway: Geometry,
+    objects: Catalogue,
 ) -> None:
     """Add lamps on (N, 3) points of the ground.
 
     Beside a carriageway an arm reaches over it, from medians one to each side, unless
     ``lamp_mount=straight_mast`` or ``light:count`` say otherwise; elsewhere the light is on top.
+    A lamp of the catalogue that the tags make stands in place of these three.
     """
     road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
     away = shapely.distance(carriageway, shapely.points(feet[:, :2]))
@@ -59,17 +64,21 @@ def add_lamps(
         straight = "straight" in mount or own.get("lamp_type") == "post_top"
         near = bool(np.isfinite(yaw))
         usual = STREET_M if near else PATH_M
-        height = min(max(length_m_of(own.get("height")) or usual, 2.0), 40.0)
-        if straight or not (near or (said is not None and "bent" in mount)):
-            _add_post_top(assembly, foot, height)
+        kind = objects.of(own, "lamp")
+        has_arms = near or (said is not None and "bent" in mount)
+        if kind is None and (straight or not has_arms):
+            pieces = objects[ON_TOP].pieces(own, usual_height=usual)
+            add_pieces(assembly, pieces, foot, 0.0)
             continue
-        turn = yaw if said is None else said
+        turn = float(np.nan_to_num(yaw)) if said is None else said
         yaws = [turn]
         arms = count_of(own.get("lamp_arms") or own.get("light:count"))
         if (arms or 0) >= 2 or (arms is None and _on_median(foot, yaw, carriageway)):
             yaws = [turn + 2 * np.pi * k / max(int(arms or 2), 2) for k in range(int(arms or 2))]
         reach = float(np.clip(gap + BEYOND_CURB_M, SHORTEST_ARM_M, LONGEST_ARM_M))
-        _add_mast(assembly, foot, height, yaws[:6], reach, bent="bent" in mount)
+        kind = kind or objects[BENT if "bent" in mount else WITH_ARMS]
+        pieces = kind.pieces(own, yaws[:6], reach=reach, usual_height=usual)
+        add_pieces(assembly, pieces, foot, 0.0)
 
 
 def _on_median(foot: NDArray[np.float64], yaw: float, carriageway: Geometry) -> bool:
@@ -81,49 +90,12 @@ def _on_median(foot: NDArray[np.float64], yaw: float, carriageway: Geometry) -> 
     return bool(all(both))
 
 
-def _add_post_top(assembly: Assembly, foot: NDArray[np.float64], height: float) -> None:
-    part = assembly.new_part()
-    pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M - 0.35, 0.08, 0.05)
-    assembly.add(pole, "pole", "metal-painted", part)
-    head = box(foot + [0, 0, height - 0.2], [0.35, 0.35, 0.4])
-    assembly.add(head, "pole", "metal-painted", part)
-
-
-def _add_mast(
-    assembly: Assembly,
-    foot: NDArray[np.float64],
-    height: float,
-    yaws: Sequence[float],
-    reach: float,
-    *,
-    bent: bool,
-) -> None:
-    """Add a mast whose lights hang ``reach`` away from it; the highest point is ``height``."""
-    part = assembly.new_part()
-    shaft = height - 0.05 if not bent else 0.88 * height
-    pole = columns(foot - [0, 0, BURIED_M], shaft + BURIED_M, 0.09, 0.05)
-    assembly.add(pole, "pole", "metal-painted", part)
-    top = foot + [0, 0, height]
-    for yaw in yaws:
-        ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        if bent:  # a quarter of an ellipse
-            turn = np.radians([0.0, 30.0, 60.0, 90.0])[:, None]
-            rise = 0.12 * height - 0.06
-            curve = foot + [0, 0, shaft - 0.02] + reach * (1 - np.cos(turn)) * ahead
-            curve = curve + rise * np.sin(turn) * [0, 0, 1]
-            arm = rods(curve[:-1], curve[1:], 0.045, 0.04, 6)
-        else:
-            arm = rods([top - [0, 0, 0.09]], [top + reach * ahead - [0, 0, 0.06]], 0.045, 0.03, 6)
-        assembly.add(arm, "pole", "metal-painted", part)
-        head = box(top + (reach + 0.2) * ahead - [0, 0, 0.06], [0.6, 0.25, 0.12], yaw)
-        assembly.add(head, "pole", "metal-painted", part)
-
-
 def add_wall_lamps(
     assembly: Assembly,
     lamps: Sequence[OsmFeature],
     buildings: Sequence[Geometry],
     ground_height: GroundHeight,
+    objects: Catalogue,
 ) -> int:
     """Add lamps on brackets at the walls beside which they are mapped; return how many."""
     walls = shapely.STRtree([b.boundary for b in buildings])
@@ -142,16 +114,9 @@ def add_wall_lamps(
         if np.hypot(*out) < 1e-3:
             continue
         out = (-out if inside else out) / np.hypot(*out)
-        height = min(max(length_m_of(lamps[k].tags.get("height")) or WALL_M, 2.0), 20.0)
-        ahead = np.array([out[0], out[1], 0.0])
-        start = np.array([at.x, at.y, feet[k, 2] + height - 0.15]) - 0.1 * ahead
-        part = assembly.new_part()
-        arm = rods([start], [start + (BRACKET_M + 0.1) * ahead], 0.03, 0.03, 6)
-        assembly.add(arm, "pole", "metal-painted", part)
-        head = box(
-            start + (BRACKET_M + 0.2) * ahead, [0.45, 0.25, 0.3], float(np.arctan2(out[1], out[0]))
-        )
-        assembly.add(head, "pole", "metal-painted", part)
+        pieces = objects["lamp on a wall"].pieces(lamps[k].tags)
+        yaw = float(np.arctan2(out[1], out[0]))
+        add_pieces(assembly, pieces, np.array([at.x, at.y, feet[k, 2]]), yaw)
     return len(number)
 
 

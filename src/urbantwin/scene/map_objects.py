@@ -15,6 +15,7 @@ from urbantwin.progress import Progress, untold
 from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.bridge import Decks, bridge_decks, bridge_mesh
+from urbantwin.scene.catalogue import Catalogue
 from urbantwin.scene.furniture import furniture_mesh
 from urbantwin.scene.pole import pole_mesh
 from urbantwin.scene.rail import rail_mesh
@@ -44,6 +45,7 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
     lane_decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
     leave_out: Sequence[str] = (),
+    objects: Catalogue | None = None,
     tell: Progress = untold,
 ) -> dict[str, Built]:
     """Return signals, poles, trees, barriers, furniture, bridges, tracks, wires and piers.
@@ -58,6 +60,7 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
         lane_decks: decks of the lane model in plan.
         deck_height: heights of the uppermost of them, else of the ground.
         leave_out: subjects that are not built.
+        objects: street objects; those of the package if not given.
         tell: called with the share done (0..1) and the current task.
 
     Returns:
@@ -94,10 +97,12 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
         "signals": lambda: signal_mesh(
             inside, ground_height=ground_height, carriageway=carriageway
         ),
-        "poles": lambda: built(pole_mesh, other, decks=over, deck_height=deck_height),
+        "poles": lambda: built(
+            pole_mesh, other, decks=over, deck_height=deck_height, objects=objects
+        ),
         "trees": lambda: built(tree_mesh, trees, decks=over),
         "barriers": lambda: built(barrier_mesh, other),
-        "furniture": lambda: built(furniture_mesh, other),
+        "furniture": lambda: built(furniture_mesh, other, objects=objects),
         "bridges": bridges,
         "tracks": lambda: built(rail_mesh, other, ride_height=rides),
         "wires": lambda: built(wire_mesh, other, ride_height=rides),

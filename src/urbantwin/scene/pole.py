@@ -1,9 +1,10 @@
-"""Poles: street lamps, utility poles, traffic signs, bus stops, bollards."""
+"""Poles: street lamps, utility poles, bus stops, bollards, and traffic signs with their plates."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from shapely import Geometry, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.catalogue import Catalogue, street_objects
 from urbantwin.scene.lamp import add_lamps, add_wall_lamps, seeded_lamps
+from urbantwin.scene.piece import add_pieces
 from urbantwin.scene.placement import (
     along_nearest,
     beside_carriageway,
@@ -19,13 +22,103 @@ from urbantwin.scene.placement import (
     on_ground,
     toward_carriageway,
 )
-from urbantwin.scene.sign_plate import add_plates, stack_m
-from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
-from urbantwin.scene.tag_values import length_m_of, yaw_of_direction
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, sweep
+from urbantwin.scene.tag_values import count_of, length_m_of, yaw_of_direction
 from urbantwin.site.corrections import REMOVED
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["bollards", "pole_mesh"]
+__all__ = ["pole_mesh"]
+
+#: Sizes of urban streets (VwV-StVO size 2, MUTCD table 2B-1 rounded), metres.
+DISC_M, OCTAGON_M, TRIANGLE_M, BOARD_M = 0.6, 0.75, 0.9, (0.6, 0.35)
+HEIGHTS_M = {
+    "disc": DISC_M,
+    "octagon": OCTAGON_M,
+    "up": 0.87 * TRIANGLE_M,
+    "down": 0.87 * TRIANGLE_M,
+    "board": BOARD_M[1],
+}
+MOST, GAP_M = 4, 0.03
+#: No plate hangs lower than this, whatever the mapped height of its post.
+LOWEST_M = 1.5
+
+
+def add_plates(
+    assembly: Assembly,
+    foot: NDArray[np.float64],
+    tags: Mapping[str, str],
+    part: int,
+    yaw: float,
+    top: float,
+    off: float,
+) -> None:
+    """Add the plates of ``traffic_sign``, ``traffic_sign:2``, ... to a pole.
+
+    Args:
+        assembly: where to.
+        foot: (3,) the pole's, on the ground.
+        tags: the node's.
+        part: number of the pole's part.
+        yaw: where the plates look, radians.
+        top: height of the upper edge of the first, metres.
+        off: how far they are from the pole's axis, metres.
+    """
+    ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    for number, said in enumerate(_signs(tags)):
+        shape = _shape(said, number)
+        tall = HEIGHTS_M[shape]
+        if number and top - tall < LOWEST_M:
+            return
+        middle = foot + [0, 0, top - tall / 2] + off * ahead
+        assembly.add(_plate(shape, middle, ahead, yaw), "traffic-sign", "retroreflector", part)
+        top -= tall + GAP_M
+
+
+def stack_m(tags: Mapping[str, str]) -> float:
+    """Return how high all plates of a node are together, metres."""
+    shapes = [_shape(said, number) for number, said in enumerate(_signs(tags))]
+    return sum(HEIGHTS_M[shape] + GAP_M for shape in shapes)
+
+
+def _signs(tags: Mapping[str, str]) -> list[str]:
+    """Return what the plates say, the uppermost first."""
+    first = re.split(r"[;,](?![^\[]*\])", tags.get("traffic_sign", ""))
+    further = [tags[key] for key in sorted(tags) if re.fullmatch(r"traffic_sign:\d", key)]
+    return [said for said in (*first, *further) if said][:MOST] or ["sign"]
+
+
+def _shape(said: str, number: int) -> str:
+    """Return a plate's shape; without a word for it discs, and boards under the first."""
+    word = said.lower().split(":")[-1]
+    if word in ("stop", "206", "r1-1") and not number:
+        return "octagon"
+    if word in ("give_way", "yield", "205", "r1-2"):
+        return "down"
+    if word in ("hazard", "warning") or re.fullmatch(r"1\d\d(\D.*)?", word):
+        return "up"  # Vienna Convention numbering of DE, FI, AT and others: 1xx are warnings
+    if word in ("city_limit", "maxspeed", "overtaking"):
+        return "board" if word == "city_limit" else "disc"
+    if re.fullmatch(r"([3-9]\d\d|10\d\d).*", word) and (number or not word.startswith("3")):
+        return "board"
+    return "board" if number and count_of(word) is None and ":" not in said else "disc"
+
+
+def _plate(
+    shape: str, middle: NDArray[np.float64], ahead: NDArray[np.float64], yaw: float
+) -> Solid:
+    if shape == "board":
+        return box(middle, [0.02, *BOARD_M], yaw)
+    corners, first, radius = {
+        "disc": (12, 15.0, DISC_M / 2),
+        "octagon": (8, 22.5, OCTAGON_M / 2),
+        "up": (3, 90.0, TRIANGLE_M / 3**0.5),
+        "down": (3, -90.0, TRIANGLE_M / 3**0.5),
+    }[shape]
+    angle = np.radians(first + np.arange(corners) * 360.0 / corners)
+    outline = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    # Seen along the path the outline must run counter-clockwise: left is to the left.
+    return sweep([middle - 0.01 * ahead, middle + 0.01 * ahead], -outline * [1, -1])
+
 
 #: Poles stand this far from carriageways and reach this far into the ground, metres.
 KERB_M = 0.4
@@ -42,6 +135,14 @@ POWER_LINES = ("line", "minor_line")
 HUNG_LAMPS = ("wall", "wall_mounted", "ceiling", "ground", "bollard")
 #: Lamps on wires are drawn by ``wire_mesh``.
 ON_WIRES = ("suspended", "catenary")
+#: Poles by what counts call them, and the street objects that they are.
+POLES = {
+    "bus stops": "bus stop",
+    "bollards": "bollard",
+    "utility poles": "utility pole",
+    "other poles": "other pole",
+}
+KINDS = ("street lamps", "bus stops", "bollards", "utility poles", "traffic signs", "other poles")
 
 
 def pole_mesh(
@@ -53,6 +154,7 @@ def pole_mesh(
     without: Geometry | None = None,
     decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
+    objects: Catalogue | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build poles and what they carry, except traffic signals (``signal_pole``).
 
@@ -67,23 +169,25 @@ def pole_mesh(
         without: where imported geometry has the poles.
         decks: decks over the ground in plan: mapped lamps and signs stand on them.
         deck_height: heights of decks, else of the ground.
+        objects: street objects; those of the package if not given.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
-    kinds: dict[str, list[OsmFeature]] = {name: [] for name in (*_KINDS, HUNG)}
-    for feature in not_imported([f for f in features if _kind(f.tags)], without):
-        name = _kind(feature.tags)
+    known = objects or street_objects()
+    kinds: dict[str, list[OsmFeature]] = {name: [] for name in (*KINDS, HUNG)}
+    for feature in not_imported([f for f in features if _kind(f.tags, known)], without):
+        name = _kind(feature.tags, known)
         if name and isinstance(feature.geometry, Point) and region.covers(feature.geometry):
-            kinds[name].append(feature)
+            kinds.setdefault(name, []).append(feature)
     houses = [
         f.geometry for f in features
         if "building" in f.tags and f.geometry.geom_type.endswith("Polygon")
     ]  # fmt: skip
     hung = kinds.pop(HUNG)
-    notes["lamps on walls"] = add_wall_lamps(assembly, hung, houses, ground_height)
+    notes["lamps on walls"] = add_wall_lamps(assembly, hung, houses, ground_height, known)
     notes[HUNG] = len(hung) - notes["lamps on walls"]
     for name, found in kinds.items():
         if not found:
@@ -103,17 +207,7 @@ def pole_mesh(
         tags = [f.tags for f, kept in zip(found, keep, strict=True) if kept]
         first = assembly.parts + 1
         road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
-        if name == "street lamps":
-            add_lamps(assembly, feet, tags, carriageway)
-        else:
-            toward = road
-            if name == "utility poles":
-                lines = [f.geometry for f in features if f.tags.get("power") in POWER_LINES]
-                along = along_nearest(feet[:, :2], lines, farthest_m=2.0)
-                toward = np.where(np.isfinite(along), along + np.pi / 2, toward)
-            adder = _KINDS[name]
-            assert adder is not None
-            adder(assembly, feet, tags, toward)
+        _add_kind(assembly, name, feet, tags, features, carriageway, known)
         signs = [k for k, own in enumerate(tags) if _carries_signs(name, own)]
         for k in signs:
             add_plates(assembly, feet[k], tags[k], first + k, _facing(tags[k], road[k]), 2.9, 0.13)
@@ -126,19 +220,12 @@ def pole_mesh(
     lamps = seeded_lamps(features, region, carriageway, taken)
     if len(lamps):
         feet = on_ground(lamps, ground_height(lamps))
-        add_lamps(assembly, feet, [{}] * len(feet), carriageway)
+        add_lamps(assembly, feet, [{}] * len(feet), carriageway, known)
         notes["street lamps seeded where lit=yes"] = len(lamps)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 
-def bollards(assembly: Assembly, feet: NDArray[np.float64], heights: NDArray[np.float64]) -> None:
-    """Add bollards (N,) on (N, 3) points of the ground."""
-    parts = np.repeat([assembly.new_part() for _ in feet], 2 * 8 + 2 * 6)
-    solid = columns(feet - [0, 0, BURIED_M], heights + BURIED_M, 0.08, 0.07)
-    assembly.add(solid, "pole", "metal-painted", parts)
-
-
-def _kind(tags: dict[str, str]) -> str | None:
+def _kind(tags: dict[str, str], known: Catalogue) -> str | None:
     """Return the name of what a node's tags say stands there."""
     if REMOVED in tags:
         return None
@@ -155,7 +242,10 @@ def _kind(tags: dict[str, str]) -> str | None:
         "other poles": man_made in ("pole", "flagpole", "mast")
         or tags.get("power") == "catenary_mast",
     }
-    return next((name for name, holds in tests.items() if holds), None)
+    found = next((name for name, holds in tests.items() if holds), None)
+    if found not in (HUNG, "street lamps") and (own := known.of(tags, "pole")):
+        return own.counted
+    return found
 
 
 def _carries_signs(name: str, tags: dict[str, str]) -> bool:
@@ -168,27 +258,31 @@ def _facing(tags: dict[str, str], toward: float) -> float:
     return float(np.nan_to_num(toward)) + np.pi / 2 if said is None else said
 
 
-def _heights(
-    tags: Sequence[dict[str, str]], default: float, low: float, high: float
-) -> NDArray[np.float64]:
-    """Return mapped heights, kept within what such a pole can have."""
-    mapped = [length_m_of(t.get("height")) or default for t in tags]
-    return np.asarray(np.clip(mapped, low, high), np.float64)
-
-
-def _add_utility_poles(
+def _add_kind(
     assembly: Assembly,
+    name: str,
     feet: NDArray[np.float64],
     tags: Sequence[dict[str, str]],
-    road: NDArray[np.float64],
+    features: Sequence[OsmFeature],
+    carriageway: Geometry,
+    known: Catalogue,
 ) -> None:
-    heights = _heights(tags, 9.0, 3.0, 30.0)
-    for foot, height, yaw in zip(feet, heights, np.nan_to_num(road), strict=True):
-        part = assembly.new_part()
-        pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.14, 0.10)
-        assembly.add(pole, "pole", "wood", part)
-        arm = box(foot + [0, 0, height - 0.5], [1.8, 0.1, 0.12], yaw)
-        assembly.add(arm, "pole", "wood", part)
+    """Add poles of one kind at (N, 3) points of the ground."""
+    road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
+    if name == "street lamps":
+        add_lamps(assembly, feet, tags, carriageway, known)
+        return
+    if name == "traffic signs":
+        _add_signs(assembly, feet, tags, road)
+        return
+    if name == "utility poles":
+        lines = [f.geometry for f in features if f.tags.get("power") in POWER_LINES]
+        along = along_nearest(feet[:, :2], lines, farthest_m=2.0)
+        road = np.where(np.isfinite(along), along + np.pi / 2, road)
+    for foot, own, yaw in zip(feet, tags, np.nan_to_num(road).tolist(), strict=True):
+        kind = known[POLES[name]] if name in POLES else known.of(own, "pole")
+        assert kind is not None
+        add_pieces(assembly, kind.pieces(own), foot, yaw)
 
 
 def _add_signs(
@@ -199,57 +293,9 @@ def _add_signs(
 ) -> None:
     """Add signs: plates that face their mapped direction, else along the road beside them."""
     for foot, own, yaw in zip(feet, tags, road, strict=True):
-        height = _heights([own], max(2.6, CLEAR_M + stack_m(own)), 1.0, 6.0)[0]
+        usual = max(2.6, CLEAR_M + stack_m(own))
+        height = min(max(length_m_of(own.get("height")) or usual, 1.0), 6.0)
         part = assembly.new_part()
         pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.035, 0.035)
         assembly.add(pole, "pole", "metal-painted", part)
         add_plates(assembly, foot, own, part, _facing(own, float(yaw)), height, 0.05)
-
-
-def _add_bus_stops(
-    assembly: Assembly,
-    feet: NDArray[np.float64],
-    tags: Sequence[dict[str, str]],
-    road: NDArray[np.float64],
-) -> None:
-    for foot, height, yaw in zip(
-        feet, _heights(tags, 2.7, 2.0, 5.0), np.nan_to_num(road), strict=True
-    ):
-        part = assembly.new_part()
-        pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.04, 0.04)
-        assembly.add(pole, "pole", "metal-painted", part)
-        plate = box(foot + [0, 0, height - 0.3], [0.45, 0.03, 0.6], yaw)
-        assembly.add(plate, "traffic-sign", "metal-painted", part)
-
-
-def _add_bollards(
-    assembly: Assembly,
-    feet: NDArray[np.float64],
-    tags: Sequence[dict[str, str]],
-    _road: NDArray[np.float64],
-) -> None:
-    bollards(assembly, feet, _heights(tags, 0.9, 0.3, 1.5))
-
-
-def _add_other_poles(
-    assembly: Assembly,
-    feet: NDArray[np.float64],
-    tags: Sequence[dict[str, str]],
-    _road: NDArray[np.float64],
-) -> None:
-    for foot, height in zip(feet, _heights(tags, 5.0, 1.0, 40.0), strict=True):
-        pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.07, 0.05)
-        assembly.add(pole, "pole", "metal-painted", assembly.new_part())
-
-
-Adder = Callable[
-    [Assembly, NDArray[np.float64], Sequence[dict[str, str]], NDArray[np.float64]], None
-]
-_KINDS: dict[str, Adder | None] = {
-    "street lamps": None,
-    "bus stops": _add_bus_stops,
-    "bollards": _add_bollards,
-    "utility poles": _add_utility_poles,
-    "traffic signs": _add_signs,
-    "other poles": _add_other_poles,
-}

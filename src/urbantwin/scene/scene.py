@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,23 +16,123 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
-from urbantwin.scene.bending_ground import bending_ground
 from urbantwin.scene.building import building_mesh
+from urbantwin.scene.catalogue import street_objects
 from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.corrections import added_things, without_barriers, without_things
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
-from urbantwin.scene.measured_curb import with_measured_curbs
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.swept_lanes import SweptLanes
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
-from urbantwin.scene.zones import ground_zones
+from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import Clutter, OsmFeature
 from urbantwin.site.corrections import Correction, Outcome
 
-__all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
+__all__ = ["FIRST_OBJECT", "Scene", "build_scene", "with_measured_curbs"]
+
+#: Sizes of cells, each half of the one before, metres; and how far the ground may leave the plane
+#: of a cell's corners before it is halved.
+_CELLS_M = (4.0, 2.0, 1.0, 0.5, 0.25)
+_OFF_M = 0.008
+
+
+def bending_ground(elevation: Elevation, measured: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the corners (N, 2) of cells that are as small as the ground asks for.
+
+    Cells of 4 m are halved, down to the grid of the heights, while the ground in them is more than
+    8 mm off what its corners say.
+
+    Args:
+        elevation: the ground.
+        measured: where it is finely known; elsewhere nothing is returned.
+    """
+    if measured.is_empty:
+        return np.zeros((0, 2))
+    shapely.prepare(measured)
+    west, south, east, north = measured.bounds
+    first = np.floor(np.array([west, south]) / _CELLS_M[0]).astype(int)
+    last = np.ceil(np.array([east, north]) / _CELLS_M[0]).astype(int)
+    grid = np.stack(np.meshgrid(*map(np.arange, first, last)), axis=-1).reshape(-1, 2)
+    corner = grid * _CELLS_M[0]
+    found = []
+    for size in _CELLS_M:
+        middle = corner + size / 2
+        near = shapely.dwithin(measured, shapely.points(middle), size * 0.75)
+        corner = corner[near]
+        if size < elevation.step or not len(corner):
+            break
+        found.append(_corners(corner, size).reshape(-1, 2))
+        bent = corner[_off(elevation, corner, size) > _OFF_M]
+        corner = _corners(bent, size / 2).reshape(-1, 2)
+    points = np.unique(np.round(np.concatenate(found), 3), axis=0)
+    inside: NDArray[np.float64] = points[shapely.contains_xy(measured, points[:, 0], points[:, 1])]
+    return inside
+
+
+def _corners(corner: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    """Return the corners (N, 4, 2) of cells by their lowest one."""
+    return np.asarray(corner[:, None] + size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]))
+
+
+def _off(elevation: Elevation, corner: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    """Return how far (N,) the ground in cells is off what their corners say, metres."""
+    share = np.linspace(0, 1, max(3, round(size / elevation.step) + 1))
+    u, v = (grid.ravel() for grid in np.meshgrid(share, share))
+    weight = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+    at_corners = elevation.raw_at(_corners(corner, size).reshape(-1, 2)).reshape(-1, 4)
+    inner = corner[:, None] + size * np.column_stack([u, v])
+    there = elevation.raw_at(inner.reshape(-1, 2)).reshape(len(corner), -1)
+    return np.asarray(np.abs(there - at_corners @ weight).max(axis=1))
+
+
+#: Heights are compared so far apart, metres, and at so many places at least.
+_STEP_M, _FEWEST = 0.5, 20
+#: No curb is lower or higher, metres.
+_LOWEST_M, _HIGHEST_M = 0.01, 0.3
+
+_Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def with_measured_curbs(
+    zones: Sequence[Zone],
+    measured: shapely.Geometry,
+    road_height: _Heights,
+    ground_height: _Heights,
+) -> list[Zone]:
+    """Return zones whose raised pieces are as high above the carriageway as they were measured.
+
+    The median over each piece of what was measured above the road's height beside it; pieces that
+    were not measured keep the usual curb.
+
+    Args:
+        zones: what lies where.
+        measured: where the ground was measured from close by.
+        road_height: of the carriageway and, beside it, of its surface led on, at (N, 2) points.
+        ground_height: of what was measured, at (N, 2) points.
+    """
+    found: list[Zone] = []
+    shapely.prepare(measured)
+    for zone in zones:
+        if not zone.step or not shapely.intersects(measured, zone.area):
+            found.append(zone)
+            continue
+        for piece in shapely.get_parts(zone.area):
+            low, high = np.reshape(piece.bounds, (2, 2))
+            axes = [np.arange(a + _STEP_M / 2, b, _STEP_M) for a, b in zip(low, high, strict=True)]
+            at = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+            at = at[shapely.contains_xy(piece, *at.T)]
+            at = at[shapely.contains_xy(measured, *at.T)]
+            above = ground_height(at) - road_height(at) if len(at) else np.zeros(0)
+            above = above[np.isfinite(above)]
+            step = None
+            if len(above) >= _FEWEST:
+                step = float(np.clip(np.median(above), _LOWEST_M, _HIGHEST_M))
+            found.append(replace(zone, area=piece, measured_step_m=step))
+    return found
+
 
 #: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
 FIRST_OBJECT = 16
@@ -83,6 +183,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     clutter: Clutter = "mapped",
     sensors: Sequence[tuple[float, float]] = (),
     corrections: Sequence[Correction] = (),
+    own_objects: Path | None = None,
     tell: Progress = untold,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
@@ -101,6 +202,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             ``typical`` where the map is silent, or ``none``.
         sensors: east and north of sensors, around which nothing is assumed, metres.
         corrections: what a person added and removed; those of other kinds are left alone.
+        own_objects: a person's own street objects, see ``docs/street_objects.md``.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
@@ -165,6 +267,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             lane_decks=deck_area(network),
             deck_height=deck_heights,
             leave_out=("barriers", "furniture") if clutter == "none" else (),
+            objects=street_objects(own_objects),
             tell=between(tell, BUILDINGS, 0.95, "furniture"),
         ),
     }

@@ -34,6 +34,9 @@ from urbantwin.site.yaml_document import Document, must_exist, read_document, wr
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
+#: The file of a person's own street objects, beside the site.
+STREET_OBJECTS = "street_objects.yaml"
+
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 
 
@@ -127,6 +130,7 @@ class _SiteFile(_Strict):
     sketch: _File | None = None
     dem: _File | None = None
     corrections: _File | None = None
+    street_objects: _File | None = None
     buildings: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
@@ -175,6 +179,7 @@ class Site:
         clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
         sketch: a sketch by hand that stands for the extract.
         corrections: what a person corrected of the map and the twin.
+        street_objects: kinds of street objects that a person described.
         buildings: footprints with heights, which complete those of the extract.
     """
 
@@ -200,6 +205,7 @@ class Site:
     clutter: Clutter = "typical"
     sketch: InputFile | None = None
     corrections: InputFile | None = None
+    street_objects: InputFile | None = None
     buildings: InputFile | None = None
 
     @cached_property
@@ -227,6 +233,7 @@ class Site:
             ("sketch", self.sketch),
             ("dem", self.dem),
             ("corrections", self.corrections),
+            ("street_objects", self.street_objects),
             ("buildings", self.buildings),
         ):
             if item:
@@ -293,7 +300,7 @@ class Site:
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
         maps = (self.osm, self.sketch, self.roads, self.dem, self.buildings, self.corrections)
-        given = (*maps, *self.geometry, *self.imagery)
+        given = (*maps, self.street_objects, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
@@ -305,6 +312,7 @@ class Site:
             ("roads", self.roads),
             ("dem", self.dem),
             ("corrections", self.corrections),
+            ("street_objects", self.street_objects),
             ("buildings", self.buildings),
         )
         sources = [
@@ -383,7 +391,7 @@ def load_site(path: Path) -> Site:
     dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
     if dem:
         check_dem(dem.path, frame, region)
-    corrections = _corrections(document, raw)
+    corrections = _beside(document, raw, "corrections", CORRECTIONS, "corrections as GeoJSON")
     if corrections:
         read_corrections(corrections.path, frame, region)
     buildings = None
@@ -426,6 +434,9 @@ def load_site(path: Path) -> Site:
         clutter=raw.scene.clutter,
         sketch=sketch,
         corrections=corrections,
+        street_objects=_beside(
+            document, raw, "street_objects", STREET_OBJECTS, "street objects as YAML"
+        ),
         buildings=buildings,
     )
 
@@ -478,14 +489,17 @@ def _region(
     return polygon_in_site(lonlat, frame, file=file, place=place), ring
 
 
-def _corrections(document: Document, raw: _SiteFile) -> InputFile | None:
-    """Return the file of corrections: the one that is named, else the one beside the site."""
-    if raw.corrections is not None:
-        return _input_file(document, "corrections", raw.corrections, "corrections as GeoJSON")
-    beside = document.file.parent / CORRECTIONS
-    if "corrections" in raw.model_fields_set or not beside.is_file():
+def _beside(
+    document: Document, raw: _SiteFile, field: str, name: str, kind: str
+) -> InputFile | None:
+    """Return the file that a field names, else the one of a usual name beside the site."""
+    given = getattr(raw, field)
+    if given is not None:
+        return _input_file(document, field, given, kind)
+    beside = document.file.parent / name
+    if field in raw.model_fields_set or not beside.is_file():
         return None
-    terms = _File(file=CORRECTIONS)
+    terms = _File(file=name)
     return InputFile(beside, terms.licence, terms.attribution)
 
 

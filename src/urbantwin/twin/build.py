@@ -175,6 +175,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             clutter=site.clutter,
             sensors=[(east, north) for _, east, north in site.rig.standing()],
             corrections=corrections.of_scene,
+            own_objects=site.street_objects.path if site.street_objects else None,
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")

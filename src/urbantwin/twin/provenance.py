@@ -44,6 +44,7 @@ def made_from(
             ("sketch", site.sketch),
             ("dem", site.dem),
             ("corrections", site.corrections),
+            ("street_objects", site.street_objects),
             ("buildings", site.buildings),
             ("roads", site.roads),
         )

@@ -26,7 +26,7 @@ _SENSOR_FILES = (".yaml", ".yml", ".json", ".csv", ".npz")
 _NAMING = (
     *(
         f"{name}{field}"
-        for name in ("osm", "sketch", "dem", "buildings", "roads", "corrections")
+        for name in ("osm", "sketch", "dem", "buildings", "roads", "corrections", "street_objects")
         for field in ("", ".file")
     ),
     "region.polygon",

@@ -1,4 +1,4 @@
-"""Linear barriers: walls, fences, guard rails, kerb stones, hedges."""
+"""Barriers along lines: walls, fences, guard rails, kerb stones, hedges."""
 
 from __future__ import annotations
 
@@ -15,16 +15,79 @@ from shapely import Geometry, LineString, Point, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.barrier import fence
 from urbantwin.scene.barrier.form import Form, form_of
-from urbantwin.scene.barrier.gate import Opening, add_openings, opening_of
-from urbantwin.scene.barrier.guard_rail import concrete_barrier, w_beam
-from urbantwin.scene.barrier.point import add_point_barriers
+from urbantwin.scene.barrier.gate import Opening, add_openings, add_point_barriers, opening_of
+from urbantwin.scene.catalogue import street_objects
+from urbantwin.scene.piece import add_pieces
 from urbantwin.scene.placement import not_imported, on_ground
-from urbantwin.scene.pole import bollards
-from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, sweep
 from urbantwin.scene.tree.shrub import hedge, leafy_hedge
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["barrier_mesh"]
+
+#: A W-beam is 310 mm high and 81 mm deep (EN 1317 profile A, AASHTO M 180).
+BEAM_M, DEPTH_M = 0.31, 0.081
+POST_M = (0.06, 0.12)
+GUARD_RAIL_BURIED_M = 0.3
+
+
+def w_beam(
+    path: NDArray[np.float64], height: float, carriageway: Geometry, *, closed: bool
+) -> list[Solid]:
+    """Return a guard rail along (N, 3) points of the ground: the beam's two waves and its posts.
+
+    The beam is on the side of the nearest carriageway.
+
+    Args:
+        path: its posts' feet.
+        height: of the beam's upper edge, metres.
+        carriageway: where traffic is.
+        closed: whether the path is a ring.
+    """
+    side = _traffic_side(path, carriageway)
+    face = POST_M[0] / 2
+    low = height - BEAM_M
+    half = BEAM_M / 2
+    waves = []
+    for foot in (low, low + half):
+        out = np.array([(face, 0.0), (face + DEPTH_M, 0.3), (face + DEPTH_M, 0.7), (face, 1.0)])
+        profile = np.column_stack([-out[:, 0], foot + half * out[:, 1]])
+        if side > 0:  # the mirror image, counter-clockwise again
+            profile = (profile * [-1, 1])[::-1]
+        waves.append(sweep(path, profile, closed=closed))
+    tall = height - 0.02 + GUARD_RAIL_BURIED_M
+    way = np.roll(path, -1, axis=0) - path
+    if not closed:
+        way[-1] = path[-1] - path[-2]
+    yaw = np.arctan2(way[:, 1], way[:, 0])
+    centre = path + [0, 0, tall / 2 - GUARD_RAIL_BURIED_M]
+    posts = box(centre, np.full((len(path), 3), [POST_M[1], POST_M[0], tall]), yaw)
+    return [*waves, posts]
+
+
+def _traffic_side(path: NDArray[np.float64], carriageway: Geometry) -> float:
+    """Return 1 if traffic is to the left of a path, else -1."""
+    if carriageway.is_empty:
+        return -1.0
+    middle = path[:-1, :2] + np.diff(path[:, :2], axis=0) / 2
+    way = np.diff(path[:, :2], axis=0)
+    left = np.column_stack([-way[:, 1], way[:, 0]])
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
+    far = [
+        shapely.distance(carriageway, shapely.points(middle + sign * 0.5 * left)).sum()
+        for sign in (1, -1)
+    ]
+    return 1.0 if far[0] < far[1] else -1.0
+
+
+def concrete_barrier(
+    path: NDArray[np.float64], thickness: float, height: float, *, closed: bool
+) -> Solid:
+    """Return a New Jersey profile: a foot, a steep slope above it, and an upright stem."""
+    steps = [(0.5, -0.1), (0.5, 0.1), (0.22, 0.35), (0.13, 1.0)]
+    right = np.array([(-share * thickness, up * height) for share, up in steps])
+    return sweep(path, np.concatenate([right, right[::-1] * [-1, 1]]), closed=closed)
+
 
 #: Barriers are cut this far from carriageways, metres.
 KERB_M = 0.25
@@ -162,7 +225,9 @@ def _add_line(
         spots = line.interpolate((np.arange(count) + 0.5) / count, normalized=True)
         xy = shapely.get_coordinates(spots)
         feet = on_ground(xy, site.ground_height(xy))
-        bollards(assembly, feet, np.full(count, form.height_m))
+        bollard = street_objects()["bollard"].pieces({"height": str(form.height_m)})
+        for foot in feet:
+            add_pieces(assembly, bollard, foot, 0.0)
         return
     xy = shapely.get_coordinates(line)
     closed = len(xy) > 3 and bool(np.allclose(xy[0], xy[-1]))

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import area_difference, area_intersection, area_union, areas_of, grown
 from urbantwin.scene.building_outline import building_footprints
-from urbantwin.scene.clutter.car_park import car_park_features
-from urbantwin.scene.clutter.enclosure import Kept, enclosure_features, tracks_of
+from urbantwin.scene.clutter.enclosure import Kept, car_park_features, enclosure_features, tracks_of
 from urbantwin.scene.clutter.greenery import Land, greenery_features
 from urbantwin.scene.clutter.kerbside import STREETS, Footway, kerbside_features
 from urbantwin.scene.clutter.plot import Ground, plot_features

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 
 from urbantwin.geometry import area_difference, area_intersection, area_union, grown
+from urbantwin.scene.clutter.practice import rows_of
 from urbantwin.scene.clutter.scatter import cell_draws, planted, scattered
-from urbantwin.scene.clutter.table import rows_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Land", "greenery_features", "shrub_tags", "tree_clumps"]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from urbantwin.scene.clutter.greenery import tree_clumps
 from urbantwin.scene.clutter.kerbside import BESIDE_M, CLEAR_M, is_business, streets_of
+from urbantwin.scene.clutter.practice import rows_of
 from urbantwin.scene.clutter.scatter import planted
-from urbantwin.scene.clutter.table import rows_of
 from urbantwin.scene.tree.genus import genus_of
 from urbantwin.site.extract import OsmFeature
 

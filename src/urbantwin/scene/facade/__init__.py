@@ -1,10 +1,8 @@
 """Facades: walls visible from the road, with windows and doors set back in them."""
 
-from urbantwin.scene.facade.door import Door, mapped_doors
-from urbantwin.scene.facade.front import Front
 from urbantwin.scene.facade.layout import facade_openings
-from urbantwin.scene.facade.style import mapped_shops
-from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
+from urbantwin.scene.facade.style import Door, mapped_doors, mapped_shops
+from urbantwin.scene.facade.wall import Front, Opening, Wall, WallMesh, wall_mesh
 
 __all__ = [
     "Door",

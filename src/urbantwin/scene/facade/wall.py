@@ -1,4 +1,4 @@
-"""A wall with openings that are set back in it."""
+"""Walls of a building with openings that are set back in them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import Geometry, Polygon
 
-from urbantwin.scene.face import WALL
+from urbantwin.scene.building_outline import MappedBuilding
+from urbantwin.scene.building_volume import Volume
 
-__all__ = ["Opening", "Wall", "WallMesh", "wall_mesh"]
+__all__ = [
+    "DOOR",
+    "FLOOR",
+    "GLASS",
+    "ROOF",
+    "WALL",
+    "Front",
+    "Opening",
+    "Wall",
+    "WallMesh",
+    "wall_mesh",
+]
+
+#: Undersides, walls, roofs, window panes, doors.
+FLOOR, WALL, ROOF, GLASS, DOOR = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,3 +167,22 @@ def _around(
     points[clockwise] = points[clockwise][:, ::-1]
     numbers = [index[s, z] for s, z in points.reshape(-1, 2).tolist()]
     return np.array(numbers, np.int64).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """A building's walls, with what the map says of the bodies that they are of.
+
+    Attributes:
+        building: the building.
+        volumes: of each body that ``Wall.body`` counts.
+        walls: its walls.
+        plan: its whole footprint.
+        datum: height of its lowest ground, metres.
+    """
+
+    building: MappedBuilding
+    volumes: Sequence[Volume]
+    walls: Sequence[Wall]
+    plan: Geometry
+    datum: float

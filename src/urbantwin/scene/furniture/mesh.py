@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Point, Polygon, affinity
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.catalogue import Catalogue, StreetObject, street_objects
 from urbantwin.scene.furniture.gantry import add_gantries
-from urbantwin.scene.furniture.monument import add_basin, fountain, monument, monument_kind
-from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import HOUSED, SHELTER_M, cycle_stands, oriented, shelter
 from urbantwin.scene.furniture.steps import add_steps, is_flight
-from urbantwin.scene.furniture.street import STREET
+from urbantwin.scene.piece import Piece, add_pieces, moved
 from urbantwin.scene.placement import (
     along_nearest,
     beside_carriageway,
@@ -25,11 +24,67 @@ from urbantwin.scene.placement import (
     on_ground,
     toward_carriageway,
 )
+from urbantwin.scene.slab import plain_polygons, slab
 from urbantwin.scene.solids import Assembly, GroundHeight
 from urbantwin.scene.tag_values import yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["furniture_mesh"]
+
+#: Basins of fountains that are mapped as areas.
+RIM_M, RIM_HIGH_M, WATER_BELOW_M, BURIED_M = 0.3, 0.45, 0.12, 0.3
+
+
+def monument_kind(tags: Mapping[str, str]) -> str | None:
+    """Return which street object a monument is; ``None`` if its shape is unknown.
+
+    Plaques, paintings and stumbling stones are flat and not drawn.
+    """
+    said = tags.get("artwork_type") or tags.get("memorial") or tags.get("memorial:type", "")
+    said = said.split(";")[0]
+    if tags.get("historic") not in ("memorial", "monument", "wayside_cross", "boundary_stone") and (
+        tags.get("tourism") != "artwork"
+    ):
+        return None
+    known = {
+        "statue": "statue", "bust": "bust", "sculpture": "sculpture", "installation": "sculpture",
+        "architecture": "sculpture", "obelisk": "pillar", "column": "pillar", "stele": "stone",
+        "stone": "stone", "cross": "pillar", "war_memorial": "stone", "vehicle": "sculpture",
+        "totem_pole": "pillar", "fountain": "fountain",
+    }  # fmt: skip
+    if said in known:
+        return known[said]
+    if tags.get("historic") == "monument":
+        return "statue"
+    if tags.get("historic") == "wayside_cross":
+        return "pillar"
+    return "stone" if tags.get("historic") == "boundary_stone" else None
+
+
+def add_basin(assembly: Assembly, area: Polygon, ground_height: GroundHeight) -> bool:
+    """Add the basin of a fountain that is mapped as an area; return whether there is one.
+
+    A rim 0.3 m thick, with the water 0.12 m below its top.
+    """
+    outer = plain_polygons(area.simplify(0.05), smallest_m2=0.5)
+    if not outer:
+        return False
+    ground = ground_height(shapely.get_coordinates(outer))
+    ground = ground[np.isfinite(ground)]
+    level = float(ground.max()) if len(ground) else 0.0
+    low = (float(ground.min()) if len(ground) else 0.0) - BURIED_M
+    part = assembly.new_part()
+    for shape in outer:
+        pools = plain_polygons(shape.buffer(-RIM_M, join_style="mitre"), smallest_m2=0.2)
+        rims = plain_polygons(shapely.difference(shape, shapely.union_all(pools)))
+        for rim in rims:
+            solid = slab(rim, low, level + RIM_HIGH_M)
+            assembly.add(solid, "other-structure", "stone", part)
+        for pool in pools:
+            sheet = slab(pool, low, level + RIM_HIGH_M - WATER_BELOW_M)
+            assembly.add(sheet, "other-ground", "water", part)
+    return True
+
 
 #: Furniture stands this far from carriageways; a mapped piece is moved no farther, metres.
 KERB_M, FARTHEST_M = 0.3, 3.0
@@ -62,6 +117,7 @@ def furniture_mesh(
     ground_height: GroundHeight,
     carriageway: Geometry,
     without: Geometry | None = None,
+    objects: Catalogue | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build the furniture of streets that is not a pole or a barrier.
 
@@ -71,6 +127,7 @@ def furniture_mesh(
         ground_height: heights of the ground.
         carriageway: where nothing may stand; pieces face it unless mapped otherwise.
         without: where imported geometry has the furniture.
+        objects: street objects; those of the package if not given.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per object, and counts of what was built or left out.
@@ -78,9 +135,10 @@ def furniture_mesh(
     notes: Counter[str] = Counter()
     assembly = Assembly()
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
-    mine = not_imported([f for f in features if _is_furniture(f.tags)], without)
+    known = objects or street_objects()
+    mine = not_imported([f for f in features if _is_furniture(f.tags, known)], without)
     taken = [carriageway, *(f.geometry for f in features if "building" in f.tags)]
-    objects = []
+    standing = []
     for feature in mine:
         shape = feature.geometry
         if not region.covers(_middle(shape)) or _is_within_house(feature, taken[1:]):
@@ -88,13 +146,13 @@ def furniture_mesh(
         if feature.tags.get("amenity") == "fountain" and isinstance(shape, Polygon):
             notes["fountains"] += add_basin(assembly, shape, ground_height)
             continue
-        found = _object(feature, taken)
+        found = _object(feature, taken, known)
         if found is None:
             kind = monument_kind(feature.tags)
             notes[SHAPELESS] += kind is None and feature.tags.get("historic") == "memorial"
         elif found.pieces:
-            objects.append(found)
-    _place(assembly, objects, ways, carriageway, ground_height, notes)
+            standing.append(found)
+    _place(assembly, standing, ways, carriageway, ground_height, notes)
     gantries = not_imported([f for f in features if f.tags.get("man_made") == "gantry"], without)
     add_gantries(
         assembly,
@@ -121,14 +179,16 @@ def _middle(shape: Geometry) -> Point:
     return shape if isinstance(shape, Point) else shape.representative_point()
 
 
-def _is_furniture(tags: dict[str, str]) -> bool:
+def _is_furniture(tags: dict[str, str], known: Catalogue) -> bool:
     if any(tags.get(key, "no") != "no" for key in INDOORS) or tags.get("location") in (
         "indoor", "underground", "roof", "rooftop",
     ):  # fmt: skip
         return False
     if "building" in tags or tags.get("layer", "0").startswith("-"):
         return False
-    return _kind(tags) is not None or "historic" in tags or tags.get("tourism") == "artwork"
+    if _shelter_kind(tags) or "historic" in tags or tags.get("tourism") == "artwork":
+        return True
+    return known.of(tags, "furniture") is not None
 
 
 def _is_within_house(feature: OsmFeature, houses: Sequence[Geometry]) -> bool:
@@ -138,23 +198,31 @@ def _is_within_house(feature: OsmFeature, houses: Sequence[Geometry]) -> bool:
     return any(house.dwithin(feature.geometry, KIOSK_FREE_M) for house in houses)
 
 
-def _kind(tags: dict[str, str]) -> str | None:
-    if tags.get("amenity") in ("shelter", "bicycle_parking", "fountain"):
+def _shelter_kind(tags: dict[str, str]) -> str | None:
+    """Return which of what is built for its area a feature is."""
+    if tags.get("amenity") in ("shelter", "bicycle_parking"):
         return tags["amenity"]
     if tags.get("highway") == "bus_stop" and tags.get("shelter") == "yes":
         return "bus_stop"
-    for key, value in STREET:
-        if tags.get(key) == value:
-            return value
     return None
 
 
-def _object(feature: OsmFeature, taken: Sequence[Geometry]) -> _Object | None:
+def _named(tags: dict[str, str], known: Catalogue) -> StreetObject | None:
+    """Return the street object that a feature is."""
+    found = known.of(tags, "furniture")
+    kind = monument_kind(tags) if found is None else None
+    if kind == "fountain":
+        return known.of({**tags, "amenity": "fountain"}, "furniture")
+    return known[kind] if kind else found
+
+
+def _object(feature: OsmFeature, taken: Sequence[Geometry], known: Catalogue) -> _Object | None:
     """Return what a feature is in its own frame; ``None`` where it has no shape.
 
     Args:
         feature: the feature.
         taken: carriageways and houses, which no stand of an area of cycle stands comes into.
+        known: street objects.
     """
     tags, shape = feature.tags, feature.geometry
     fixed = False
@@ -167,7 +235,7 @@ def _object(feature: OsmFeature, taken: Sequence[Geometry]) -> _Object | None:
         ends = shapely.get_coordinates(shape)[[0, -1]]
         x, y, long = middle.x, middle.y, shape.length
         yaw = float(np.arctan2(*(ends[1] - ends[0])[::-1]) + np.pi / 2)
-    kind = _kind(tags)
+    kind = _shelter_kind(tags)
     if kind in ("shelter", "bus_stop"):
         # A shelter for the stop stands behind it, away from the road.
         pieces = shelter(tags, deep or SHELTER_M[0], long or SHELTER_M[1])
@@ -182,17 +250,11 @@ def _object(feature: OsmFeature, taken: Sequence[Geometry]) -> _Object | None:
             free = affinity.rotate(free, -yaw, (0, 0), use_radians=True)
         pieces, fixed = cycle_stands(tags, deep, long, free), free is not None
         name = "cycle parking"
-    elif kind == "fountain":
-        pieces, name = fountain(tags), "fountains"
-    elif kind is not None:
-        name, build = next(STREET[key, value] for key, value in STREET if tags.get(key) == value)
-        pieces = build(tags)
     else:
-        form = monument_kind(tags)
-        if form is None:
+        found = _named(tags, known)
+        if found is None:
             return None
-        pieces = fountain(tags) if form == "fountain" else monument(form, tags)
-        name = "monuments"
+        pieces, name = found.pieces(tags), found.counted
     if isinstance(shape, Point):
         yaw = np.nan
     return _Object(name, float(x), float(y), yaw, pieces, tags.get("direction"), fixed)

@@ -3,8 +3,8 @@
 from urbantwin.scene.ground_material.build import (
     GroundMaterials,
     ground_materials,
+    paint_layers,
     surface_materials,
 )
-from urbantwin.scene.ground_material.paint import paint_layers
 
 __all__ = ["GroundMaterials", "ground_materials", "paint_layers", "surface_materials"]

@@ -1,24 +1,224 @@
-"""Rails, sleepers, ballast and platforms as triangles."""
+"""Rails, ballast and sleepers, and the platforms of stations and stops."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Geometry, Polygon
+from shapely import Geometry, LineString, Polygon
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.number_text import whole_number
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.scene.placement import not_imported
-from urbantwin.scene.rail.platform import add_platforms
-from urbantwin.scene.rail.track import HEAD_M, Track, tracks_of
+from urbantwin.scene.placement import not_imported, on_ground
+from urbantwin.scene.slab import plain_polygons, plan_of, slab
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, sweep
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
+from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["rail_mesh"]
+
+#: Heights above the rails' ground: trains 0.55 m (TSI PRM: 0.55 or 0.76), trams 0.25 m.
+TRAIN_M, TRAM_M = 0.55, 0.25
+#: Width of platforms that are mapped as a line; and clearance beside a track, metres.
+WIDTH_M, TRACK_M, KERB_M = 3.0, 1.35, 0.05
+PLATFORM_BURIED_M, FINE_M = 0.3, 4.0
+NEAR_TRACK_M = 8.0
+
+
+def add_platforms(
+    assembly: Assembly,
+    features: Sequence[OsmFeature],
+    region: Polygon,
+    ground_height: GroundHeight,
+    carriageway: Geometry,
+    buildings: Sequence[Polygon] = (),
+) -> int:
+    """Add the raised platforms of trains and trams; return how many.
+
+    Bus stops without a mapped height are the sidewalk itself and are not drawn; nor is what lies
+    in a building.
+    """
+    tracks: dict[str, list[Geometry]] = {"tram": [], "train": []}
+    for feature in features:
+        if isinstance(feature.geometry, LineString) and _is_open(feature.tags):
+            railway = feature.tags.get("railway", "")
+            if railway in ("tram", "light_rail", "rail", "narrow_gauge", "subway"):
+                tracks["tram" if railway == "tram" else "train"].append(feature.geometry)
+    lines = {kind: shapely.union_all(found) for kind, found in tracks.items()}
+    clear = shapely.union_all([
+        carriageway.buffer(KERB_M),
+        *(line.buffer(TRACK_M) for line in lines.values()),
+        *buildings,
+    ])  # fmt: skip
+    count = 0
+    for feature in features:
+        if not _is_platform(feature.tags):
+            continue
+        height = _height(feature, lines)
+        if height is None:
+            continue
+        area = feature.geometry
+        if isinstance(area, LineString):
+            width = min(max(length_m_of(feature.tags.get("width")) or WIDTH_M, 1.0), 12.0)
+            area = area.buffer(width / 2, cap_style="flat", join_style="mitre")
+        if not area.geom_type.endswith("Polygon"):
+            continue
+        area = shapely.intersection(shapely.difference(area, clear), region)
+        part = assembly.new_part()
+        shapes = plain_polygons(area.simplify(0.05), smallest_m2=1.0)
+        for shape in shapes:
+            fine = shapely.segmentize(shape, FINE_M)
+            xy, _, _ = plan_of(fine)
+            ground = on_ground(xy, ground_height(xy))[:, 2]
+            body = slab(fine, ground - PLATFORM_BURIED_M, ground + height)
+            top = body.rises() > 0.5
+            kinds = np.where(top, semantic_id("sidewalk"), semantic_id("other-structure"))
+            matter = np.where(top, material_id("paving"), material_id("concrete"))
+            assembly.add(body, kinds, matter, part)
+        count += bool(shapes)
+    return count
+
+
+def _is_open(tags: Mapping[str, str]) -> bool:
+    return (
+        tags.get("tunnel", "no") == "no"
+        and tags.get("location") not in ("underground", "indoor")
+        and tags.get("indoor", "no") == "no"
+        and not tags.get("layer", "0").startswith("-")
+        and not tags.get("level", "0").startswith("-")
+        and tags.get("subway") != "yes"
+    )
+
+
+def _is_platform(tags: Mapping[str, str]) -> bool:
+    named = "platform" in (tags.get("railway"), tags.get("public_transport"), tags.get("highway"))
+    return named and _is_open(tags) and "building" not in tags
+
+
+def _height(feature: OsmFeature, lines: Mapping[str, Geometry]) -> float | None:
+    """Return a platform's height; ``None`` for one that is not raised."""
+    tags = feature.tags
+    said = length_m_of(tags.get("height") or tags.get("platform:height"))
+    if said is not None:
+        return min(max(said, 0.05), 1.4)
+    if tags.get("bus") == "yes" and tags.get("tram") != "yes" and tags.get("train") != "yes":
+        return None
+    near = {
+        kind: line.distance(feature.geometry) if not line.is_empty else np.inf
+        for kind, line in lines.items()
+    }
+    if tags.get("train") == "yes" or near["train"] < min(near["tram"], NEAR_TRACK_M):
+        return TRAIN_M
+    if tags.get("tram") == "yes" or near["tram"] < NEAR_TRACK_M:
+        return TRAM_M
+    return TRAIN_M if tags.get("railway") == "platform" else None
+
+
+#: Standard gauge, and the width of a rail's head (EN 13674: 49E1 67 mm, 60E1 72 mm), metres.
+GAUGE_M, HEAD_M = 1.435, 0.07
+#: Height of rails above the pavement, so that beams hit them, metres.
+PROUD_M = 0.004
+#: Height of the rails above the ground on ballast, reached over so many metres from a road.
+BALLASTED_M, RISE_M = 0.55, 12.0
+RAILWAYS = ("tram", "light_rail", "rail", "narrow_gauge", "subway", "preserved", "funicular")
+STEP_M = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A piece of track.
+
+    Attributes:
+        path: (N, 3) its middle, at the height of the rails' upper edges, site frame.
+        gauge: between the inner edges of the rails' heads, metres.
+        lift: (N,) how far that is above the ground.
+    """
+
+    path: NDArray[np.float64]
+    gauge: float
+    lift: NDArray[np.float64]
+
+
+def tracks_of(
+    features: Sequence[OsmFeature],
+    region: Polygon,
+    ride_height: GroundHeight,
+    carriageway: Geometry,
+    paved: Geometry,
+) -> list[Track]:
+    """Return the tracks inside a region.
+
+    Trams lie in the pavement unless the map says otherwise; other tracks lie on ballast and come
+    down where they cross a road.
+
+    Args:
+        features: the map's features.
+        region: where.
+        ride_height: heights of the ground and of decks that carry rails.
+        carriageway: where tracks lie in the pavement.
+        paved: squares and the like, where they do, too.
+    """
+    street = shapely.union(carriageway, paved)
+    shapely.prepare(street)
+    found = []
+    for feature in features:
+        tags, line = feature.tags, feature.geometry
+        if not _is_track(tags) or not isinstance(line, LineString):
+            continue
+        for piece in shapely.get_parts(shapely.intersection(line, region)):
+            clean = shapely.remove_repeated_points(piece, 0.2)
+            if not isinstance(clean, LineString) or clean.length < 0.5:
+                continue
+            xy = shapely.get_coordinates(shapely.segmentize(clean, STEP_M))
+            away = shapely.distance(street, shapely.points(xy))
+            if street.is_empty:
+                away = np.full(len(xy), np.inf)
+            lift = np.full(len(xy), PROUD_M)
+            # Tracks on bridges are fixed to the deck.
+            if not _is_embedded(tags) and tags.get("bridge", "no") == "no":
+                lift = PROUD_M + BALLASTED_M * np.clip((away - 1.0) / RISE_M, 0, 1)
+            path = on_ground(xy, ride_height(xy)) + np.column_stack([np.zeros((len(xy), 2)), lift])
+            found += [Track(path, gauge, lift) for gauge in _gauges(tags)]
+    return found
+
+
+def _is_track(tags: Mapping[str, str]) -> bool:
+    return (
+        tags.get("railway") in RAILWAYS
+        and tags.get("tunnel", "no") == "no"
+        and tags.get("covered", "no") == "no"
+        and tags.get("location") != "underground"
+        and not tags.get("layer", "0").startswith("-")
+        and not (tags.get("railway") == "subway" and "bridge" not in tags and "layer" not in tags)
+    )
+
+
+def _is_embedded(tags: Mapping[str, str]) -> bool:
+    if (
+        tags.get("embedded")
+        or tags.get("railway:embedded")
+        or tags.get("tram:segregation:physical")
+    ):
+        said = tags.get("embedded") or tags.get("railway:embedded")
+        if said in ("no", "yes"):
+            return said == "yes"
+    if tags.get("surface") in ("ballast", "gravel", "sleepers") or tags.get("ballastless") == "no":
+        return False
+    return tags["railway"] == "tram" or "surface" in tags
+
+
+def _gauges(tags: Mapping[str, str]) -> list[float]:
+    """Return the gauges in metres; dual-gauge tracks have two."""
+    said = map(whole_number, tags.get("gauge", "").split(";"))
+    found = [g / 1000 for g in said if g is not None and 300 <= g <= 3000]
+    return found[:2] or [GAUGE_M]
+
 
 #: How far down rails are drawn; on ballast they stand 0.17 m high on sleepers (EN 13674), metres.
 DEPTH_M, RAIL_M = 0.2, 0.17

@@ -1,22 +1,177 @@
-"""Building a roof's facets from its shape and its footprint."""
+"""Roofs: facets over a footprint along a ridge, round an apex, or over a straight skeleton."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
-from urbantwin.scene.roof.facet import Facet, profiled
-from urbantwin.scene.roof.radial import apex_of, radial
-from urbantwin.scene.roof.ridge import Axes, Profile, axes_of, half_hipped, ridged
+from urbantwin.scene.roof.facet import SPECK_M2, Facet, Plane, half_plane, profiled
 from urbantwin.scene.roof.skeleton import MOST_EDGES, gable_ends, skeleton_facets
 from urbantwin.scene.roof.tags import roof_yaw
 
 __all__ = ["roof_facets", "roof_span"]
+
+#: A profile: (place across the roof 0..1, height 0..1).
+Profile = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Axes:
+    """How a roof lies on its footprint.
+
+    Attributes:
+        down: unit vector (2,) across the ridge, the way the (main) slope faces.
+        low, high: the footprint's extent along ``down``, metres.
+        start, end: its extent along the ridge (``down`` turned left), metres.
+    """
+
+    down: NDArray[np.float64]
+    low: float
+    high: float
+    start: float
+    end: float
+
+    @property
+    def along(self) -> NDArray[np.float64]:
+        """The ridge's unit vector."""
+        return np.array([-self.down[1], self.down[0]])
+
+    @property
+    def span(self) -> float:
+        """The width across the ridge, metres."""
+        return self.high - self.low
+
+
+def axes_of(footprint: Polygon, yaw: float) -> Axes:
+    """Return the axes of a roof whose slope faces ``yaw``, rad counter-clockwise from east."""
+    xy = shapely.get_coordinates(footprint)
+    # Whole multiples of a right angle are met exactly, so that rectangles stay rectangles.
+    down = np.array([round(math.cos(yaw), 12), round(math.sin(yaw), 12)])
+    across, along = xy @ down, xy @ np.array([-down[1], down[0]])
+    return Axes(
+        down, float(across.min()), float(across.max()), float(along.min()), float(along.max())
+    )
+
+
+def ridged(footprint: Polygon, axes: Axes, profile: Profile) -> list[Facet]:
+    """Return a profile's facets, heights 0..1; it runs from the back to where the slope faces."""
+    facets = []
+    reach = 2 * float(footprint.length)
+    near = shapely.get_coordinates(footprint.centroid)[0]
+    x, y = axes.down.tolist()
+    for (left, low), (right, high) in pairwise(profile):
+        begin, end = axes.low + left * axes.span, axes.low + right * axes.span
+        area = footprint
+        if left > 0:
+            area = shapely.intersection(area, half_plane(x, y, -begin, reach, near))
+        if right < 1:
+            area = shapely.intersection(area, half_plane(-x, -y, end, reach, near))
+        slope = (high - low) / (end - begin)
+        facets += _pieces(area, (slope * x, slope * y, low - slope * begin))
+    return facets
+
+
+def half_hipped(footprint: Polygon, axes: Axes, from_height: float) -> list[Facet]:
+    """Return a gabled roof whose ends are hipped above a height (0..1), at the same pitch."""
+    gabled = ridged(footprint, axes, ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0)))
+    # Steeper where the ridge is so short that the hips would meet below it.
+    slope = max(2 / axes.span, 2 * (1 - from_height) / (axes.end - axes.start))
+    x, y = (axes.along * slope).tolist()
+    hips: list[Plane] = [
+        (x, y, from_height - slope * axes.start),
+        (-x, -y, from_height + slope * axes.end),
+    ]
+    reach = 2 * float(footprint.length)
+    near = shapely.get_coordinates(footprint.centroid)[0]
+    facets = []
+    planes = [facet.plane for facet in gabled] + hips
+    areas = [facet.area for facet in gabled] + [footprint, footprint]
+    for k, (plane, area) in enumerate(zip(planes, areas, strict=True)):
+        left = area
+        for n, other in enumerate(planes):
+            a, b, c = np.subtract(other, plane).tolist()
+            same = k < len(gabled) and n < len(gabled)
+            if n == k or same or np.hypot(a, b) < 1e-12:
+                continue
+            left = shapely.intersection(left, half_plane(a, b, c, reach, near))
+        facets += _pieces(left, plane)
+    return facets
+
+
+def _pieces(area: shapely.Geometry, plane: Plane) -> list[Facet]:
+    return [
+        Facet(part, plane)
+        for part in shapely.get_parts(area)
+        if isinstance(part, Polygon) and part.area > SPECK_M2
+    ]
+
+
+#: An apex nearer to the line of an edge than this would make a wall of the roof there, metres.
+_LEAST_RUN_M = 0.3
+
+
+def apex_of(footprint: Polygon) -> NDArray[np.float64] | None:
+    """Return a point (2,) well within the lines of all edges, the centroid if it is."""
+    if footprint.interiors:
+        return None
+    for point in (footprint.centroid, footprint.envelope.centroid):
+        apex: NDArray[np.float64] = shapely.get_coordinates(point)[0]
+        if _well_within(footprint, apex):
+            return apex
+    return None
+
+
+def radial(
+    footprint: Polygon, apex: NDArray[np.float64], profile: Sequence[tuple[float, float]]
+) -> list[Facet]:
+    """Return the facets from every edge up to the apex, heights 0..1.
+
+    Args:
+        footprint: its outline sees the apex.
+        apex: (2,).
+        profile: (share of the way from the outline to the apex, height).
+    """
+    xy = _ring(footprint)
+    following = np.roll(xy, -1, axis=0)
+    edge = following - xy
+    inward = np.column_stack([-edge[:, 1], edge[:, 0]])
+    slope = inward / ((apex - xy) * inward).sum(axis=1, keepdims=True)
+    offset = -(slope * xy).sum(axis=1)
+    facets = []
+    for (way, low), (next_way, high) in pairwise(profile):
+        near, far = (points + (apex - points) * way for points in (xy, following))
+        inner = [points + (apex - points) * next_way for points in (xy, following)]
+        scale = (high - low) / (next_way - way)
+        for k in range(len(xy)):
+            ring = [near[k], far[k], inner[1][k], inner[0][k]]
+            plane = (
+                float(slope[k, 0] * scale),
+                float(slope[k, 1] * scale),
+                float((offset[k] - way) * scale + low),
+            )
+            facets.append(Facet(Polygon(ring if next_way < 1 else ring[:3]), plane))
+    return facets
+
+
+def _ring(footprint: Polygon) -> NDArray[np.float64]:
+    oriented = shapely.orient_polygons(footprint)
+    return np.asarray(shapely.get_coordinates(oriented.exterior)[:-1])
+
+
+def _well_within(footprint: Polygon, apex: NDArray[np.float64]) -> bool:
+    a = _ring(footprint) - apex
+    b = np.roll(a, -1, axis=0)
+    twice_areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return bool((twice_areas > _LEAST_RUN_M * np.linalg.norm(b - a, axis=1)).all())
+
 
 GABLE: Profile = ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0))
 LEVEL: Profile = ((0.0, 0.0), (1.0, 1.0))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.scene.solids import Assembly, Solid, box, columns, rods
+from urbantwin.scene.solids import Assembly, Solid, box, columns
 
-__all__ = ["Piece", "add_pieces", "bar", "block", "drum", "moved"]
+__all__ = ["Piece", "add_pieces", "block", "drum", "moved", "turned"]
 
 #: How far objects reach into the ground, metres.
 BURIED_M = 0.3
@@ -59,30 +59,28 @@ def drum(
     return Piece(columns([x, y, low], height, radius, over, sides), semantic, material)
 
 
-def bar(
-    start: ArrayLike,
-    end: ArrayLike,
-    radius: float,
-    material: str = "metal-painted",
-    semantic: str = "other-object",
-) -> Piece:
-    """Return a thin round bar."""
-    return Piece(rods(np.asarray(start), np.asarray(end), radius, radius, 6), semantic, material)
-
-
 def moved(piece: Piece, by: ArrayLike) -> Piece:
     """Return a piece elsewhere in its own frame."""
     solid = Solid(piece.solid.vertices + np.asarray(by, np.float64), piece.solid.faces)
     return Piece(solid, piece.semantic, piece.material)
 
 
+def turned(piece: Piece, yaw: float) -> Piece:
+    """Return a piece turned about the upright axis of its own frame, radians."""
+    return Piece(_placed(piece.solid, np.zeros(3), yaw), piece.semantic, piece.material)
+
+
 def add_pieces(
     assembly: Assembly, pieces: list[Piece], foot: NDArray[np.float64], yaw: float
-) -> None:
-    """Add an object of several pieces at a foot (3,), turned to face ``yaw``."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+) -> int:
+    """Add an object of several pieces at a foot (3,), turned to face ``yaw``; return its part."""
     part = assembly.new_part()
     for piece in pieces:
-        vertices = piece.solid.vertices @ turn + foot
-        assembly.add(Solid(vertices, piece.solid.faces), piece.semantic, piece.material, part)
+        assembly.add(_placed(piece.solid, foot, yaw), piece.semantic, piece.material, part)
+    return part
+
+
+def _placed(solid: Solid, foot: NDArray[np.float64], yaw: float) -> Solid:
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Solid(solid.vertices @ turn + foot, solid.faces)
