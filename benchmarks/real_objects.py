@@ -1,7 +1,7 @@
 """Bodies of the catalogue in the boxes of labelled real frames, along the frames' own rays.
 
 Points, shape, intensity and lost rays of simulated road users beside the real ones, by class and
-distance; docs/real_objects.md says how each figure is measured. It needs no twin. Without a
+distance; notebook/real_objects.md says how each figure is measured. It needs no twin. Without a
 folder: the frames of KITTI of ../shared/data.
 
     python benchmarks/real_objects.py kitti/training --frames 12-23 37-49

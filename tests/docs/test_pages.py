@@ -13,6 +13,7 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
 from urbantwin.acquire.source_table import SourceSpec
+from urbantwin.scene.catalogue.street_object import StreetObject
 from urbantwin.traffic.events.scenario import EVENTS
 
 ROOT = Path(__file__).parents[2]
@@ -112,6 +113,9 @@ def test_yaml_has_the_fields_of_a_file_that_people_write(page: Path) -> None:
             continue
         if data.keys() == {"events"}:
             assert all(event["event"] in EVENTS for event in data["events"])
+            continue
+        if all(isinstance(value, dict) and "placed" in value for value in data.values()):
+            assert all(StreetObject.model_validate(value) for value in data.values())
             continue
         found = [model for model in models() if data.keys() <= names_of(model).keys()]
         assert found, f"no file has the fields {', '.join(data)}"

@@ -20,14 +20,13 @@ from urbantwin.fidelity.alignment import (
 )
 from urbantwin.fidelity.alignment.align import least_evidence
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
-from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures, posts_of
 from urbantwin.fidelity.alignment.ground_plane import leveling
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of, mark_lines
-from urbantwin.fidelity.alignment.pose_average import averaged
 from urbantwin.fidelity.alignment.pose_belief import beliefs
-from urbantwin.fidelity.alignment.pose_deviation import sandwich
 from urbantwin.fidelity.alignment.pose_search import PoseSearch
-from urbantwin.fidelity.alignment.posts import posts_of
+from urbantwin.fidelity.alignment.registration import sandwich
+from urbantwin.fidelity.alignment.rig_alignment import averaged
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
 from urbantwin.fidelity.alignment.search_span import SearchSpan

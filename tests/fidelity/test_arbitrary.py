@@ -13,7 +13,7 @@ from urbantwin.dataset.manifest import recipe_of_rig
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.fidelity import compare
 from urbantwin.fidelity.arbitrary import arbitrary_recording, recording
-from urbantwin.fidelity.arbitrary.cache import kept
+from urbantwin.fidelity.arbitrary.recording import kept
 from urbantwin.fidelity.arbitrary.rig import likely_rig, standing
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh

@@ -6,10 +6,18 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.stats import wasserstein_distance
 
-from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
-from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
-from urbantwin.fidelity.frechet import frechet, frechet_places, frechet_shapes, shape_features
-from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
+from urbantwin.fidelity.cloud_distances import (
+    chamfer,
+    chamfer_squared,
+    density_chamfer,
+    earth_mover,
+    frechet,
+    frechet_places,
+    frechet_shapes,
+    mean_discrepancy,
+    shape_features,
+    sliced_earth_mover,
+)
 from urbantwin.fidelity.nearest_point import nearest_distances
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from urbantwin.fidelity.discovery.discover import reports_two
 from urbantwin.fidelity.discovery.point_rays import PointRays
-from urbantwin.fidelity.discovery.second_returns import reports_two
 
 PLACE, STEP = np.array([3.0, -2.0, 1.5]), np.radians(0.2)
 

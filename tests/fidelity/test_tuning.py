@@ -18,10 +18,9 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.tuning import Tuning, split_in_time, tune
 from urbantwin.fidelity.tuning.actor_terms import ActorTerms, Clusters, actor_changes, actor_knobs
 from urbantwin.fidelity.tuning.group_fit import NOT_DETERMINED
-from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.fidelity.tuning.knobs import starts
 from urbantwin.fidelity.tuning.loss import SECTORS
-from urbantwin.fidelity.tuning.study import search
+from urbantwin.fidelity.tuning.study import Journal, search
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import place_rig
 from urbantwin.site import load_rig_spec, load_traffic_changes

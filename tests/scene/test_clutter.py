@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from urbantwin.scene.clutter import assumed_features
-from urbantwin.scene.clutter.practice import BOUNDARIES, group_of, kerbside_kinds
+from urbantwin.scene.clutter.practice import boundaries, group_of, kerbside_kinds
 from urbantwin.scene.furniture.shelter import bicycle, cycle_stands
 from urbantwin.scene.land_use import use_of_building
 from urbantwin.scene.zones import Zone
@@ -100,7 +100,7 @@ def test_shares_of_boundaries_are_those_of_the_table():
         moved = [features[0]] + [way(f.id + 1000 * town, f.tags, f.geometry) for f in features[1:]]
         notes = assumed(moved).notes
         long += notes.get("hedge of plots, m", 0)
-    share = next(b.share for b in BOUNDARIES["britain"] if b.barrier == "hedge")
+    share = next(b.share for b in boundaries("britain", "dwelling") if b.barrier == "hedge")
     # Each side is 400 m, less gates and drives: 1.2 or 3 m every 16 m, and ends below 1 m.
     whole = towns * 2 * LENGTH * (1 - (0.6 * 1.2 + 0.4 * 3.0) / 16)
     houses_drawn = towns * 50

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from urbantwin.drawing import style
 from urbantwin.drawing.plan_ground import fill
 from urbantwin.drawing.plan_style import DARK
+from urbantwin.pages import write_page
 from urbantwin.weakness import InputCheck
 
-__all__ = ["draw_weakness_plan", "weakness_figure"]
+__all__ = ["draw_weakness_plan", "weakness_figure", "write_weakness_page"]
 
 #: Size of the sheet, and of the list at its right, inches.
 WIDTH, HEIGHT, LIST = 15.0, 9.4, 5.6
@@ -136,3 +137,15 @@ def _draw_list(figure: Figure, found: InputCheck) -> None:
         text = f"matters {word}"
         figure.text(x, 0.925, "\u25cf " + text, color=colour, fontsize=9, va="top")
         x += 0.009 * len(text)
+
+
+#: Places that are listed before the others are folded away.
+_OPEN = 5
+
+
+def write_weakness_page(found: InputCheck, path: Path) -> None:
+    """Write the page; it needs no other file, and the same findings give the same bytes."""
+    plan = draw_weakness_plan(found, path.with_name(f"{path.stem}.png"))
+    template = "drawing/weakness_page.html.j2"
+    write_page(path, template, found=found, site=found.site, plan=plan, colours=COLOURS, open=_OPEN)
+    plan.unlink()

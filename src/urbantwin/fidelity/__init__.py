@@ -7,21 +7,26 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.fidelity.background_subtraction import Background
     from urbantwin.fidelity.beams import BeamAgreement, beam_agreement
-    from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
+    from urbantwin.fidelity.cloud_distances import (
+        P95Hausdorff,
+        chamfer,
+        chamfer_squared,
+        density_chamfer,
+        earth_mover,
+        frechet,
+        frechet_places,
+        frechet_shapes,
+        mean_discrepancy,
+        sliced_earth_mover,
+    )
     from urbantwin.fidelity.clouds import Cloud, cloud_files, read_cloud
     from urbantwin.fidelity.compare import compare
     from urbantwin.fidelity.definitions import MEASURES
-    from urbantwin.fidelity.divergence import jensen_shannon
-    from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
     from urbantwin.fidelity.frame import Boxes, Frame
-    from urbantwin.fidelity.frechet import frechet, frechet_places, frechet_shapes
-    from urbantwin.fidelity.hausdorff import P95Hausdorff
-    from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
-    from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
+    from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of, jensen_shannon
     from urbantwin.fidelity.nearest_point import NearestDistances, nearest_distances
     from urbantwin.fidelity.object_statistics import ObjectStatistics, object_differences
-    from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
-    from urbantwin.fidelity.rebuilt_surface import Surface, rebuild_surface
+    from urbantwin.fidelity.point_to_mesh import RealSurface, Spread, Surface, rebuild_surface
     from urbantwin.fidelity.report import Report
 
 __all__ = [

@@ -125,8 +125,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 
 def _draw(report: Report, found: Findings, folder: Path) -> None:
     """Write the pictures and the page."""
-    from urbantwin.fidelity.object_figure import draw_objects
-    from urbantwin.fidelity.pair_figure import draw_missing, draw_pair
+    from urbantwin.fidelity.pair_figure import draw_missing, draw_objects, draw_pair
     from urbantwin.fidelity.report_figure import draw_report
     from urbantwin.fidelity.report_page import Pictures, write_report
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
-from urbantwin.fidelity import rebuilt_surface
+from urbantwin.fidelity import point_to_mesh
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
@@ -139,10 +139,10 @@ def _parameters(origin: NDArray[np.float64]) -> dict[str, Any]:
             "density_m": _bins(bins.DENSITY_EDGES_M),
         },
         "surface": {
-            "max_edge_m": rebuilt_surface.MAX_EDGE_M,
-            "max_angle_deg": rebuilt_surface.MAX_ANGLE_DEG,
-            "min_grazing_deg": rebuilt_surface.MIN_GRAZING_DEG,
-            "level_deg": rebuilt_surface.LEVEL_DEG,
+            "max_edge_m": point_to_mesh.MAX_EDGE_M,
+            "max_angle_deg": point_to_mesh.MAX_ANGLE_DEG,
+            "min_grazing_deg": point_to_mesh.MIN_GRAZING_DEG,
+            "level_deg": point_to_mesh.LEVEL_DEG,
             "max_points": MAX_POINTS,
         },
         "missing": {"farther_than_m": NEAR_M, "or_share_of_range": SPACING_SHARE},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.divergence import jensen_shannon
+from urbantwin.fidelity.histograms import jensen_shannon
 from urbantwin.fidelity.sampling import sampled
 from urbantwin.fidelity.sides import ANCHOR, MODEL, Side
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground

@@ -8,14 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.fidelity.beams import beam_agreement
-from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
+from urbantwin.fidelity.cloud_distances import (
+    P95Hausdorff,
+    chamfer,
+    chamfer_squared,
+    density_chamfer,
+    earth_mover,
+    frechet_places,
+    frechet_shapes,
+    mean_discrepancy,
+    sliced_earth_mover,
+)
 from urbantwin.fidelity.clouds import Cloud
-from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.frechet import frechet_places, frechet_shapes
-from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
-from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
 from urbantwin.fidelity.nearest_point import NearestDistances, PointTree, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 

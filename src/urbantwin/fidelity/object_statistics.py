@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.divergence import jensen_shannon
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import jensen_shannon
 
 __all__ = ["HEAT_CELL_M", "RANGE_EDGES_M", "ObjectStatistics", "object_differences"]
 

@@ -1,17 +1,112 @@
-"""Distances from synthetic points to the surface rebuilt from a real cloud."""
+"""The surface rebuilt from a real cloud, and distances of synthetic points to it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pythoncdt
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.fidelity.compiled.surface_triangles import can_be_surface
 from urbantwin.fidelity.nearest_triangle import NearestTriangle
-from urbantwin.fidelity.rebuilt_surface import Surface, rebuild_surface
 from urbantwin.fidelity.sampling import sample_rows
 
-__all__ = ["MAX_POINTS", "RealSurface", "Spread"]
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+__all__ = ["MAX_POINTS", "RealSurface", "Spread", "Surface", "rebuild_surface"]
+
+#: Longest edge of a triangle, metres.
+MAX_EDGE_M = 2.0
+#: Widest edge of a triangle seen from the sensor, degrees.
+MAX_ANGLE_DEG = 4.0
+#: Least angle between a triangle and the line of sight, degrees.
+MIN_GRAZING_DEG = 10.0
+#: A triangle whose normal is this close to the vertical counts as street, degrees.
+LEVEL_DEG = 15.0
+
+_SEAM_RAD = np.radians(MAX_ANGLE_DEG)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles, and the points that are in none of them.
+
+    Attributes:
+        vertices: (V, 3) float64, metres, the cloud's frame.
+        faces: (F, 3) int64, indices of vertices; a point without a triangle is a face of one
+            vertex three times.
+        triangles: how many of the faces are true triangles.
+        covered: share of the vertices that are a corner of a true triangle, 0..1.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    triangles: int
+    covered: float
+
+
+def rebuild_surface(points: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Surface:
+    """Rebuild the surface that a sensor at ``origin`` saw.
+
+    Args:
+        points: (N, 3) metres, N >= 1.
+        origin: (3,) the sensor's place in the frame of the points, metres.
+    """
+    seen = points - np.asarray(origin, np.float64)
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    elevation = np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
+    # The circle is cut open at +-pi: a strip of either side is repeated on the other.
+    low = np.flatnonzero(azimuth < -np.pi + _SEAM_RAD)
+    high = np.flatnonzero(azimuth > np.pi - _SEAM_RAD)
+    index = np.concatenate([np.arange(len(points)), low, high])
+    angles = np.column_stack([azimuth, elevation])[index]
+    angles[len(points) : len(points) + len(low), 0] += 2 * np.pi
+    angles[len(points) + len(low) :, 0] -= 2 * np.pi
+    # Two points in one direction: the first, in the order of the cloud.
+    order = np.lexsort(angles.T[::-1])
+    order = order[np.append(True, (np.diff(angles[order], axis=0) != 0).any(axis=1))]
+    angles, index = angles[order], index[order]
+
+    corner = _delaunay(angles)
+    kept = can_be_surface(
+        angles,
+        seen,
+        corner,
+        index,
+        np.radians(MAX_ANGLE_DEG),
+        MAX_EDGE_M,
+        np.sin(np.radians(MIN_GRAZING_DEG)),
+        np.cos(np.radians(LEVEL_DEG)),
+    )
+    faces = index[corner[kept]]
+
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    lone = np.repeat(np.flatnonzero(~used)[:, None], 3, axis=1)
+    return Surface(
+        vertices=points,
+        faces=np.concatenate([faces, lone]),
+        triangles=len(faces),
+        covered=float(used.mean()),
+    )
+
+
+def _delaunay(angles: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the Delaunay triangles (T, 3) of (N, 2) distinct points."""
+    if len(angles) < 3 or np.linalg.matrix_rank(angles - angles[0]) < 2:
+        return np.zeros((0, 3), np.int64)
+    mesh = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO,
+        pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
+        0.0,
+    )
+    mesh.insert_vertices(cast("Buffer", angles))
+    mesh.erase_super_triangle()
+    return mesh.triangles_array()["vertices"].astype(np.int64)
+
 
 #: More points than this are measured by a random sample of so many (drawn the same every time).
 MAX_POINTS = 10_000
@@ -46,7 +141,7 @@ class RealSurface:
     figures below it say nothing about the twin.
 
     Attributes:
-        surface: the triangles (see ``rebuilt_surface.py``).
+        surface: the triangles (`Surface`).
         rebuild_error: distances of the real points that were held out; None for fewer than two
             points.
     """

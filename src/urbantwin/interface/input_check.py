@@ -124,7 +124,7 @@ def check(
             ) as scratch:
                 draw_weakness_plan(found, scratch)
         if page is not None:
-            from urbantwin.drawing.weakness_page import write_weakness_page
+            from urbantwin.drawing.weakness_plan import write_weakness_page
 
             with replaced_file(Path(page), kind="check page", inputs=checked.files()) as scratch:
                 write_weakness_page(found, scratch)

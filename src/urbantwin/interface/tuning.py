@@ -75,7 +75,7 @@ class Tuning(Artefact):
 
     def summary(self) -> Summary:
         """Return the fit in a few values."""
-        from urbantwin.fidelity.tuning.summary import summary_of
+        from urbantwin.fidelity.tuning.result import summary_of
 
         found = {**self.manifest, "held_out": self.held_out}
         return Summary(path=str(self.folder), **summary_of(found))

@@ -202,7 +202,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             ``typical`` where the map is silent, or ``none``.
         sensors: east and north of sensors, around which nothing is assumed, metres.
         corrections: what a person added and removed; those of other kinds are left alone.
-        own_objects: a person's own street objects, see ``docs/street_objects.md``.
+        own_objects: a person's own street objects, see ``docs/howto/street_objects.md``.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}

@@ -223,21 +223,12 @@ class Site:
             # As given: transformed there and back, it would not be the same to the last bit.
             ring = [list(point) for point in self.outline]
             region = {"polygon": {"type": "Polygon", "coordinates": [ring]}}
-        value = {
+        value: dict[str, Any] = {
             "name": self.name,
             "anchor": {"latitude": self.latitude, "longitude": self.longitude},
             "region": region,
         }
-        for kind, item in (
-            ("osm", self.osm),
-            ("sketch", self.sketch),
-            ("dem", self.dem),
-            ("corrections", self.corrections),
-            ("street_objects", self.street_objects),
-            ("buildings", self.buildings),
-        ):
-            if item:
-                value[kind] = _file_entry(item)
+        value |= {kind: _file_entry(one) for kind, one in self._maps().items() if kind != "roads"}
         roads: dict[str, Any] = _file_entry(self.roads) if self.roads else {}
         if self.anchor_m:
             roads["anchor_m"] = list(self.anchor_m)
@@ -297,24 +288,19 @@ class Site:
         plans = [plan.spec.model_dump(exclude_none=True) for plan in self.signals]
         return {"signals": plans} if plans else {}
 
+    def _maps(self) -> dict[str, InputFile]:
+        """Return the files that the site names by a field of their own."""
+        kinds = ("osm", "sketch", "roads", "dem", "corrections", "street_objects", "buildings")
+        return {kind: getattr(self, kind) for kind in kinds if getattr(self, kind)}
+
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        maps = (self.osm, self.sketch, self.roads, self.dem, self.buildings, self.corrections)
-        given = (*maps, self.street_objects, *self.geometry, *self.imagery)
-        named = [one.path for one in given if one is not None and one.path is not None]
+        given = (*self._maps().values(), *self.geometry, *self.imagery)
+        named = [one.path for one in given if one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
-        files = (
-            ("osm", self.osm),
-            ("sketch", self.sketch),
-            ("roads", self.roads),
-            ("dem", self.dem),
-            ("corrections", self.corrections),
-            ("street_objects", self.street_objects),
-            ("buildings", self.buildings),
-        )
         sources = [
             {
                 # Of frames of real sensors the kind is known before they are read.
@@ -336,8 +322,7 @@ class Site:
                 "licence": item.licence,
                 "attribution": item.attribution,
             }
-            for kind, item in files
-            if item
+            for kind, item in self._maps().items()
         ] + [
             *sources,
             *(

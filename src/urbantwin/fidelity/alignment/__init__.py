@@ -7,9 +7,14 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.fidelity.alignment.align import Alignment, Guess, align
     from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
-    from urbantwin.fidelity.alignment.picture import draw_alignment
-    from urbantwin.fidelity.alignment.rig_alignment import Wish, align_rig, frame_numbers
-    from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
+    from urbantwin.fidelity.alignment.rig_alignment import (
+        Wish,
+        align_rig,
+        aligned_poses,
+        draw_alignment,
+        frame_numbers,
+        write_aligned_rig,
+    )
 
 __all__ = [
     "Alignment",

@@ -1,27 +1,210 @@
-"""Aligning a rig: a real frame read, its pose found, the rig's file written."""
+"""The alignment of a whole rig: several frames averaged, the rig's file and picture written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import yaml
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.align import Alignment, Guess, align
-from urbantwin.fidelity.alignment.picture import draw_alignment
-from urbantwin.fidelity.alignment.pose_average import averaged
-from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
+from urbantwin.fidelity.alignment.ground_plane import thinned
+from urbantwin.fidelity.alignment.lane_markings import mark_lines
+from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.geometry import ypr_from_rotation
+from urbantwin.fidelity.report_style import INK, blank, from_above, save
+from urbantwin.geometry import Pose, ypr_from_rotation
 from urbantwin.lidar import Rig
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.twin import Twin
 
-__all__ = ["Wish", "align_rig", "frame_numbers"]
+__all__ = [
+    "Wish",
+    "align_rig",
+    "aligned_poses",
+    "averaged",
+    "draw_alignment",
+    "frame_numbers",
+    "write_aligned_rig",
+]
+
+#: Frames farther apart than this, and than three times what they claim, are of a moving sensor.
+_APART_M, _APART_DEG = 0.5, 3.0
+
+
+def averaged(found: Sequence[Alignment], file: str | None = None) -> Alignment:
+    """Return the mean pose; residuals and shares are those of the frame that is nearest to it.
+
+    Frames of one place err alike wherever the twin is wrong: the standard deviations are the
+    frames' own (root mean square), not less by their number, and their scatter is added.
+
+    Args:
+        found: of each frame, at least one.
+        file: where the frames are from, for errors.
+
+    Raises:
+        InputError: the frames are from different places.
+    """
+    if len(found) == 1:
+        return found[0]
+    turns = Rotation.from_matrix(np.stack([one.pose.rotation for one in found]))
+    places = np.stack([one.pose.translation for one in found])
+    turn, place = turns.mean(), places.mean(axis=0)
+    off = np.linalg.norm(places - place, axis=1)
+    turned = (turns * turn.inv()).as_rotvec()
+    claimed = np.stack([one.found.sigma_m for one in found])
+    apart = float(np.ptp(places, axis=0).max())
+    most = max(_APART_M, 6.0 * float(np.linalg.norm(claimed, axis=1).max()))
+    if apart > most or np.degrees(np.abs(turned)).max() > _APART_DEG:
+        raise InputError(
+            f"its frames are from places {apart:.2f} m and "
+            f"{2 * np.degrees(np.abs(turned)).max():.1f} degrees apart",
+            file=file,
+            expected="frames of a sensor that stands still, or one frame",
+        )
+    nearest = found[int(off.argmin())]
+    count = len(found)
+    claimed_deg = np.stack([one.found.sigma_deg for one in found])
+    sigma_m = np.sqrt((claimed**2).mean(axis=0) + places.var(axis=0, ddof=1) / count)
+    spread = np.degrees(turned).var(axis=0, ddof=1) / count
+    pose = Pose(turn.as_matrix(), place)
+    return replace(
+        nearest,
+        pose=pose,
+        found=replace(
+            nearest.found,
+            pose=pose,
+            sigma_m=sigma_m,
+            sigma_deg=np.sqrt((claimed_deg**2).mean(axis=0) + spread),
+        ),
+        frames=count,
+        scatter_m=float(np.sqrt((off**2).mean())),
+    )
+
+
+_PLACE = (
+    *("east_m", "north_m", "latitude", "longitude", "height_m", "up_m", "altitude_m"),
+    *("yaw_deg", "heading_deg", "pitch_deg", "tilt_deg", "roll_deg"),
+)
+
+
+def aligned_poses(
+    rig: Rig,
+    site_SE3_frame: Pose,
+    points_in: Literal["sensor", "level"] = "sensor",
+    only: int | None = None,
+) -> list[Pose]:
+    """Return the poses of a rig's sensors of which one was found.
+
+    Args:
+        rig: as it stood before.
+        site_SE3_frame: the pose of the real frame.
+        points_in: the frame of the real points: the first sensor's own, or ``level``: its place
+            and heading with z against gravity; its tilt is then the rig's.
+        only: the number of the sensor that was found, and alone moves; if not given it was the
+            first, and the others move with it.
+    """
+    before = rig.sensors[only or 0].site_SE3_sensor
+    move = site_SE3_frame @ dataset_frame(points_in, before).inverse()
+    return [
+        move @ one.site_SE3_sensor if only in (None, number) else one.site_SE3_sensor
+        for number, one in enumerate(rig.sensors)
+    ]
+
+
+def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
+    """Write a rig's file with its sensors at other poses; it appears whole or not at all.
+
+    Everything else that the file says stays, but for its comments.
+
+    Args:
+        source: the rig's file, valid.
+        target: the file to write; it may be the same.
+        poses: ``site_SE3_sensor`` of each sensor.
+
+    Raises:
+        InputError: the rig rides, or ``target`` is a folder.
+    """
+    document: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
+    if document.get("ride") is not None:
+        raise InputError("its rig rides", file=source, place="ride", expected="one that stands")
+    for entry, pose in zip(document["sensors"], poses, strict=True):
+        for name in _PLACE:
+            entry.pop(name, None)
+        entry.update(_written(pose))
+    with replaced_file(target, kind="align", replaces=source) as scratch:
+        scratch.write_text(
+            yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8"
+        )
+
+
+def _written(pose: Pose) -> dict[str, float]:
+    angles = np.degrees(ypr_from_rotation(pose.rotation))
+    values = dict(zip(("east_m", "north_m", "up_m"), pose.translation, strict=True))
+    values |= dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True))
+    return {name: round(float(value), 4) + 0.0 for name, value in values.items()}
+
+
+_REACH_M, _FARTHEST_M, _THINNED_M = 35.0, 0.5, 0.15
+_EDGE, _LINE = "#1d2733", "#e8710a"
+
+
+def draw_alignment(frame: Frame, twin: Twin, found: Alignment, path: Path) -> None:
+    """Write a picture: points from above, coloured by how far the twin's surface is from them.
+
+    Args:
+        frame: the real one.
+        twin: where it was aligned.
+        found: the pose, and where the search began.
+        path: the PNG to write.
+    """
+    middle = found.pose.translation
+    around = np.abs(twin.mesh.vertices[twin.mesh.faces][..., :2] - middle[:2])
+    near = twin.mesh.select((around.min(axis=1) < 2 * _REACH_M).all(axis=1))
+    surface = NearestTriangle(near.vertices, near.faces.astype(np.int64))
+    edges = road_edges(twin.ground_mesh)[0]
+    lines = mark_lines(twin.surface_materials, middle[:2], _REACH_M)[0]
+    away = frame.points - frame.sensor_places.mean(axis=0)
+    points = frame.points[np.hypot(*away[:, :2].T) < 1.5 * _REACH_M]
+    points = points[thinned(points, _THINNED_M)]
+    moving = [("Where the search began", found.start), ("Aligned", found.pose)]
+    shown = [(title, pose) for title, pose in moving if pose is not None]
+    figure = blank(7.4 * len(shown) + 1.2, 7.6)
+    grid = figure.add_gridspec(
+        1, len(shown), left=0.05, right=1 - 1.1 / (7.4 * len(shown) + 1.2), top=0.94, bottom=0.06
+    )
+    for place, (title, pose) in enumerate(shown):
+        axes = figure.add_subplot(grid[0, place])
+        at = pose.apply(points)
+        distance = surface.distances(at)
+        said = f"{title}: {_share(distance):.0%} of the points within 0.1 m of the twin"
+        shades = colormaps["turbo"](np.clip(distance / _FARTHEST_M, 0, 1))[:, :3]
+        from_above(axes, said, middle, _REACH_M, [(at, shades)])
+        for marks, colour in ((edges, _EDGE), (lines, _LINE)):
+            axes.plot(*marks[:, :2].T, ".", color=colour, markersize=1.5)
+    colours = ScalarMappable(Normalize(0, _FARTHEST_M), "turbo")
+    bar = figure.colorbar(colours, ax=figure.axes, fraction=0.025, pad=0.02)
+    bar.set_label("metres from the twin's surface (black: edges of its roads, orange: its lines)")
+    bar.ax.yaxis.label.set_color(INK)
+    with replaced_file(path, kind="align picture") as scratch:
+        save(figure, scratch)
+
+
+def _share(distance: NDArray[np.float64]) -> float:
+    return float((distance < 0.1).mean())
+
 
 #: Of several frames, at least this share must be found.
 _ENOUGH = 0.5

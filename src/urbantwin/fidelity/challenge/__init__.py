@@ -5,7 +5,6 @@ from urbantwin.fidelity.challenge.average_precision import (
     average_precision,
     mean_precision,
 )
-from urbantwin.fidelity.challenge.detections import read_detections
 from urbantwin.fidelity.challenge.protocol import (
     CLASSES,
     CROP_M,
@@ -18,8 +17,14 @@ from urbantwin.fidelity.challenge.protocol import (
     cropped,
     normalised,
 )
-from urbantwin.fidelity.challenge.realism import MomentFit, fit_moments, realism
-from urbantwin.fidelity.challenge.scores import score_clouds, score_sides
+from urbantwin.fidelity.challenge.scores import (
+    MomentFit,
+    fit_moments,
+    read_detections,
+    realism,
+    score_clouds,
+    score_sides,
+)
 
 __all__ = [
     "CLASSES",

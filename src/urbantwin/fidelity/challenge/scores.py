@@ -1,18 +1,18 @@
-"""The protocol on the sides of a comparison, with and without a fit of moments."""
+"""Scores of the protocol: realism of frames, and detection."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
 from urbantwin.fidelity.challenge.average_precision import Box, mean_precision
-from urbantwin.fidelity.challenge.detections import read_detections
 from urbantwin.fidelity.challenge.protocol import (
     CLASSES,
     CROP_M,
@@ -24,11 +24,135 @@ from urbantwin.fidelity.challenge.protocol import (
     cropped,
     normalised,
 )
-from urbantwin.fidelity.challenge.realism import EMD_POINTS, POINTS, SEED, fit_moments, realism
+from urbantwin.fidelity.cloud_distances import (
+    chamfer_squared,
+    earth_mover,
+    frechet_places,
+    mean_discrepancy,
+)
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.nearest_point import nearest_distances
+from urbantwin.fidelity.sampling import sampled
 from urbantwin.fidelity.sides import ANCHOR, Side
 
-__all__ = ["score_clouds", "score_sides"]
+__all__ = ["MomentFit", "fit_moments", "read_detections", "realism", "score_clouds", "score_sides"]
+
+#: Points of each side's frames put together, and the seed that they are drawn with.
+POINTS, SEED = 10_000, 1234
+#: Of those, points that are assigned to each other (all of them would take minutes).
+EMD_POINTS = 2_000
+
+
+def realism(
+    real: Sequence[NDArray[np.float64]], synthetic: Sequence[NDArray[np.float64]]
+) -> dict[str, float]:
+    """Return CD (m2), MMD, EMD (m) and FPD (m2) of the frames put together.
+
+    Args:
+        real: (N, 3) points of each frame, metres, cropped, at least one point in all.
+        synthetic: the same of the twin.
+    """
+    a, b = (sampled(np.concatenate(list(side)), POINTS, SEED) for side in (real, synthetic))
+    return {
+        "CD": chamfer_squared(nearest_distances(a, b)),
+        "MMD": mean_discrepancy(a, b, most=EMD_POINTS, seed=SEED),
+        "EMD": earth_mover(a, b, most=EMD_POINTS, seed=SEED),
+        "FPD": frechet_places(a, b),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class MomentFit:
+    """The affine map that gives a cloud another's mean and covariance.
+
+    Attributes:
+        matrix: (3, 3).
+        source_mean: (3,) metres.
+        target_mean: (3,) metres.
+    """
+
+    matrix: NDArray[np.float64]
+    source_mean: NDArray[np.float64]
+    target_mean: NDArray[np.float64]
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (N, 3) points where the fit puts them."""
+        return (points - self.source_mean) @ self.matrix.T + self.target_mean
+
+
+def fit_moments(source: NDArray[np.float64], target: NDArray[np.float64]) -> MomentFit:
+    """Return the map of least displacement from one Gaussian to the other.
+
+    A = S^(-1/2) (S^(1/2) T S^(1/2))^(1/2) S^(-1/2) (Dowson and Landau 1982; Olkin and Pukelsheim
+    1982). It knows nothing of streets: a cloud's errors stay, smeared. Directions in which the
+    source has no extent are left as they are.
+
+    Args:
+        source: (N, 3) metres.
+        target: (M, 3) metres.
+    """
+    s, t = (np.cov(cloud, rowvar=False, bias=True) for cloud in (source, target))
+    value, vector = np.linalg.eigh(s)
+    kept = value > 1e-9 * max(float(value.max()), 1e-12)
+    root = np.sqrt(np.where(kept, value, 1.0))
+    half, back = (vector * root) @ vector.T, (vector / root) @ vector.T
+    inner, inner_vector = np.linalg.eigh(half @ t @ half)
+    middle = (inner_vector * np.sqrt(np.maximum(inner, 0.0))) @ inner_vector.T
+    return MomentFit(back @ middle @ back, source.mean(axis=0), target.mean(axis=0))
+
+
+_EXPECTED = (
+    '{"FRAME": [{"box": [x, y, z, length, width, height, yaw], "score": 0.9, "class": "Car"}]}'
+)
+#: Neither a place nor a size is larger, metres.
+_LARGEST = 1e6
+
+
+def read_detections(path: Path) -> dict[str, list[Box]]:
+    """Read a map of detections.
+
+    Boxes are in the frame of the real points: metres, radians, yaw counter-clockwise from +x.
+
+    Raises:
+        InputError: it is not such a map; the place is named.
+    """
+    read = read_json_value(path, _EXPECTED)
+    if not isinstance(read, dict):
+        raise InputError("is not a JSON object of frames", file=path, expected=_EXPECTED)
+    return {str(frame): _boxes(path, str(frame), rows) for frame, rows in read.items()}
+
+
+def _boxes(path: Path, frame: str, rows: Any) -> list[Box]:  # noqa: ANN401
+    if not isinstance(rows, list):
+        raise InputError("is not a list", file=path, place=frame, expected=_EXPECTED)
+    found = []
+    for index, row in enumerate(rows):
+        place = f"{frame}[{index}]"
+        if not isinstance(row, dict) or not {"box", "score", "class"} <= set(row):
+            raise InputError(
+                "lacks box, score or class", file=path, place=place, expected=_EXPECTED
+            )
+        box, score, name = row["box"], row["score"], row["class"]
+        if not isinstance(box, list) or len(box) != 7 or not all(_is_number(v) for v in box):
+            raise InputError("has no box of 7 numbers", file=path, place=place, expected=_EXPECTED)
+        if min(box[3:6]) <= 0:
+            raise InputError("has a box without extent", file=path, place=place, expected=_EXPECTED)
+        if not _is_number(score):
+            raise InputError("has no finite score", file=path, place=place, expected=_EXPECTED)
+        if not isinstance(name, str) or name not in CLASSES:
+            raise InputError(
+                f"class {name!r:.60} is unknown",
+                file=path,
+                place=place,
+                expected=", ".join(CLASSES),
+            )
+        found.append(Box(np.array(box, np.float64), name, float(score)))
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
+
 
 _Clouds = Sequence[NDArray[np.float64]]
 

@@ -6,10 +6,13 @@ from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
     from urbantwin.fidelity.discovery.discover import discover
-    from urbantwin.fidelity.discovery.picture import draw_discovery
-    from urbantwin.fidelity.discovery.recording import discover_recording
+    from urbantwin.fidelity.discovery.recording import (
+        discover_recording,
+        draw_discovery,
+        write_frames,
+        write_rig,
+    )
     from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
-    from urbantwin.fidelity.discovery.written import write_frames, write_rig
 
 __all__ = [
     "Discovery",

@@ -11,11 +11,10 @@ from urbantwin.fidelity.tuning.actor_terms import Clusters
 from urbantwin.fidelity.tuning.frames import Looks
 from urbantwin.fidelity.tuning.group_fit import AT_BOUND, FITTED, GroupFit, Searching, fit_group
 from urbantwin.fidelity.tuning.knobs import TILT_DEG, Knob, rig_knobs, starts
-from urbantwin.fidelity.tuning.pose_term import COARSE_M, FINE_M, PoseTerm
+from urbantwin.fidelity.tuning.pose_term import COARSE_M, FINE_M, PoseTerm, TiltTerm
 from urbantwin.fidelity.tuning.prediction import BeamView, beam_view
 from urbantwin.fidelity.tuning.return_terms import ReturnTerms
 from urbantwin.fidelity.tuning.study import Term
-from urbantwin.fidelity.tuning.tilt_term import TiltTerm
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
 from urbantwin.lidar import Rig
 from urbantwin.twin import Twin

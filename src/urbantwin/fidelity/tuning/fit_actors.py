@@ -18,8 +18,7 @@ from urbantwin.fidelity.tuning.actor_terms import (
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms
 from urbantwin.fidelity.tuning.group_fit import Searching, fit_group
 from urbantwin.fidelity.tuning.knobs import starts
-from urbantwin.fidelity.tuning.simulated import SimulatedFrames
-from urbantwin.fidelity.tuning.tuned_rig import frame_of_points, tuned_rig
+from urbantwin.fidelity.tuning.tuned_rig import SimulatedFrames, frame_of_points, tuned_rig
 from urbantwin.traffic import Motion
 
 __all__ = ["fit_actors", "real_clusters"]

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.fidelity.tuning.knobs import Knob
 from urbantwin.fidelity.tuning.loss import Loss
-from urbantwin.fidelity.tuning.study import Term, search
+from urbantwin.fidelity.tuning.study import Journal, Term, search
 
 __all__ = [
     "AT_BOUND",

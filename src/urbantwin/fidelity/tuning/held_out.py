@@ -18,13 +18,11 @@ from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.tuning.actor_terms import ActorTerms, actor_changes
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, views_of
 from urbantwin.fidelity.tuning.fit_actors import real_clusters
-from urbantwin.fidelity.tuning.frames import Looks, looks_of
+from urbantwin.fidelity.tuning.frames import Looks, Split, looks_of
 from urbantwin.fidelity.tuning.knobs import Values, starts
 from urbantwin.fidelity.tuning.page import write_report
-from urbantwin.fidelity.tuning.simulated import SimulatedFrames
-from urbantwin.fidelity.tuning.split import Split
 from urbantwin.fidelity.tuning.study import Term
-from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
+from urbantwin.fidelity.tuning.tuned_rig import PointsIn, SimulatedFrames, tuned_rig
 from urbantwin.lidar import Rig
 from urbantwin.traffic import Motion
 from urbantwin.traffic.resize import resized

@@ -1,4 +1,4 @@
-"""A fit as JSON: every knob's start, fitted value and standard error."""
+"""A fit as JSON, and its summary for people."""
 
 from __future__ import annotations
 
@@ -7,11 +7,43 @@ from typing import Any
 import numpy as np
 
 from urbantwin.fidelity.tuning.fit import RigFit
+from urbantwin.fidelity.tuning.frames import Split
 from urbantwin.fidelity.tuning.group_fit import GroupFit
 from urbantwin.fidelity.tuning.knobs import Knob
-from urbantwin.fidelity.tuning.split import Split
 
-__all__ = ["fit_as_json", "split_as_json"]
+__all__ = ["fit_as_json", "split_as_json", "summary_of"]
+
+_SHOWN = ("hausdorff_p95_m", "js_mean", "point_to_mesh_mean_m", "chamfer_m")
+
+
+def summary_of(found: dict[str, Any]) -> dict[str, Any]:
+    """Return what ``tune`` prints of what it returns."""
+    held = found["held_out"]
+    knobs = {}
+    for name, one in found["knobs"].items():
+        unit = f" {one['unit']}" if one["unit"] in ("m", "deg") else ""
+        text = f"{one['start']:.4g} -> {one['value']:.4g}{unit}"
+        knobs[name] = text if one["state"] == "fitted" else one["state"]
+    measures = held.get("measures", {})
+    return {
+        "frames": {name: span for name, span in found["split"].items() if span},
+        "knobs": knobs,
+        "held_out": {
+            name: f"{one['start']:.4g} -> {one['tuned']:.4g}, {one['verdict']}"
+            for name, one in held.get("groups", {}).items()
+        },
+        "measures": {
+            name: " -> ".join(
+                "–" if measures[name][side] is None else f"{measures[name][side]:.3g}"
+                for side in ("start", "tuned")
+            )
+            for name in _SHOWN
+            if name in measures
+        },
+        "warnings": held.get("warnings", []),
+        "notes": found["notes"],
+        "problems": [*found["problems"], *held["problems"]],
+    }
 
 
 def split_as_json(split: Split) -> dict[str, Any]:

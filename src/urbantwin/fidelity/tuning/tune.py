@@ -14,13 +14,12 @@ from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_j
 from urbantwin.errors import InputError
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, fit_rig
 from urbantwin.fidelity.tuning.fit_actors import fit_actors
-from urbantwin.fidelity.tuning.frames import Looks, looks_of, open_unlabelled
+from urbantwin.fidelity.tuning.frames import Looks, Split, looks_of, open_unlabelled, split_in_time
 from urbantwin.fidelity.tuning.group_fit import Searching
 from urbantwin.fidelity.tuning.held_out import judge
-from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.fidelity.tuning.knobs import GROUPS
 from urbantwin.fidelity.tuning.result import fit_as_json, split_as_json
-from urbantwin.fidelity.tuning.split import Split, split_in_time
+from urbantwin.fidelity.tuning.study import Journal
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, write_tuned_rig
 from urbantwin.lidar import Rig
 from urbantwin.progress import Progress, untold

@@ -1,4 +1,4 @@
-"""A rig with other values of its knobs, in memory and as its file."""
+"""A rig with other values of its knobs: in memory, as its file, and the frames that it records."""
 
 from __future__ import annotations
 
@@ -10,14 +10,20 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
+from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.fidelity.alignment import write_aligned_rig
+from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.tuning.knobs import Values
 from urbantwin.geometry import Pose, ypr_from_rotation
-from urbantwin.lidar import Rig
+from urbantwin.lidar import PosedActor, Rig, Scanner
 from urbantwin.lidar.rig import MountedSensor, dataset_frame
+from urbantwin.lidar.timing import span_of
 from urbantwin.site.rig import Calibration
+from urbantwin.traffic import Motion
+from urbantwin.twin import Twin
 
-__all__ = ["PointsIn", "frame_of_points", "tuned_rig", "write_tuned_rig"]
+__all__ = ["PointsIn", "SimulatedFrames", "frame_of_points", "tuned_rig", "write_tuned_rig"]
 
 #: The frame of the real points: see ``frame:`` of a rig.
 PointsIn = Literal["sensor", "level", "site"]
@@ -104,3 +110,57 @@ def write_tuned_rig(source: Path, target: Path, rig: Rig, values: Values) -> Non
 def _update(document: dict[str, Any], name: str, values: Mapping[str, float]) -> None:
     if values:
         document[name] = {**(document.get(name) or {}), **values}
+
+
+class SimulatedFrames:
+    """Frames of a rig in a twin, each made when it is asked for.
+
+    Args:
+        twin: the twin.
+        rig: with the values of its knobs.
+        points_in: the frame of the points.
+        motion: the traffic; ``None``: the streets are empty.
+        seed: of all random numbers.
+    """
+
+    def __init__(
+        self, twin: Twin, rig: Rig, points_in: PointsIn, motion: Motion | None, seed: int
+    ) -> None:
+        self._rig = replace(
+            rig, frame=points_in, dataset_SE3_site=frame_of_points(rig, points_in).inverse()
+        )
+        self._seed, self._motion = seed, motion
+        self._scanner = Scanner(
+            twin.mesh,
+            self._rig,
+            seed,
+            meshes=None if motion is None else motion.mesh,
+            surface=twin.surface_materials,
+            region=twin.region,
+        )
+        self._motions = None if motion is None else FrameMotions(motion)
+        #: How many frames the motion lasts; as many as one likes without one.
+        self.count: int | None = None
+        if motion is not None:
+            self.count = 1 + int(motion.times()[-1] * rig.rate_hz + 1e-6)
+
+    def frame(self, number: int) -> Frame:
+        """Return a frame; beyond the motion's end it begins again."""
+        actors: list[PosedActor] = []
+        if self._motions is not None and self.count is not None:
+            number %= self.count
+            span = span_of(self._rig.sensors, number, self._seed)
+            moving = self._motions.around(number / self._rig.rate_hz, *span)
+            actors = posed_actors(moving.rows, moving.paths())
+        found = self._scanner.scan(number, actors)
+        places = np.array([one.site_SE3_sensor.translation for one in self._rig.sensors])
+        return Frame(
+            found.points[:, :3].astype(np.float64),
+            found.points[:, 3].astype(np.float64),
+            ring=found.ring.astype(np.int64),
+            column=found.column.astype(np.int64),
+            sensor=found.sensor.astype(np.int64),
+            instance=found.instance.astype(np.int64),
+            sensor_places=self._rig.dataset_SE3_site.apply(places),
+            name=f"{number:06d}",
+        )

@@ -12,13 +12,13 @@ from scipy.ndimage import binary_closing
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import Elevation, ElevationPatch
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.classify.colours import default_material, material_of_colour
 from urbantwin.reconstruct.classify.names import labels_of_names
 from urbantwin.reconstruct.classify.shape import classes_by_shape
 from urbantwin.reconstruct.classify.terrain import STEP_M, Terrain, terrain_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.weld import pieces_of, selected, welded
-from urbantwin.io.model import TriangleMesh
 from urbantwin.site.geometry import GeometrySpec
 from urbantwin.taxonomy import material_id, materials, semantic_classes, semantic_id
 

@@ -6,10 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.classify.colours import is_green
 from urbantwin.reconstruct.classify.terrain import Terrain
 from urbantwin.reconstruct.cleaning.weld import Pieces, pieces_of, selected
-from urbantwin.io.model import TriangleMesh
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["classes_by_shape"]

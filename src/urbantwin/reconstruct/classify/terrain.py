@@ -10,10 +10,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from urbantwin.ground import Elevation
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.street_surface import bare_earth
-from urbantwin.io.model import TriangleMesh
 
 __all__ = ["STEP_M", "Terrain", "edges_between", "terrain_of"]
 

@@ -10,13 +10,13 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.clip import clipped
 from urbantwin.reconstruct.cleaning.decimate import decimated
 from urbantwin.reconstruct.cleaning.removal import CleaningPicture, Removal, Spots, measures
 from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
 from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, cleared, pieces_of, selected
-from urbantwin.io.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec
 
 __all__ = ["Cleaned", "cleaned"]

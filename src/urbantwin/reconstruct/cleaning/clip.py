@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, selected, some_corner
 from urbantwin.io.model import TriangleMesh
+from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, selected, some_corner
 
 __all__ = ["Cut", "clipped", "cut_along"]
 

@@ -12,10 +12,10 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import PointCloud
 from urbantwin.reconstruct.cleaning.removal import CleaningPicture, Removal, Spots
 from urbantwin.reconstruct.cleaning.street_surface import STREET_CELL_M, Street, street_of_points
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
-from urbantwin.io.model import PointCloud
 from urbantwin.site.geometry import CleanSpec
 
 __all__ = ["CleanedCloud", "cleaned_cloud"]

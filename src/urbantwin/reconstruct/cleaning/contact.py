@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.weld import Pieces, bounds_of_faces
-from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Contacts"]
 

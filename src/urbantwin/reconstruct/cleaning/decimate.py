@@ -11,9 +11,9 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation, normals_of
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected, some_corner
-from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Decimated", "decimated", "unseen_error"]
 

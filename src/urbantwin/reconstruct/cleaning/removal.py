@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.cleaning.weld import Pieces, areas_of_faces, pieces_of
 from urbantwin.io.model import PointCloud, TriangleMesh
+from urbantwin.reconstruct.cleaning.weld import Pieces, areas_of_faces, pieces_of
 from urbantwin.site.geometry import Spot
 
 __all__ = ["CleaningPicture", "Removal", "Spots", "measures"]

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.contact import Contacts
 from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street_surface import bare_earth
 from urbantwin.reconstruct.cleaning.weld import Pieces
-from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Shards", "find_shards"]
 

@@ -9,13 +9,13 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.outline import Outline, outline_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street_surface import REACH_M, WIDEST_M, Street, street_of_mesh
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, pieces_of, selected, some_corner
-from urbantwin.io.model import TriangleMesh
 
 __all__ = ["Untrafficked", "without_traffic"]
 
