@@ -13,7 +13,7 @@ from urbantwin.lidar.actor_path import Paths, PosedActor
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
-from urbantwin.lidar.footprint import Footprint
+from urbantwin.lidar.beams import Footprint
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor import Sensor
@@ -22,7 +22,7 @@ from urbantwin.lidar.shapes import PresentActors, ShapeTable
 from urbantwin.lidar.standing import standing_at
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.static_world import StaticLayers, World
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 from urbantwin.lidar.turn import Turn, observe
 from urbantwin.site.rig import Effects
 from urbantwin.taxonomy import material_id, materials, semantic_id

@@ -14,7 +14,7 @@ from urbantwin.lidar.casting.cast import cast_actors
 from urbantwin.lidar.casting.tracer import Firing, SensorPoses
 from urbantwin.lidar.compiled.bounds import bounds_of_box
 from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.assets import asset_mesh
 

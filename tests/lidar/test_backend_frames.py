@@ -153,7 +153,7 @@ def test_kernels_compile_for_cuda(tmp_path):
     """NVIDIA's compiler comes with Warp and needs no GPU."""
     warp = need_warp()
     from urbantwin.lidar.casting.device import cast
-    from urbantwin.lidar.casting.warp_device import warp_device
+    from urbantwin.lidar.casting.warp_shapes import warp_device
 
     warp_device("cpu")
     try:

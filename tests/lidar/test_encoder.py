@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from urbantwin.lidar import beam_directions, sensor
-from urbantwin.lidar.returns.encoder import as_reported, encoder_errors
+from urbantwin.lidar.beams import as_reported, encoder_errors
 
 
 @pytest.mark.parametrize(("name", "columns"), [("HDL-32E", 2170), ("HDL-64E", 2083)])

@@ -4,7 +4,7 @@ import numpy as np
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Scanner, sensor
-from urbantwin.lidar.footprint import Footprint
+from urbantwin.lidar.beams import Footprint
 from urbantwin.taxonomy import semantic_id
 
 THIN = dict.fromkeys(("noise", "dropout", "quantisation", "sun", "blooming"), False)

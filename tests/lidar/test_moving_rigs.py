@@ -10,7 +10,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Scanner
 from urbantwin.lidar.actor_path import ActorPath, PosedActor
-from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.beams import dead_beams
 from urbantwin.lidar.pattern import beam_directions
 from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RigSpec

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
-from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.beams import dead_beams
 from urbantwin.lidar.pattern import beam_directions
 
 

@@ -6,8 +6,8 @@ from scipy.stats import kstest, norm
 
 from urbantwin.lidar.catalogue import sensor
 from urbantwin.lidar.returns import ReturnModel, scatter_of_materials
+from urbantwin.lidar.returns.model import peak_left
 from urbantwin.lidar.returns.scatter import PATCHES, TEXTURE
-from urbantwin.lidar.returns.stretch import peak_left
 from urbantwin.lidar.scanner import Scanner
 
 from ..thorough import further

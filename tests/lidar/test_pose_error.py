@@ -6,7 +6,7 @@ import pytest
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.geometry import Pose, rotation_from_ypr
 from urbantwin.lidar import Scanner
-from urbantwin.lidar.pose_error import pose_error
+from urbantwin.lidar.sensor_path import pose_error
 from urbantwin.site.rig import PoseErrorSpec
 
 EXACT = {"model": "VLP-16", "columns": 900, "effects": False}

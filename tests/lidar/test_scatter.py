@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import kstest, norm
 
 from urbantwin.lidar.returns import scatter_of_materials
-from urbantwin.lidar.returns.fresnel import mirrored, pane
-from urbantwin.lidar.returns.scatter import TEXTURE
+from urbantwin.lidar.returns.scatter import TEXTURE, mirrored, pane
 from urbantwin.taxonomy import material_id, materials
 
 COSINE = np.linspace(0.01, 1, 200)

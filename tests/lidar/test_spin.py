@@ -4,7 +4,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig, sensor, sensor_names
-from urbantwin.lidar.spin import columns_at, spin_of
+from urbantwin.lidar.sensor_options import columns_at, spin_of
 from urbantwin.site.rig import RigSpec
 
 

@@ -9,7 +9,6 @@ from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.compiled.return_mode import MODES, settle
 from urbantwin.lidar.detections import Detections, Slots
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.returns.added import strongest_of
 from urbantwin.lidar.returns.strays import (
     ISOLATION,
     SKIRT,
@@ -18,6 +17,7 @@ from urbantwin.lidar.returns.strays import (
     blooms,
     crosstalks,
     spilled,
+    strongest_of,
 )
 from urbantwin.taxonomy import materials
 

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.sway import SLOPE_OF_FIRST_MODE, TONES, SwayingPath, displacement
+from urbantwin.lidar.sensor_path import SLOPE_OF_FIRST_MODE, TONES, SwayingPath, displacement
 from urbantwin.site.rig import SwaySpec
 
 SWAY = SwaySpec(rms_m=0.02, frequency_hz=1.5, damping=0.05)

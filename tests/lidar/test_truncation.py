@@ -9,8 +9,8 @@ import pytest
 import shapely
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.labels.borders import Borders, StandingActors, truncations
-from urbantwin.lidar.labels.difficulty import LEVELS, difficulty_of
+from urbantwin.lidar.borders import Borders, StandingActors, truncations
+from urbantwin.lidar.labels import LEVELS, difficulty_of
 from urbantwin.lidar.pattern import beam_directions
 from urbantwin.lidar.shapes import ActorShape
 from urbantwin.lidar.sight.field_of_view import FieldOfView

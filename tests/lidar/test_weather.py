@@ -7,10 +7,13 @@ import pytest
 from scipy.integrate import quad
 
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw
-from urbantwin.lidar.returns.air import extinction, haze_exponent
-from urbantwin.lidar.returns.clutter import CELL_M, beam_area, collected
-from urbantwin.lidar.returns.particles import (
+from urbantwin.lidar.returns.clutter import (
+    CELL_M,
     FOG_RATIO_SR,
+    beam_area,
+    collected,
+    extinction,
+    haze_exponent,
     rain,
     snow,
     snow_rate_mm_h,

@@ -3,23 +3,134 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.footprint import Footprint
 from urbantwin.lidar.pattern import (
     beam_azimuths,
     beam_directions,
     beam_elevations,
     pattern_directions,
 )
-from urbantwin.lidar.returns.encoder import as_reported, encoder_errors
 from urbantwin.lidar.rig import MountedSensor
+from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["Beams", "Rings"]
+__all__ = ["Beams", "Footprint", "Rings", "as_reported", "dead_beams", "encoder_errors"]
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Rays that a beam is made of.
+
+    Attributes:
+        offset: (S, 2) float64, radians across (level, to the left) and up from the beam's axis;
+            the first is the axis itself.
+        share: (S,) float64, of the beam's light; they add up to 1.
+    """
+
+    offset: NDArray[np.float64]
+    share: NDArray[np.float64]
+
+    @property
+    def reach(self) -> float:
+        """How far the rays go from the axis, radians."""
+        return float(np.abs(self.offset).max())
+
+    @classmethod
+    def thin(cls) -> Footprint:
+        """Return a beam that is a single ray."""
+        return cls(np.zeros((1, 2)), np.ones(1))
+
+    @classmethod
+    def of(cls, sensor: Sensor) -> Footprint:
+        """Return the beam of a sensor."""
+        across, up = np.radians(sensor.assumed_divergence_deg) / np.sqrt(8 * np.log(2))
+        turn = np.radians(60.0 * np.arange(6) + 30.0)
+        ring = np.sqrt(7 / 3) * np.column_stack([across * np.cos(turn), up * np.sin(turn)])
+        return cls(np.vstack([np.zeros((1, 2)), ring]), np.full(7, 1 / 7))
+
+
+def encoder_errors(sensor: Sensor, columns: int) -> NDArray[np.float64]:
+    """Return how far counter-clockwise of the truth each column (K,) is reported, radians."""
+    step = sensor.azimuth_step_deg
+    if step is None or sensor.pattern is not None:
+        return np.zeros(columns)
+    step = 360.0 / round(360.0 / step)  # A turn has a whole number of them.
+    true = 360.0 * np.arange(columns) / columns
+    error = np.rint(true / step) * step - true
+    error[np.abs(error) < 1e-9] = 0.0
+    return np.radians(error if sensor.spin == "ccw" else -error)
+
+
+def as_reported(
+    directions: NDArray[np.float64], sensor: Sensor, columns: int
+) -> NDArray[np.float64]:
+    """Return the directions (C * K, 3) that a sensor says its beams (C * K, 3) have."""
+    error = encoder_errors(sensor, columns)
+    if not error.any():
+        return directions
+    fans = directions.reshape(-1, columns, 3)
+    cosine, sine = np.cos(error), np.sin(error)
+    x, y = fans[..., 0], fans[..., 1]
+    turned = np.stack([x * cosine - y * sine, x * sine + y * cosine, fans[..., 2]], axis=-1)
+    return np.ascontiguousarray(turned.reshape(-1, 3))
+
+
+#: Azimuths this near to the border of a sector are on it, degrees: they are binary fractions.
+_ON_THE_BORDER_DEG = 1e-9
+
+
+def dead_beams(mounted: MountedSensor, time_s: float) -> NDArray[np.bool_] | None:
+    """Return which beams (C, K) report nothing; ``None`` where all work.
+
+    Args:
+        mounted: the sensor.
+        time_s: of the frame, seconds from the motion's start; an outage that is under way then
+            lasts for the whole frame.
+    """
+    active = tuple(
+        number
+        for number, one in enumerate(mounted.outages)
+        if one.start_s <= time_s and (one.stop_s is None or time_s < one.stop_s)
+    )
+    if not active:
+        return None
+    # The beams of a pattern that does not repeat are others in every frame.
+    frame = round(time_s * mounted.rate_hz) if mounted.sensor.pattern is not None else 0
+    return _dead(mounted, active, frame)
+
+
+@lru_cache(maxsize=16)
+def _dead(mounted: MountedSensor, active: tuple[int, ...], frame: int) -> NDArray[np.bool_]:
+    azimuth_deg = np.degrees(_azimuths(mounted, frame))
+    dead = np.zeros(azimuth_deg.shape, bool)
+    for number in active:
+        outage = mounted.outages[number]
+        hit = np.ones(azimuth_deg.shape, bool)
+        if outage.sector_deg is not None:
+            first, last = outage.sector_deg
+            width = 360.0 if abs(last - first) >= 360.0 else (last - first) % 360.0
+            past = (azimuth_deg - first + _ON_THE_BORDER_DEG) % 360.0
+            hit &= past <= width + 2 * _ON_THE_BORDER_DEG
+        if outage.channels is not None:
+            broken = np.zeros(len(azimuth_deg), bool)
+            broken[outage.channels] = True
+            hit &= broken[:, None]
+        dead |= hit
+    dead.flags.writeable = False
+    return dead
+
+
+def _azimuths(mounted: MountedSensor, frame: int) -> NDArray[np.float64]:
+    """Return the azimuth (C, K) of every beam in a frame, radians."""
+    pattern = mounted.sensor.pattern
+    if pattern is None:
+        return beam_azimuths(mounted.sensor, mounted.columns)
+    beams = pattern_directions(pattern, mounted.columns, frame, mounted.rate_hz)
+    return np.asarray(np.arctan2(beams[..., 1], beams[..., 0]))
 
 
 class Rings(NamedTuple):

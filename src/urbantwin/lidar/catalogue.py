@@ -18,12 +18,12 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.lidar.hesai import hesai_sensor
 from urbantwin.lidar.ouster import ouster_sensor
-from urbantwin.lidar.pattern_sensor import pattern_sensor
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import (
     FORM,
     checked_sensor,
     parse_sensor,
+    pattern_sensor,
     read_text,
     yaml_value,
 )

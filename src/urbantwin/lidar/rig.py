@@ -11,10 +11,14 @@ import numpy as np
 from urbantwin.geometry import Pose
 from urbantwin.lidar.actor_path import ActorPath
 from urbantwin.lidar.background import MeasuredBackground
-from urbantwin.lidar.pose_error import MisplacedPath
 from urbantwin.lidar.sensor import Sensor
-from urbantwin.lidar.sensor_path import FixedPath, RidingPath, SensorPath
-from urbantwin.lidar.sway import SwayingPath
+from urbantwin.lidar.sensor_path import (
+    FixedPath,
+    MisplacedPath,
+    RidingPath,
+    SensorPath,
+    SwayingPath,
+)
 from urbantwin.site.rig import (
     Calibration,
     Conditions,

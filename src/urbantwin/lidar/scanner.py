@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import starmap
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -15,16 +17,14 @@ from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.geometry.rays import LIBRARIES
 from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.annotated import LAST_TRACK, annotated_actors, annotated_size
-from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.beams import Beams, dead_beams
+from urbantwin.lidar.borders import Bordering, Borders, StandingActors
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
 from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Layers
 from urbantwin.lidar.compiled.pose import poses_at
-from urbantwin.lidar.labels import LabelledFrame
-from urbantwin.lidar.labels.borders import Borders, StandingActors
-from urbantwin.lidar.labels.labelling import labelled
-from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.labels import BoxLabel, LabelledFrame
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor, Rig
 from urbantwin.lidar.sensor_path import SensorPath
@@ -32,11 +32,83 @@ from urbantwin.lidar.shapes import MeshSource, PresentActors, ShapeTable
 from urbantwin.lidar.standing import seen_at, standing_at, track_boxes
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.static_world import World
-from urbantwin.lidar.sweep import Sweep
-from urbantwin.lidar.timing import sweeps_of
-from urbantwin.lidar.turn import Turn, observe
+from urbantwin.lidar.timing import Sweep, sweeps_of
+from urbantwin.lidar.turn import Observation, Turn, observe
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
 
-__all__ = ["Scanner"]
+__all__ = ["Scanner", "labelled"]
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+def labelled(
+    seen: Sequence[Observation],
+    actors: Sequence[PosedActor],
+    boxes: NDArray[np.float64],
+    when_s: NDArray[np.float64],
+    bordering: Bordering,
+    dataset_SE3_site: Pose,
+) -> LabelledFrame:
+    """Fuse the sensors' returns and give every point and actor its labels.
+
+    Args:
+        seen: what was reported of each turn.
+        actors: in the order in which returns number them.
+        boxes: (A, 7) of the actors, dataset frame.
+        when_s: (A,) when they stood there, seconds from the frame's time.
+        bordering: how they lie to the borders of what the rig sees.
+        dataset_SE3_site: to the frame of the points.
+    """
+    points = [one.points for one in seen]
+    actor = _joined([one.actor for one in seen], np.int32)
+    semantic = _joined([one.semantic for one in seen], np.uint16)
+    instance = np.zeros(len(actor), np.uint16)
+    hit = np.flatnonzero(actor >= 0)
+    owner = actor[hit]
+    classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
+    semantic[hit] = np.array(classes, np.uint16)[owner]
+    tracks = [one.track for one in actors]
+    instance[hit] = np.array(tracks, np.uint16)[owner]
+    count = np.bincount(owner, minlength=len(actors))
+    alone = np.sum([one.alone for one in seen], axis=0, dtype=np.int64).reshape(-1)
+    alone = alone if seen else np.zeros(len(actors), np.int64)
+    velocity = np.array([one.velocity for one in actors]).reshape(-1, 3)
+    velocity = velocity @ dataset_SE3_site.rotation.T
+    sensor = np.array([one.sensor for one in seen], np.uint8)
+    return LabelledFrame(
+        _joined([one.xyzi for one in points], np.float32, (0, 4)),
+        semantic,
+        instance,
+        np.repeat(sensor, [len(one.actor) for one in seen]),
+        _joined([one.ring for one in points], np.uint16),
+        _joined([one.column for one in points], np.uint16),
+        _joined([one.time_s for one in points], np.float32),
+        _joined([one.echo for one in seen], np.uint8),
+        tuple(
+            starmap(
+                BoxLabel,
+                zip(
+                    tracks,
+                    [one.actor_class for one in actors],
+                    boxes,
+                    count.tolist(),
+                    alone.tolist(),
+                    velocity,
+                    when_s.tolist(),
+                    bordering.truncation.tolist(),
+                    bordering.whereabouts,
+                    strict=True,
+                ),
+            )
+        ),
+    )
+
+
+def _joined(
+    parts: Sequence[NDArray[_Value]], kind: type[_Value], none: tuple[int, ...] = (0,)
+) -> NDArray[_Value]:
+    """Join the turns' arrays; that of one turn is taken as it is."""
+    return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(none, kind), *parts])
 
 
 class Scanner:

@@ -11,7 +11,6 @@ from urbantwin.lidar.compiled.return_mode import MODES, settle
 from urbantwin.lidar.detections import Detections, Slots, Touching
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
-from urbantwin.lidar.returns.added import strongest_of
 from urbantwin.lidar.returns.strays import (
     Source,
     Spill,
@@ -20,6 +19,7 @@ from urbantwin.lidar.returns.strays import (
     crosstalks,
     is_bright,
     spilled,
+    strongest_of,
 )
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView

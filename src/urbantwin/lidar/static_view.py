@@ -24,7 +24,7 @@ from urbantwin.lidar.returns.strays import Source, Spill, is_bright, spilled
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.static_world import StaticLayers, World
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 
 __all__ = ["StaticAnswers", "StaticView"]
 

@@ -15,7 +15,7 @@ from urbantwin.lidar.compiled.order import by_ray
 from urbantwin.lidar.compiled.view import places_along
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.shapes import ActorShape, Shapes
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["StaticLayers", "World"]

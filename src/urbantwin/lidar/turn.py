@@ -29,7 +29,7 @@ from urbantwin.lidar.shapes import PresentActors
 from urbantwin.lidar.spurious import Spurious
 from urbantwin.lidar.standing import Standing
 from urbantwin.lidar.static_view import StaticView
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 
 __all__ = ["Observation", "Points", "Turn", "observe"]
 

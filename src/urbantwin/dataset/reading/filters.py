@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.lidar.labels.difficulty import LEVELS
+from urbantwin.lidar.labels import LEVELS
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -16,7 +16,7 @@ from urbantwin.lidar.returns import LEVELS, ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.static_world import World
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 from urbantwin.site.rig import Conditions
 from urbantwin.taxonomy import materials
 

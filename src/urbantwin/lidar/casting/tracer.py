@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.shapes import PresentActors
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 
 __all__ = ["Blocks", "Casting", "Firing", "Layers", "RayTracer", "SensorPoses", "Spread"]
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
-from urbantwin.lidar.casting.warp_device import warp_device
-from urbantwin.lidar.casting.warp_shapes import DeviceShapes
+from urbantwin.lidar.casting.warp_shapes import DeviceShapes, warp_device
 from urbantwin.lidar.compiled.order import in_order
 from urbantwin.lidar.shapes import PresentActors, Shapes
 

@@ -25,25 +25,128 @@ divergence.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.response import Response, probabilities, strengths
 from urbantwin.lidar.returns.draws import LEVELS, Draws
-from urbantwin.lidar.returns.particles import Particles, fog_amplitude, rain, snow
+from urbantwin.lidar.returns.scatter import N_WATER, mirrored
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.site.rig import Conditions
+from urbantwin.taxonomy import materials
 
 __all__ = [
     "CELL_M",
+    "CONTRAST",
+    "DEFAULT_VISIBILITY_M",
     "EXIT_M",
     "FAINTEST",
+    "FOG_RATIO_SR",
     "Clutter",
+    "Particles",
     "beam_area",
     "clutter_of",
     "collected",
+    "extinction",
+    "fog_amplitude",
+    "haze_exponent",
+    "rain",
+    "snow",
+    "snow_rate_mm_h",
+    "visibility",
 ]
+
+#: What is left of a beam at the visibility.
+CONTRAST = 0.05
+#: Visibility in metres where a weather is named without one: a shower of 9 mm/h as
+#: `particles.rain` has it, fog and snow of the middle of their usual span.
+DEFAULT_VISIBILITY_M = {"rain": 2000.0, "fog": 150.0, "snow": 700.0}
+
+
+def visibility(conditions: Conditions) -> float | None:
+    """Return the visibility in metres; ``None`` in clear air of which none is given."""
+    if conditions.visibility_m is not None:
+        return conditions.visibility_m
+    return DEFAULT_VISIBILITY_M.get(conditions.weather)
+
+
+def haze_exponent(visibility_m: float) -> float:
+    """Return Kim's q."""
+    km = visibility_m / 1000
+    ends = [0.0, 0.5, 1.0, 6.0]
+    if km > ends[-1]:
+        return 1.6 if km > 50 else 1.3
+    return float(np.interp(km, ends, [0.0, 0.0, 0.5, 1.3]))
+
+
+def extinction(conditions: Conditions, wavelength_nm: float) -> float:
+    """Return the extinction in 1/m; 0 in clear air of which no visibility is given.
+
+    The datasheets' ranges are measured in clear air: what that takes is in them.
+    """
+    seen = visibility(conditions)
+    if seen is None:
+        return 0.0
+    visible = -np.log(CONTRAST) / seen
+    if conditions.weather != "clear":
+        return float(visible)
+    return float(visible * (wavelength_nm / 550.0) ** -haze_exponent(seen))
+
+
+#: Extinction of fog relative to its backscatter.
+FOG_RATIO_SR = 18.8
+_RAIN_N0 = 8000.0
+_FLAKE_WIDTH = 10 ** (1 / 3)
+
+
+class Particles(NamedTuple):
+    """Spheres of exponential sizes.
+
+    Attributes:
+        n0: of diameter 0, per m3 and m.
+        slope: by which numbers fall with diameter, 1/m.
+        white: a sphere that fills the beam is as bright as a surface of this reflectivity.
+    """
+
+    n0: float
+    slope: float
+    white: float
+
+    @property
+    def extinction(self) -> float:
+        """What they take from a beam, 1/m."""
+        return np.pi * self.n0 / self.slope**3
+
+
+def rain(extinction: float) -> Particles:
+    """Return the drops of rain with an extinction in 1/m."""
+    n0 = _RAIN_N0 * 1e3
+    front = float(mirrored(np.ones(1), N_WATER)[0])
+    gain = front + front * (1 - front) ** 2 * (N_WATER / (2 - N_WATER)) ** 2
+    return Particles(n0, (np.pi * n0 / extinction) ** (1 / 3), gain / 4)
+
+
+def snow_rate_mm_h(extinction: float) -> float:
+    """Return the rate of snow with an extinction in 1/m, mm of water per hour."""
+    # pi (N0 / w) / (L / w)^3 with w the width of flakes, in mm2 per m3.
+    of_one = np.pi * 3800.0 / 2.55**3 * _FLAKE_WIDTH**2 * 1e-6
+    return float((extinction / of_one) ** (1 / (3 * 0.48 - 0.87)))
+
+
+def snow(extinction: float, wavelength_nm: float) -> Particles:
+    """Return the flakes of snow with an extinction in 1/m."""
+    rate = snow_rate_mm_h(extinction)
+    n0 = 3800.0 * rate**-0.87 / _FLAKE_WIDTH * 1e3
+    slope = 2.55 * rate**-0.48 / _FLAKE_WIDTH * 1e3
+    return Particles(n0, slope, 2 / 3 * materials()["snow"].reflectivity_at(wavelength_nm))
+
+
+def fog_amplitude(extinction: float, cell_m: float) -> float:
+    """Return the amplitude of fog from a length of beam that comes back as one echo."""
+    return np.pi * extinction / FOG_RATIO_SR * cell_m
+
 
 #: Length of beam that comes back as one echo: half of a pulse of 5 ns.
 CELL_M = 0.75

@@ -2,24 +2,119 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.response import Response, answers, probabilities, strengths
-from urbantwin.lidar.returns.air import extinction
-from urbantwin.lidar.returns.clutter import Clutter, clutter_of
-from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
+from urbantwin.lidar.returns.clutter import CELL_M, Clutter, clutter_of, extinction
 from urbantwin.lidar.returns.draws import LEVELS
-from urbantwin.lidar.returns.intensity import intensity_scale
-from urbantwin.lidar.returns.noise import knee_of
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
-from urbantwin.lidar.returns.stretch import divergence, peak_left
 from urbantwin.lidar.returns.sunlight import daylight, sun_noise
 from urbantwin.lidar.returns.swallowed import FAINTEST
 from urbantwin.lidar.rig import MountedSensor
+from urbantwin.lidar.sensor import Sensor
 from urbantwin.site.rig import Conditions
 
-__all__ = ["ReturnModel"]
+__all__ = [
+    "BEST_RETRO",
+    "DETECTION_AT_REFERENCE",
+    "HALF_STRENGTH",
+    "KNEE_SNR",
+    "KNEE_STRENGTH",
+    "REFERENCE_SNR",
+    "STEEPNESS",
+    "IntensityScale",
+    "ReturnModel",
+    "divergence",
+    "intensity_scale",
+    "knee_of",
+    "peak_left",
+]
+
+#: Probability of a return from the reference target at the reference range.
+DETECTION_AT_REFERENCE = 0.9
+#: Strength at which the probability of a return is one half.
+HALF_STRENGTH = 0.69
+#: k.
+STEEPNESS = float(
+    np.log(DETECTION_AT_REFERENCE / (1 - DETECTION_AT_REFERENCE)) / -np.log(HALF_STRENGTH)
+)
+
+
+#: Signal-to-noise ratio at which both parts of the noise are equal.
+KNEE_SNR = 12 * float(np.sqrt((10 / 1.5) ** 2 - 1))
+#: Signal-to-noise ratio of the datasheet's target.
+REFERENCE_SNR = 12.0
+#: The first in strength.
+KNEE_STRENGTH = KNEE_SNR / REFERENCE_SNR
+
+
+def knee_of(sensor: Sensor) -> float:
+    """Return the strength at which both parts of a sensor's noise are equal."""
+    if sensor.weak_sigma_m is None:
+        return KNEE_STRENGTH
+    ratio = sensor.weak_sigma_m / sensor.assumed_range_sigma_m
+    return float(np.sqrt(max(ratio**2 - 1, 0.0)))
+
+
+#: Backscatter of the best retroreflective sheeting: pi times 700 cd per lx and m2 (ASTM D4956,
+#: type VIII, white, at 0.2 and -4 degrees).
+BEST_RETRO = 700 * np.pi
+
+
+class IntensityScale(NamedTuple):
+    """How backscatter becomes a code.
+
+    Attributes:
+        white: code of a white surface.
+        greatest: code of the brightest return.
+        per_log: codes per unit of the logarithm of backscatter above white; 0: linear.
+    """
+
+    white: float
+    greatest: float
+    per_log: float
+
+
+def intensity_scale(sensor: Sensor) -> IntensityScale:
+    """Return a sensor's scale."""
+    greatest = 255.0 if sensor.intensity_max is None else float(sensor.intensity_max)
+    white = greatest if sensor.intensity_of_white is None else float(sensor.intensity_of_white)
+    has_retro = "retroreflector" in (sensor.intensity_scale or "") and greatest > white
+    return IntensityScale(
+        white, greatest, (greatest - white) / np.log(BEST_RETRO) if has_retro else 0.0
+    )
+
+
+#: Surfaces are not seen more edge on than this (cosine).
+_LEAST_COSINE = 1e-3
+
+
+def divergence(sensor: Sensor) -> float:
+    """Return the full width at half maximum of a beam, radians; 0 where it is not published."""
+    if sensor.beam_divergence_deg is None:
+        return 0.0
+    return float(np.sqrt(np.prod(np.radians(sensor.beam_divergence_deg))))
+
+
+def peak_left(
+    divergence_rad: float, range_m: NDArray[np.floating], cosine: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """Return what is left (N,) of a pulse's peak, 0 to 1.
+
+    Args:
+        divergence_rad: of the beam.
+        range_m: (N,) of the surface.
+        cosine: (N,) of the angle of incidence.
+    """
+    if divergence_rad == 0:
+        return np.ones(len(range_m), np.float32)
+    faced = np.maximum(cosine, _LEAST_COSINE)
+    longer = range_m * divergence_rad / CELL_M * np.sqrt(np.maximum(1 - faced**2, 0)) / faced
+    return np.asarray(1 / np.sqrt(1 + longer**2 / 2), np.float32)
+
 
 Floats = NDArray[np.float32]
 

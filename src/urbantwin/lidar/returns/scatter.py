@@ -51,12 +51,76 @@ from numpy.typing import NDArray
 from urbantwin.lidar.compiled.patches import add_patches
 from urbantwin.lidar.compiled.surfaces import mix, read_actors, read_curves
 from urbantwin.lidar.returns.draws import standard_quantiles
-from urbantwin.lidar.returns.fresnel import pane
 from urbantwin.lidar.returns.swallowed import losses, thrown_on
-from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
 from urbantwin.taxonomy import material_id, materials
 
-__all__ = ["PATCHES", "TEXTURE", "Scatter", "oren_nayar", "scatter_of_materials"]
+__all__ = [
+    "FILM_M",
+    "N_GLASS",
+    "N_WATER",
+    "PATCHES",
+    "TEXTURE",
+    "WET_BEADS",
+    "Scatter",
+    "film_passes",
+    "mirrored",
+    "oren_nayar",
+    "pane",
+    "scatter_of_materials",
+    "wet_reflectivity",
+]
+
+N_WATER = 1.33
+N_GLASS = 1.51
+
+Doubles = NDArray[np.float64]
+
+
+def mirrored(cosine: Doubles, index: float) -> Doubles:
+    """Return the share (N,) of light that a boundary of air mirrors.
+
+    Args:
+        cosine: (N,) of the angle of incidence in air, 0..1.
+        index: refractive index of what lies behind the boundary.
+    """
+    inside = np.sqrt(1 - (1 - cosine**2) / index**2)
+    across = (cosine - index * inside) / (cosine + index * inside)
+    along = (index * cosine - inside) / (index * cosine + inside)
+    return np.asarray((across**2 + along**2) / 2)
+
+
+def pane(cosine: Doubles, index: float = N_GLASS) -> Doubles:
+    """Return the share (N,) of light that passes both faces of a pane that absorbs nothing.
+
+    With the light that goes to and fro inside: ``(1 - r) / (1 + r)`` of each polarisation's r.
+    """
+    inside = np.sqrt(1 - (1 - cosine**2) / index**2)
+    across = ((cosine - index * inside) / (cosine + index * inside)) ** 2
+    along = ((index * cosine - inside) / (index * cosine + inside)) ** 2
+    return np.asarray(((1 - across) / (1 + across) + (1 - along) / (1 + along)) / 2)
+
+
+#: Thickness of a full film of water.
+FILM_M = 3e-4
+#: Share of their retroreflection that beads keep in it.
+WET_BEADS = 0.25
+
+_K_NM = np.array([800.0, 905.0, 1064.0, 1300.0, 1550.0])
+_K = np.array([1.25e-7, 4.9e-7, 1.2e-6, 1.1e-5, 1.3e-4])
+
+
+def wet_reflectivity(dry: Doubles, wavelength_nm: float) -> Doubles:
+    """Return the diffuse reflectivity (N,) under a full film, of dry reflectivities (N,)."""
+    k = float(np.exp(np.interp(wavelength_nm, _K_NM, np.log(_K))))
+    absorbed = np.exp(-2 * FILM_M * 4 * np.pi * k / (wavelength_nm * 1e-9))
+    return np.asarray(dry / (dry + N_WATER**2 * (1 - dry)) * absorbed)
+
+
+def film_passes(cosine: Doubles) -> Doubles:
+    """Return what of a beam passes the film's face in and out, relative to facing it squarely."""
+    passes = 1 - mirrored(cosine, N_WATER)
+    return np.asarray((passes / (1 - mirrored(np.ones(1), N_WATER))) ** 2)
+
 
 #: Standard deviation of the logarithm of backscatter from place to place.
 TEXTURE = 0.25

@@ -25,7 +25,7 @@ from urbantwin.lidar.returns import LEVELS, ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.shapes import PresentActors
 from urbantwin.lidar.static_world import StaticLayers, World
-from urbantwin.lidar.sweep import Sweep
+from urbantwin.lidar.timing import Sweep
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["NOBODY", "ActorPoints", "ExpectedPoints", "StaticPoints", "Turn", "one_pose"]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.beams import dead_beams
 from urbantwin.lidar.pattern import beam_directions, pattern_directions
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor import Sensor

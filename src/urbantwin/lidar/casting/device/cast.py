@@ -4,21 +4,38 @@ A ray is a thread. First all rays along the beams' axes are cast; then, where ne
 something else, the rays of a beam's footprint. Who casts puts the layers that are found in order.
 """
 
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
 import warp as wp
 
 from urbantwin.lidar.casting import layer_rule
 from urbantwin.lidar.casting.device.poses import Motion, RayPose, Turn, pose_for
-from urbantwin.lidar.casting.device.rule import on_device
 from urbantwin.lidar.casting.device.triangles import Meshes, first_hit
-from urbantwin.lidar.casting.layer_rule import (
-    BEHIND_M,
-    MOST_PANES,
-    MOST_SURFACES,
-    ON_AXIS,
-    STEP_M,
-)
+from urbantwin.lidar.casting.layer_rule import BEHIND_M, MOST_PANES, MOST_SURFACES, ON_AXIS, STEP_M
 
-__all__ = ["PICOSECONDS", "Blocks", "Layer", "Surfaces", "cast_axes", "find_layers"]
+__all__ = ["PICOSECONDS", "Blocks", "Layer", "Surfaces", "cast_axes", "find_layers", "on_device"]
+
+
+def on_device(rule: Callable[..., Any], *kinds: object) -> wp.Function:
+    """Return a plain function as one of Warp's.
+
+    Args:
+        rule: of numbers; the float constants that it names become double precision.
+        kinds: Warp's type of each argument.
+    """
+    assert isinstance(rule, FunctionType)
+    names = {
+        name: wp.constant(wp.float64(value)) if isinstance(value, float) else value
+        for name, value in rule.__globals__.items()
+    }
+    copy = FunctionType(rule.__code__, names, rule.__name__)
+    copy.__module__, copy.__doc__ = rule.__module__, rule.__doc__
+    arguments = rule.__code__.co_varnames[: rule.__code__.co_argcount]
+    copy.__annotations__ = dict(zip(arguments, kinds, strict=True))
+    return wp.func(copy)
+
 
 #: Times are added up in these, so that the sum does not depend on the order.
 PICOSECONDS = 1e12

@@ -14,9 +14,47 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.labels.difficulty import LEVELS, difficulty_of
+__all__ = ["LEVELS", "BoxLabel", "LabelledFrame", "Level", "Whereabouts", "difficulty_of"]
 
-__all__ = ["BoxLabel", "LabelledFrame", "Whereabouts"]
+
+class Level(NamedTuple):
+    """What an actor must meet.
+
+    Attributes:
+        name: of the level.
+        least_points: least number of points on it.
+        most_occlusion: largest hidden share, 0..1.
+        most_truncation: largest share outside of what the rig sees, 0..1.
+    """
+
+    name: str
+    least_points: int
+    most_occlusion: float
+    most_truncation: float
+
+
+#: From the easiest on; an actor has the first that it meets.
+LEVELS = (
+    Level("easy", 21, 0.2, 0.15),
+    Level("moderate", 6, 0.6, 0.30),
+    Level("hard", 1, 1.0, 0.50),
+)
+
+
+def difficulty_of(num_points: int, occlusion: float, truncation: float) -> str | None:
+    """Return the name of the easiest level that an actor meets; ``None`` where it meets none.
+
+    Args:
+        num_points: points on it.
+        occlusion: 0..1; ``nan`` where it is not known, which meets no level but the last.
+        truncation: 0..1.
+    """
+    for level in LEVELS:
+        known = occlusion <= level.most_occlusion or level.most_occlusion >= 1.0
+        if num_points >= level.least_points and known and truncation <= level.most_truncation:
+            return level.name
+    return None
+
 
 #: Where an actor is that does not count: ``outside`` of the region, ``far`` from every sensor.
 Whereabouts = Literal["outside", "far"]

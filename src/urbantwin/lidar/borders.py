@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
 from urbantwin.geometry.rays import RayScene
+from urbantwin.lidar.beams import dead_beams
 from urbantwin.lidar.compiled.bounds import bounds_of_box, in_field
 from urbantwin.lidar.compiled.pose import poses_at
-from urbantwin.lidar.labels.frame import Whereabouts
-from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.labels import Whereabouts
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.shapes import PresentActors
 from urbantwin.lidar.sight import FieldOfView
