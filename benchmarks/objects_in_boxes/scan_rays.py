@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from objects_in_boxes.bodies import PlacedBody
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.actor_path import Paths, PosedActor
-from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.beams import Beams, Footprint
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
-from urbantwin.lidar.beams import Footprint
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor import Sensor

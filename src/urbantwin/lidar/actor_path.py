@@ -1,4 +1,4 @@
-"""Where actors are in the course of a frame."""
+"""Poses of actors over the duration of a frame."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["ActorPath", "Paths", "PosedActor"]
 
 
 class ActorPath(NamedTuple):
-    """Poses (``site_SE3_asset``) at some times; between them straight, beyond them straight on.
+    """Sampled poses (``site_SE3_asset``), interpolated between samples and extrapolated beyond.
 
     Attributes:
-        time_s: (T,) float64, seconds from the frame's time, ascending; T is 2 or more.
+        time_s: (T,) float64, seconds relative to the frame's time, ascending; T >= 2.
         rotation: (T, 3, 3) float64.
         translation: (T, 3) float64, metres.
     """
@@ -29,12 +29,12 @@ class ActorPath(NamedTuple):
     translation: NDArray[np.float64]
 
     def leg(self, time_s: float) -> tuple[int, float]:
-        """Return the knot from which it goes on at a time, and how long that leg takes, seconds."""
+        """Return the index of the sample before a time and the duration of its segment, seconds."""
         k = min(max(bisect_right(self.time_s, time_s) - 1, 0), len(self.time_s) - 2)
         return k, self.time_s[k + 1] - self.time_s[k]
 
     def at(self, time_s: float) -> Pose:
-        """Return the pose at a time: rotations turn about one axis at one speed in between."""
+        """Return the pose at a time: linear in position, constant angular velocity in rotation."""
         k, took_s = self.leg(time_s)
         share = (time_s - self.time_s[k]) / took_s
         a, b = self.rotation[k], self.rotation[k + 1]
@@ -45,19 +45,18 @@ class ActorPath(NamedTuple):
 
 
 class PosedActor(NamedTuple):
-    """An actor in one frame.
+    """The state of an actor in one frame.
 
     Attributes:
-        track: the actor's number, 1, 2, 3, ..., the same in every frame.
+        track: track id, 1, 2, 3, ..., the same in every frame.
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
         asset: name of its mesh.
         phase: gait phase of a walking asset, 0 for rigid ones.
-        site_SE3_asset: its pose at the frame's time.
+        site_SE3_asset: pose at the frame's time.
         velocity: (3,) metres per second, site frame.
-        path: how it moves around the frame's time; ``None``: straight on with ``velocity``.
-        size: length, width and height of its track's box, metres; ``None``: it has none, and its
-            box is that of its mesh.
-        ahead_m: how far the middle of that box is ahead of its mesh's origin, metres.
+        path: poses around the frame's time; ``None``: constant ``velocity``.
+        size: length, width and height of its track's box, metres; ``None``: the bounds of its mesh.
+        ahead_m: distance of the box's centre ahead of the mesh's origin, metres.
     """
 
     track: int
@@ -72,7 +71,7 @@ class PosedActor(NamedTuple):
 
     @property
     def way(self) -> ActorPath:
-        """Its path, made from the velocity where it has none."""
+        """The path; with constant velocity if none is given."""
         if self.path is not None:
             return self.path
         pose = self.site_SE3_asset
@@ -84,13 +83,13 @@ class PosedActor(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """The ways of A actors in one frame, padded to the same number T of knots.
+    """Paths of the A actors of a frame, padded to the same number T of samples.
 
     Attributes:
-        time_s: (A, T) float64, seconds from the frame's time.
+        time_s: (A, T) float64, seconds relative to the frame's time.
         rotation: (A, T, 3, 3) float64, ``site_SE3_asset``.
-        translation: (A, T, 3) float64.
-        turn: (A, T - 1, 3) float64, rotation vector from each knot to the next, asset's frame.
+        translation: (A, T, 3) float64, metres.
+        turn: (A, T - 1, 3) float64, rotation vector from each sample to the next, asset frame.
     """
 
     time_s: NDArray[np.float64]
@@ -100,7 +99,7 @@ class Paths(NamedTuple):
 
     @classmethod
     def of(cls, ways: Sequence[ActorPath]) -> Paths:
-        """Put paths together; shorter ones go straight on."""
+        """Stack paths; shorter ones are extrapolated."""
         lengths = {len(way.time_s) for way in ways}
         longest, count = max(lengths, default=2), len(ways)
         if len(lengths) == 1:
@@ -121,13 +120,13 @@ class Paths(NamedTuple):
 
     @classmethod
     def standing(cls) -> Paths:
-        """Return the path of the static world: it stands in the site frame."""
+        """Return the path of the static world: the identity at all times."""
         rotation = np.broadcast_to(np.eye(3), (1, 2, 3, 3)).copy()
         return cls(np.array([[0.0, 1.0]]), rotation, np.zeros((1, 2, 3)), np.zeros((1, 1, 3)))
 
 
 def _turns(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotation vectors (A, T - 1, 3) from each knot's rotation to the next's."""
+    """Return the rotation vectors (A, T - 1, 3) between consecutive samples."""
     count, knots = rotation.shape[:2]
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
     still = (np.abs(step - np.eye(3)) < 1e-15).all(axis=(2, 3))

@@ -1,4 +1,4 @@
-"""Actors and their boxes as the annotators of a data set have them."""
+"""Actors and box sizes by the annotation rules of a real dataset."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from urbantwin.lidar.actor_path import PosedActor
 
 __all__ = ["LAST_TRACK", "annotated_actors", "annotated_size", "truck_of_load"]
 
-#: Labels have 16 bits for a track.
+#: Highest track id: labels store it in 16 bits.
 LAST_TRACK = 0xFFFF
-#: Tracks of loads count down from the last; who drives has tracks up to 30,000.
+#: A truck's load has the id LAST_TRACK less the truck's; vehicles have ids up to 30,000.
 _FIRST_LOAD = LAST_TRACK - 30_000
 
 
 def annotated_actors(annotators: str, actors: Sequence[PosedActor]) -> list[PosedActor]:
-    """Return actors as a data set's annotators tell them apart.
+    """Split actors into the objects that a dataset's annotators draw a box around.
 
-    TUMTraf's have a truck's cab and its load in a box each (`traffic.assets.truck_parts`); a load
-    has the track ``LAST_TRACK`` less that of its truck.
+    TUMTraf annotates a truck's cab and its load separately (`traffic.assets.truck_parts`); the load
+    has the track id ``LAST_TRACK`` less that of its truck.
 
     Args:
         annotators: as ``Rig.boxes``.
-        actors: as they drive.
+        actors: actors of the motion.
     """
     if annotators != "tumtraf":
         return list(actors)
     from urbantwin.traffic.assets.truck_parts import truck_parts
 
-    found = []
-    for one in actors:
-        parts = truck_parts(one.asset) if one.actor_class == "truck" else ()
+    objects = []
+    for actor in actors:
+        parts = truck_parts(actor.asset) if actor.actor_class == "truck" else ()
         for part in parts:
-            track = one.track if part.actor_class == "truck" else LAST_TRACK - one.track
-            found.append(
-                one._replace(
+            track = actor.track if part.actor_class == "truck" else LAST_TRACK - actor.track
+            objects.append(
+                actor._replace(
                     track=track,
                     actor_class=part.actor_class,
                     asset=part.name,
@@ -43,19 +43,19 @@ def annotated_actors(annotators: str, actors: Sequence[PosedActor]) -> list[Pose
                 )
             )
         if not parts:
-            found.append(one)
-    return found
+            objects.append(actor)
+    return objects
 
 
 def annotated_size(
     annotators: str, actor: PosedActor, seed: int
 ) -> tuple[float, float, float] | None:
-    """Return the size of an actor's label, metres; ``None``: that of its mesh.
+    """Return the size of an actor's label, metres; ``None``: the bounds of its mesh.
 
     Args:
         annotators: as ``Rig.boxes``.
-        actor: one of `annotated_actors`.
-        seed: of what is drawn.
+        actor: an element of `annotated_actors`.
+        seed: seed of the drawn sizes.
     """
     if annotators == "track" or actor.size is None:
         return actor.size
@@ -65,5 +65,5 @@ def annotated_size(
 
 
 def truck_of_load(track: int) -> int | None:
-    """Return the track of the truck whose load has a track; ``None``: it is no load's."""
+    """Return the track id of the truck that carries a load; ``None`` if the id is no load's."""
     return LAST_TRACK - track if track >= _FIRST_LOAD else None

@@ -1,4 +1,4 @@
-"""A measured background: at which ranges a real, fixed sensor saw the static world, by beam."""
+"""Measured background: ranges of the static world that a real, fixed sensor saw in each beam."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 __all__ = ["IMAGES", "MeasuredBackground", "Stirring"]
 
-#: The images of a background by their names.
+#: Names of a background's images.
 IMAGES = ("range_m", "sigma_m", "share", "intensity")
 
 
@@ -20,18 +20,19 @@ def _no_looks() -> NDArray[np.int32]:
 
 @dataclass(frozen=True, eq=False)
 class Stirring:
-    """At which ranges B beams met matter that stirs, in Q of the frames that measured it.
+    """Ranges of B beams that meet moving vegetation, in Q recorded frames.
 
-    What hangs together moves together: all beams of a patch, of whichever sensor, see what they saw
-    in one of these frames, and another patch what it was in another (a bootstrap by blocks).
+    Connected parts move together: all beams of a patch, of any sensor, replay the same recorded
+    frame,
+    independently of other patches (block bootstrap).
 
     Attributes:
         beam: (B,) int32, ascending.
-        patch: (B,) int32, the part of the world that it meets there, from 0; the same numbers for
-            all sensors of a recording.
-        range_m: (Q, B) float32, metres; 0: the beam met nothing that stirs.
-        intensity: (Q, B) float32, 0 to 1; nan: not known.
-        lasts_s: how long a patch stays as it is, seconds; 0: a turn of the sensor.
+        patch: (B,) int32, id of the patch of vegetation, from 0, common to all sensors of a
+            recording.
+        range_m: (Q, B) float32, metres; 0: the beam passed the vegetation.
+        intensity: (Q, B) float32, 0 to 1; nan: unknown.
+        lasts_s: time that a patch keeps its state, seconds; 0: one turn of the sensor.
     """
 
     beam: NDArray[np.int32]
@@ -43,22 +44,23 @@ class Stirring:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBackground:
-    """What each beam of a fixed sensor finds when nothing moves before it.
+    """Range distribution of each beam of a fixed sensor without traffic.
 
-    A beam has up to M ranges, the most frequent first: an edge, a fence, a tree.
+    A beam has up to M ranges, the most frequent first, for example at an edge, a fence or a tree.
 
     Attributes:
-        range_m: (M, C, K) float32, metres; 0 where there is none.
-        sigma_m: (M, C, K) float32, standard deviation of the range, metres; nan: not known.
-        share: (M, C, K) float32, of the unobstructed looks, those that came back from there; nan:
-            not known, of a beam with one range.
-        intensity: (M, C, K) float32, 0 to 1; nan: not known.
-        looks: (C, K) int32, how many were unobstructed; 0: not counted.
-        model: of the sensor; empty: any that has as many channels and columns.
-        turns_per_second: of it; nan: not known.
-        name: of the sensor in its rig.
-        fused: beams without a measured range see the modelled scene, in place of nothing.
-        stirring: what stirs before it; ``None``: nothing does.
+        range_m: (M, C, K) float32, metres; 0 for none.
+        sigma_m: (M, C, K) float32, standard deviation of the range, metres; nan: unknown.
+        share: (M, C, K) float32, share of the unobstructed observations that returned from this
+            range;
+            nan: unknown, for a beam with one range.
+        intensity: (M, C, K) float32, 0 to 1; nan: unknown.
+        looks: (C, K) int32, number of unobstructed observations; 0: not counted.
+        model: sensor model; empty: any with as many channels and columns.
+        turns_per_second: of the sensor; nan: unknown.
+        name: name of the sensor in its rig.
+        fused: use the modelled scene for beams without a measured range, instead of no return.
+        stirring: moving vegetation in front of it; ``None`` for none.
     """
 
     range_m: NDArray[np.float32]
@@ -79,7 +81,7 @@ class MeasuredBackground:
 
     @property
     def sha256(self) -> str:
-        """The hash of all its values: what a recipe knows it by."""
+        """SHA-256 of all values, which identifies the background in a dataset's manifest."""
         digest = hashlib.sha256(repr((self.range_m.shape, self.fused)).encode())
         for name in (*IMAGES, "looks"):
             digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
@@ -91,11 +93,11 @@ class MeasuredBackground:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which beams (N,) have a measured range."""
+        """Beams (N,) with a measured range."""
         return np.asarray(self.range_m[0].ravel() > 0)
 
     @property
     def returned(self) -> NDArray[np.float32]:
-        """Share (N,) of the unobstructed looks that came back; nan: not known."""
+        """Share (N,) of the unobstructed observations with a return; nan: unknown."""
         total = self.share.sum(axis=0, dtype=np.float32).ravel()
         return np.asarray(np.where(self.known, np.minimum(total, 1), 0), np.float32)

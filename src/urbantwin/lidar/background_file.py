@@ -1,4 +1,4 @@
-"""Background files (``.npz``), and the rig whose sensors they were measured by."""
+"""Background files (``.npz``), and rigs whose sensors use them."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ __all__ = [
 _EXPECTED = "a background that urbantwin measured"
 _FORMAT = 1
 _MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
-#: What stirs before a sensor of so many beams; an intensity of -1 is not known.
+#: Most patches of vegetation of a sensor.
 _MOST_PATCHES = 1_000_000
-#: Rates that differ by less are one.
+#: Rates that differ by less are equal.
 _SAME_RATE_HZ = 0.01
-#: Share of the beams below which a background is of hardly anything (of the demo's sensor: 0.62).
+#: Least share of beams with a range; of the demo's sensor it is 0.62.
 _LEAST_KNOWN = 0.1
 
 
@@ -53,52 +53,53 @@ class _About(Part):
 
 
 def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None:
-    """Write them as an ``.npz``; the file appears whole or not at all.
+    """Write backgrounds as an ``.npz``, atomically.
 
-    ``about`` is JSON: the sensors' names, models, channels, columns and turns per second, and how
-    long lasts what stirs. The images of the n-th are ``n.range_m`` and so on; what stirs is
-    ``n.stirring.beam``, ``.patch``, ``.range_m`` and ``.intensity``.
+    ``about`` is JSON: names, models, channels, columns and turns per second of the sensors, and how
+    long
+    vegetation keeps its state. The images of sensor n are ``n.range_m`` and so on, its vegetation
+    ``n.stirring.beam``, ``.patch``, ``.range_m`` and ``.intensity`` (-1: unknown).
     """
     arrays, about = {}, []
-    for number, one in enumerate(measured):
-        rate = one.turns_per_second
+    for number, background in enumerate(measured):
+        rate = background.turns_per_second
         about.append(
             {
-                "name": one.name,
-                "model": one.model,
-                "channels": one.shape[0],
-                "columns": one.shape[1],
+                "name": background.name,
+                "model": background.model,
+                "channels": background.shape[0],
+                "columns": background.shape[1],
                 "turns_per_second": rate if np.isfinite(rate) else None,
             }
         )
         for name in (*IMAGES, "looks"):
-            arrays[f"{number}.{name}"] = getattr(one, name)
-        if one.stirring is not None:
-            about[-1]["stirring_lasts_s"] = one.stirring.lasts_s
-            for name in _stirring_of(one):
+            arrays[f"{number}.{name}"] = getattr(background, name)
+        if background.stirring is not None:
+            about[-1]["stirring_lasts_s"] = background.stirring.lasts_s
+            for name in _stirring_of(background):
                 arrays[f"{number}.stirring.{name}"] = np.nan_to_num(
-                    getattr(one.stirring, name), nan=-1
+                    getattr(background.stirring, name), nan=-1
                 )
-    told = {"kind": "background", "format": _FORMAT, "sensors": about}
+    header = {"kind": "background", "format": _FORMAT, "sensors": about}
     with replaced_file(path, kind="background") as scratch, scratch.open("wb") as stream:
-        np.savez_compressed(stream, about=np.array(json.dumps(told)), **arrays)
+        np.savez_compressed(stream, about=np.array(json.dumps(header)), **arrays)
 
 
 def load_backgrounds(path: Path) -> list[MeasuredBackground]:
-    """Read them.
+    """Read a background file.
 
     Raises:
-        InputError: missing, damaged, or images of other sizes, or with values out of bounds.
+        InputError: missing or damaged file, images of unequal size, or values out of bounds.
     """
     arrays = read_arrays(path, _EXPECTED)
     about = arrays.get("about")
     if about is None or about.dtype.kind != "U" or about.ndim:
         raise InputError("is missing", file=path, place="about", expected=_EXPECTED)
     value = json_value(str(about), file=path, expected=_EXPECTED)
-    told = validated(value, _About, file=path, expected=_EXPECTED, within="about")
-    found = []
-    for number, one in enumerate(told.sensors):
-        # A background by hand may have any type of numbers.
+    header = validated(value, _About, file=path, expected=_EXPECTED, within="about")
+    backgrounds = []
+    for number, entry in enumerate(header.sensors):
+        # Images made by hand may have any numeric type.
         images = {
             name: arrays[f"{number}.{name}"]
             for name in (*IMAGES, "looks")
@@ -107,7 +108,7 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
         lacking = [name for name in (*IMAGES, "looks") if name not in images]
         if lacking:
             problem = f"lacks {', '.join(lacking)}"
-            raise InputError(problem, file=path, place=one.name or None, expected=_EXPECTED)
+            raise InputError(problem, file=path, place=entry.name or None, expected=_EXPECTED)
         with np.errstate(over="ignore", invalid="ignore"):  # refused as out of bounds
             background = MeasuredBackground(
                 np.asarray(images["range_m"], np.float32),
@@ -115,22 +116,22 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
                 np.asarray(images["share"], np.float32),
                 np.asarray(images["intensity"], np.float32),
                 np.asarray(images["looks"], np.int32),
-                one.model,
-                float("nan") if one.turns_per_second is None else one.turns_per_second,
-                one.name,
+                entry.model,
+                float("nan") if entry.turns_per_second is None else entry.turns_per_second,
+                entry.name,
             )
         _check(background, path)
-        if one.stirring_lasts_s is not None:
+        if entry.stirring_lasts_s is not None:
             stirring = _stirring(background, arrays, f"{number}.stirring.", path)
-            stirring = replace(stirring, lasts_s=one.stirring_lasts_s)
+            stirring = replace(stirring, lasts_s=entry.stirring_lasts_s)
             background = replace(background, stirring=stirring)
-        found.append(background)
-    return found
+        backgrounds.append(background)
+    return backgrounds
 
 
-def _stirring_of(one: MeasuredBackground) -> dict[str, ArrayOf]:
+def _stirring_of(background: MeasuredBackground) -> dict[str, ArrayOf]:
     return {
-        "beam": ArrayOf("i4", ("beams",), most=float(np.prod(one.shape)) - 1, least=0),
+        "beam": ArrayOf("i4", ("beams",), most=float(np.prod(background.shape)) - 1, least=0),
         "patch": ArrayOf("i4", ("beams",), least=0, most=_MOST_PATCHES),
         "range_m": ArrayOf("f4", ("frames", "beams"), least=0, most=_MOST["range_m"]),
         "intensity": ArrayOf("f4", ("frames", "beams"), least=-1, most=1),
@@ -138,13 +139,13 @@ def _stirring_of(one: MeasuredBackground) -> dict[str, ArrayOf]:
 
 
 def _stirring(
-    one: MeasuredBackground, arrays: Mapping[str, NDArray[Any]], within: str, path: Path
+    background: MeasuredBackground, arrays: Mapping[str, NDArray[Any]], within: str, path: Path
 ) -> Stirring:
-    form = _stirring_of(one)
-    mine = {name: arrays[within + name] for name in form if within + name in arrays}
-    checked_arrays(mine, form, file=path, expected=_EXPECTED, within=within)
+    form = _stirring_of(background)
+    present = {name: arrays[within + name] for name in form if within + name in arrays}
+    checked_arrays(present, form, file=path, expected=_EXPECTED, within=within)
     beam, patch, range_m, intensity = (
-        np.asarray(mine[name], kind.kind) for name, kind in form.items()
+        np.asarray(present[name], kind.kind) for name, kind in form.items()
     )
     if not len(range_m) or (np.diff(beam) <= 0).any():
         raise InputError(
@@ -156,19 +157,19 @@ def _stirring(
     return Stirring(beam, patch, range_m, np.where(intensity < 0, np.nan, intensity))
 
 
-def _check(one: MeasuredBackground, path: Path) -> None:
-    size = one.range_m.shape
-    sizes = [getattr(one, name).shape for name in IMAGES]
-    if len(size) != 3 or not one.range_m.size or any(each != size for each in sizes):
+def _check(background: MeasuredBackground, path: Path) -> None:
+    size = background.range_m.shape
+    sizes = [getattr(background, name).shape for name in IMAGES]
+    if len(size) != 3 or not background.range_m.size or any(each != size for each in sizes):
         raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
-    if one.looks.size and one.looks.shape != size[1:]:
+    if background.looks.size and background.looks.shape != size[1:]:
         raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
-    if one.looks.min(initial=0) < 0:
+    if background.looks.min(initial=0) < 0:
         raise InputError(
             "has a value out of bounds", file=path, place="looks", expected="0 or more"
         )
     for name, most in _MOST.items():
-        values = getattr(one, name)
+        values = getattr(background, name)
         good = (values >= 0) & (values <= most)
         if name != "range_m":
             good |= np.isnan(values)
@@ -179,69 +180,76 @@ def _check(one: MeasuredBackground, path: Path) -> None:
 
 
 def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False) -> Rig:
-    """Return a rig whose sensors see what a person's files say that they measured.
+    """Assign measured backgrounds to the sensors of a rig.
 
     Args:
-        rig: as it stands.
-        given: ``NAME=FILE``, or ``FILE`` for a rig of one sensor or with the sensors' own names.
-        fused: beams without a measured range see the modelled scene.
+        rig: the rig.
+        given: ``NAME=FILE``, or ``FILE`` for a rig of one sensor or a file with the sensors' names.
+        fused: use the modelled scene for beams without a measured range.
 
     Raises:
-        InputError: a file is none such, a sensor is not in the rig or in the file, is given
-            twice, is another than the one that measured, or has ranges on hardly any beam.
+        InputError: invalid file, a sensor that is not in the rig or in the file, two backgrounds
+            for
+            one sensor, a background of another model, or one with hardly any ranges.
     """
     chosen: dict[str, tuple[MeasuredBackground, Path]] = {}
-    names = [one.name for one in rig.sensors]
+    names = [background.name for background in rig.sensors]
     for text in given:
         name, path = named_background(text)
-        found = load_backgrounds(path)
+        backgrounds = load_backgrounds(path)
         if name is not None:
-            found = _of_sensor(found, name, path)
-        elif len(found) == len(names) == 1:
-            found = [replace(found[0], name=names[0])]
-        for one in found:
-            if one.name not in names:
-                whose = f"of {one.name!r}" if one.name else "of a sensor without a name"
+            backgrounds = _of_sensor(backgrounds, name, path)
+        elif len(backgrounds) == len(names) == 1:
+            backgrounds = [replace(backgrounds[0], name=names[0])]
+        for background in backgrounds:
+            if background.name not in names:
+                owner = (
+                    f"of {background.name!r}" if background.name else "of a sensor without a name"
+                )
                 raise InputError(
-                    f"has a background {whose}, which is not in the rig",
+                    f"has a background {owner}, which is not in the rig",
                     file=path,
                     expected=" or ".join(f"{each}={path.name}" for each in names),
                 )
-            if one.name in chosen:
+            if background.name in chosen:
                 raise InputError(
-                    f"{one.name!r} has a background twice", file=path, expected="one for a sensor"
+                    f"{background.name!r} has a background twice",
+                    file=path,
+                    expected="one for a sensor",
                 )
-            chosen[one.name] = (replace(one, fused=fused), path)
-    for name, (one, path) in chosen.items():
-        share = float(one.known.mean()) if one.known.size else 0.0
+            chosen[background.name] = (replace(background, fused=fused), path)
+    for name, (background, path) in chosen.items():
+        share = float(background.known.mean()) if background.known.size else 0.0
         if share < _LEAST_KNOWN and not fused:
             raise InputError(
                 f"has ranges on {share:.0%} of the beams of {name}: frames would be empty",
                 file=path,
                 expected=f"{_LEAST_KNOWN:.0%} or more; or --fuse, to see the twin beside it",
             )
-        rig = with_background(rig, one, sensor=name, file=path)
+        rig = with_background(rig, background, sensor=name, file=path)
     return rig
 
 
 def named_background(text: str) -> tuple[str | None, Path]:
-    """Return the sensor's name, if one is given, and the file of ``[NAME=]FILE``."""
+    """Split ``[NAME=]FILE`` into the sensor's name (``None`` if absent) and the file."""
     name, equals, rest = text.partition("=")
     named = bool(equals) and "/" not in name
     return (name, Path(rest)) if named else (None, Path(text))
 
 
-def _of_sensor(found: list[MeasuredBackground], name: str, path: Path) -> list[MeasuredBackground]:
-    if len(found) == 1:
-        return [replace(found[0], name=name)]
-    mine = [one for one in found if one.name == name]
-    if not mine:
+def _of_sensor(
+    backgrounds: list[MeasuredBackground], name: str, path: Path
+) -> list[MeasuredBackground]:
+    if len(backgrounds) == 1:
+        return [replace(backgrounds[0], name=name)]
+    matching = [background for background in backgrounds if background.name == name]
+    if not matching:
         raise InputError(
             f"has no background of {name!r}",
             file=path,
-            expected=" or ".join(one.name for one in found),
+            expected=" or ".join(background.name for background in backgrounds),
         )
-    return mine
+    return matching
 
 
 def with_background(
@@ -251,43 +259,48 @@ def with_background(
     sensor: str | None = None,
     file: str | Path | None = None,
 ) -> Rig:
-    """Return a rig one of whose sensors, which stands still, sees a measured background.
+    """Assign a measured background to one fixed sensor of a rig.
 
     Args:
-        rig: as it stands.
-        measured: what it measured.
-        sensor: its name; the rig's first if not given.
-        file: for errors.
+        rig: the rig.
+        measured: the background.
+        sensor: name of the sensor; the rig's first if not given.
+        file: the background's file, for errors.
 
     Raises:
-        InputError: it rides or sways, its pattern does not repeat, or the background is another
-            sensor's.
+        InputError: the sensor is mounted on a vehicle, sways or has a non-repeating pattern, or the
+            background was measured by another model.
     """
     sensors = list(rig.sensors)
-    number = 0 if sensor is None else [one.name for one in sensors].index(sensor)
-    one = sensors[number]
-    if rig.ride is not None or one.sway is not None or one.sensor.pattern is not None:
+    number = 0 if sensor is None else [mounted.name for mounted in sensors].index(sensor)
+    mounted = sensors[number]
+    if rig.ride is not None or mounted.sway is not None or mounted.sensor.pattern is not None:
         raise InputError(
-            f"is of a sensor that stands still, and {one.name} does not",
+            f"is of a sensor that stands still, and {mounted.name} does not",
             file=file,
             expected="a sensor without ride or sway, whose beams repeat",
         )
-    mine = _described(one.sensor.name, (one.sensor.channels, one.columns), one.turns_per_second)
-    its = _described(measured.model, measured.shape, measured.turns_per_second)
-    if not _is_of(measured, one):
+    expected = _described(
+        mounted.sensor.name, (mounted.sensor.channels, mounted.columns), mounted.turns_per_second
+    )
+    actual = _described(measured.model, measured.shape, measured.turns_per_second)
+    if not _is_of(measured, mounted):
         raise InputError(
-            f"was measured by {its}", file=file, place=one.name, expected=f"{mine}, as in the rig"
+            f"was measured by {actual}",
+            file=file,
+            place=mounted.name,
+            expected=f"{expected}, as in the rig",
         )
-    sensors[number] = replace(one, measured=measured)
+    sensors[number] = replace(mounted, measured=measured)
     return replace(rig, sensors=tuple(sensors))
 
 
-def _is_of(measured: MeasuredBackground, one: MountedSensor) -> bool:
+def _is_of(measured: MeasuredBackground, mounted: MountedSensor) -> bool:
     rate = measured.turns_per_second
     return (
-        measured.shape == (one.sensor.channels, one.columns)
-        and measured.model in ("", one.sensor.name)
-        and not abs(rate - one.turns_per_second) > _SAME_RATE_HZ  # nan: not known
+        measured.shape == (mounted.sensor.channels, mounted.columns)
+        and measured.model in ("", mounted.sensor.name)
+        and not abs(rate - mounted.turns_per_second) > _SAME_RATE_HZ  # nan: not known
     )
 
 

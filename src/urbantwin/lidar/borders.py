@@ -1,11 +1,13 @@
-"""Actors at the border of a rig's field of view or of the region: truncation, and what counts.
+"""Truncation of actors at the border of the field of view, and areas where labels do not count.
 
-Truncation is the share of an actor outside a sensor's field of view. Rays are sent at the actor
-alone, evenly over the solid angle of its bounds, as if the sensor looked in all directions and to
-any distance. Of those that hit, the share that a `FieldOfView` does not hold is the truncation, 0
-to 1: KITTI's notion of an object that leaves the image (Geiger et al. 2012, CVPR, "Are we ready for
-autonomous driving?"), for a sensor's field and span of ranges. An actor whose bounds are well
-inside needs no ray.
+Truncation is the share of an actor outside a sensor's field of view: rays are cast at the actor
+alone, uniformly over the solid angle of its bounds and without limit of range; of those that hit,
+the
+share outside the `FieldOfView` is the truncation. This is KITTI's notion of an object that leaves
+the
+image (Geiger et al. 2012, CVPR, "Are we ready for autonomous driving?"), for field of view and
+range
+of a LiDAR. An actor whose bounds are well inside needs no ray.
 """
 
 from __future__ import annotations
@@ -29,27 +31,27 @@ from urbantwin.lidar.sight import FieldOfView
 
 __all__ = ["Bordering", "Borders", "StandingActors", "truncations"]
 
-#: Truncation of an actor that stands so, and whether all of it is too far away.
+#: Truncation, and whether all of the actor is out of range, by pose and shape.
 Known = dict[bytes, tuple[float, bool]]
 
-#: Rays at an actor: a car's share is right to 2 %, a bicycle's, which few of them hit, to 4 %.
+#: Rays per actor: the share is accurate to 2 % for a car, 4 % for a bicycle.
 _RAYS = 500
-#: Where in an actor's bounds they go, 0..1: along a lattice, so that no border runs along a row
-#: (the golden ratio's: Niederreiter 1992, "Random Number Generation and Quasi-Monte Carlo
-#: Methods", SIAM, section 3).
+#: Positions in an actor's bounds, 0..1: a golden-ratio lattice, so that no border is parallel to a
+#: row (Niederreiter 1992, "Random Number Generation and Quasi-Monte Carlo Methods", SIAM, section
+#: 3).
 _ACROSS = (np.arange(_RAYS) + 0.5) / _RAYS
 _UP = (np.arange(_RAYS) * (np.sqrt(5) - 1) / 2) % 1.0
 
 
 class StandingActors(NamedTuple):
-    """A actors where they stand in their boxes.
+    """A actors at the times of their boxes.
 
     Attributes:
-        low: (A, 3) lower corner of each one's bounds, in its own frame.
-        high: (A, 3) upper corner.
+        low: (A, 3) lower corners of the bounds, asset frame, metres.
+        high: (A, 3) upper corners.
         rotation: (A, 3, 3) of ``site_SE3_asset``.
-        place: (A, 3) of ``site_SE3_asset``.
-        scenes: the triangles of each, in its own frame.
+        place: (A, 3) translation of ``site_SE3_asset``.
+        scenes: triangles of each actor, asset frame.
     """
 
     low: NDArray[np.float64]
@@ -60,7 +62,7 @@ class StandingActors(NamedTuple):
 
     @classmethod
     def at(cls, when_s: NDArray[np.float64], actors: PresentActors) -> StandingActors:
-        """Return actors where they stand at times (A,) of their own."""
+        """Return actors at individual times (A,), seconds."""
         rotation, place = poses_at(when_s, actors.paths)
         scenes = [actors.shapes.scenes[number] for number in actors.shape.tolist()]
         return cls(actors.low, actors.high, rotation, place, scenes)
@@ -72,17 +74,18 @@ def truncations(
     actors: StandingActors,
     known: Known | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return how much of actors one sensor does not see, whatever stands before them.
+    """Return the truncation of actors for one sensor, ignoring occlusion.
 
     Args:
-        field: what the sensor sees.
+        field: field of view of the sensor.
         site_SE3_sensor: its pose.
-        actors: where they stand.
-        known: results of the last frame with the same field, replaced by those of this one: rays
-            are sent once at actors that are parked or wait.
+        actors: actors at the times of their boxes.
+        known: cache of the previous frame with the same field, replaced by this frame's: rays are
+            cast
+            once at actors that do not move.
 
     Returns:
-        (A,) truncation, 0..1, and (A,) whether all of it is farther than the sensor measures.
+        (A,) truncation, 0..1, and (A,) whether all of the actor is beyond the maximum range.
     """
     if not len(actors.place):
         return np.zeros(0), np.zeros(0, np.bool_)
@@ -97,7 +100,7 @@ def truncations(
         field.all_around,
         field.range_m,
     )
-    found = np.where(beyond, 1.0, 0.0)
+    truncation = np.where(beyond, 1.0, 0.0)
     known = {} if known is None else known
     before = dict(known)
     known.clear()
@@ -107,25 +110,25 @@ def truncations(
         eye = (origin - actors.place[number]) @ own
         key = asset_R_sensor.tobytes() + eye.tobytes() + id(actors.scenes[number]).to_bytes(8)
         if key in before:
-            known[key] = found[number], beyond[number] = before[key]
+            known[key] = truncation[number], beyond[number] = before[key]
             continue
         aims = _aims(bounds_of_box(low, high, asset_R_sensor, eye))
         local = (aims @ asset_R_sensor.T).astype(np.float32)
         hits = actors.scenes[number].cast(eye, local)
         hit = np.flatnonzero(hits.face >= 0)
         aims, range_m = aims[hit], hits.range_m[hit].astype(np.float64)
-        if not len(hit):  # Thinner than the rays are apart: its middle decides.
+        if not len(hit):  # thinner than the ray spacing: its centre decides
             middle = ((low + high) / 2 - eye) @ asset_R_sensor
             range_m = np.linalg.norm(middle[None], axis=1)
             aims = middle[None] / np.maximum(range_m, 1e-9)
-        found[number] = 1.0 - field.sees(aims, range_m).mean()
+        truncation[number] = 1.0 - field.sees(aims, range_m).mean()
         beyond[number] = bool((range_m > field.range_m[1]).all())
-        known[key] = float(found[number]), bool(beyond[number])
-    return found, beyond
+        known[key] = float(truncation[number]), bool(beyond[number])
+    return truncation, beyond
 
 
 def _aims(bounds: tuple[float, float, float, float]) -> NDArray[np.float64]:
-    """Return unit vectors (N, 3) evenly over the solid angle of bounds, sensor frame.
+    """Return unit vectors (N, 3), uniform over the solid angle of bounds, sensor frame.
 
     Bounds are azimuth, width, lowest and highest elevation, radians.
     """
@@ -137,11 +140,11 @@ def _aims(bounds: tuple[float, float, float, float]) -> NDArray[np.float64]:
 
 
 class Bordering(NamedTuple):
-    """How A actors lie to the borders.
+    """Truncation and position of A actors.
 
     Attributes:
-        truncation: (A,) 0 where one sensor at least has all of an actor in its field of view.
-        whereabouts: where each is that does not count, ``None`` for those that do.
+        truncation: (A,) smallest over the sensors, 0..1.
+        whereabouts: why an actor does not count by its position; ``None`` if it does.
     """
 
     truncation: NDArray[np.float64]
@@ -149,12 +152,12 @@ class Bordering(NamedTuple):
 
 
 class Borders:
-    """What the sensors of a rig see at all, and where labels count.
+    """Fields of view of a rig's sensors, and the area where labels count.
 
     Args:
-        sensors: of the rig.
-        region: where labels count, site frame; everywhere when not given.
-        range_m: and how far from the nearest sensor, in plan; as far as they reach when not given.
+        sensors: sensors of the rig.
+        region: area where labels count, site frame; everywhere if not given.
+        range_m: largest horizontal distance to the nearest sensor; unlimited if not given.
     """
 
     def __init__(
@@ -173,12 +176,12 @@ class Borders:
         self._known: list[Known] = [{} for _ in self._sensors]
 
     def of(self, time_s: float, poses: Sequence[Pose], actors: StandingActors) -> Bordering:
-        """Return the truncation of actors and where they are; of several sensors the best counts.
+        """Return truncation (the smallest over the sensors) and position of actors.
 
         Args:
-            time_s: of the frame, which decides on outages.
+            time_s: time of the frame, which selects the outages.
             poses: ``site_SE3_sensor`` of each sensor.
-            actors: where they stand.
+            actors: actors at the times of their boxes.
         """
         count = len(actors.place)
         least, far = np.ones(count), np.ones(count, np.bool_)
@@ -203,15 +206,15 @@ class Borders:
         )
 
     def _field(self, number: int, time_s: float) -> FieldOfView | None:
-        """Return what a sensor sees at a time; ``None`` where it does not work at all."""
+        """Return a sensor's field of view at a time; ``None`` while all of it is in an outage."""
         mounted = self._sensors[number]
         dead = dead_beams(mounted, time_s)
         if dead is not None and dead.all():
             return None
         if mounted.sensor.pattern is not None:
             dead = None
-        kept = self._fields[number]
-        if kept is None or kept[0] is not dead:
-            kept = (dead, FieldOfView.of(mounted, dead))
-            self._fields[number], self._known[number] = kept, {}
-        return kept[1]
+        cached = self._fields[number]
+        if cached is None or cached[0] is not dead:
+            cached = (dead, FieldOfView.of(mounted, dead))
+            self._fields[number], self._known[number] = cached, {}
+        return cached[1]

@@ -1,10 +1,13 @@
 """The sensor catalogue: one YAML file per sensor, read into a ``Sensor``.
 
-The catalogue's files stand in ``urbantwin/lidar/sensors``. Every number in them names its source,
-and what is not known is ``null`` with the reason: nothing is guessed in a file. Those in the folder
-``nominal`` are apart: of them no table of beams is public, and even ones, which say so, stand for
-it. A person's own file works wherever a model's name does: YAML of the same form (or with a scan
-pattern), the metadata of an Ouster sensor (JSON), or the angle correction of a Hesai sensor (CSV).
+The files are in ``urbantwin/lidar/sensors``. Every number names its source; an unknown one is
+``null`` with the reason. Sensors in the folder ``nominal`` have no public table of beam angles:
+equal
+spacing, marked as such, stands in for it. A file of the user is accepted wherever a model's name
+is:
+YAML of the same form (or with a scan pattern), the metadata of an Ouster sensor (JSON), or the
+angle
+correction of a Hesai sensor (CSV).
 """
 
 from __future__ import annotations
@@ -34,29 +37,29 @@ _FILES = (".yaml", ".yml", ".json", ".csv")
 
 
 def sensor_names() -> tuple[str, ...]:
-    """Return the names of the catalogue's sensors, by maker and then by name."""
+    """Return the names of the catalogue's sensors, sorted by maker and name."""
     return tuple(entry.name for entry in _catalogue())
 
 
 def nominal_sensor_names() -> tuple[str, ...]:
-    """Return the names of sensors without a public table of beams, by maker and then by name.
+    """Return the names of sensors with nominal beam angles, sorted by maker and name.
 
-    `sensor` takes them as it takes the others; nobody takes a recording for theirs.
+    `sensor` accepts them too; recordings are never attributed to them.
     """
     return tuple(entry.name for entry in _catalogue("nominal"))
 
 
 def sensor(name: str | Path, *, folder: Path | None = None) -> Sensor:
-    """Return the sensor of that name, or of a person's own file.
+    """Return a sensor by name, or from a file.
 
-    Case, dashes, underscores, dots and blanks do not matter: ``os1 128`` is ``OS1-128``.
+    Case, dashes, underscores, dots and blanks are ignored: ``os1 128`` is ``OS1-128``.
 
     Args:
-        name: a name or alias of the catalogue, or a file as `load_sensor` takes it.
-        folder: where a relative path is looked up first; then in the current folder.
+        name: name or alias in the catalogue, or a file that `load_sensor` reads.
+        folder: folder in which a relative path is looked up before the current folder.
 
     Raises:
-        InputError: no sensor has that name (the error lists the nearest), or the file is wrong.
+        InputError: unknown name (the error lists the nearest), or an invalid file.
     """
     text = str(name)
     if text.lower().endswith(".npz"):
@@ -66,23 +69,24 @@ def sensor(name: str | Path, *, folder: Path | None = None) -> Sensor:
         if folder is not None and (folder / path).is_file():
             path = folder / path
         return load_sensor(path, model=model)
-    found = _known(text)
-    if found is not None:
-        return found
+    entry = _known(text)
+    if entry is not None:
+        return entry
     raise _unknown(text)
 
 
 def load_sensor(path: Path, *, model: str | None = None) -> Sensor:
-    """Read one sensor from a file.
+    """Read a sensor from a file.
 
     Args:
-        path: by its ending ``.yaml`` (the catalogue's form), ``.json`` (an Ouster unit's metadata)
-            or ``.csv`` (a Hesai unit's angle correction).
-        model: what a Hesai unit inherits all but its angles from; when not given, the model that
-            the file's name begins with.
+        path: ``.yaml`` (form of the catalogue), ``.json`` (metadata of an Ouster unit) or ``.csv``
+            (angle correction of a Hesai unit).
+        model: model from which a Hesai unit inherits all but its angles; by default the model that
+            the
+            file's name begins with.
 
     Raises:
-        InputError: the file is missing or wrong; names the field or the line.
+        InputError: missing or invalid file; names the field or the line.
     """
     ending = path.suffix.lower()
     if model is not None and ending != ".csv":
@@ -109,7 +113,7 @@ def _is_a_pattern(path: Path) -> InputError:
 
 
 def _model_and_path(text: str) -> tuple[str | None, Path]:
-    """Return the parts of ``MODEL:PATH``; a name of one letter would be a drive."""
+    """Split ``MODEL:PATH``; a model of one letter is a drive."""
     model, colon, path = text.partition(":")
     if colon and len(model) > 1 and "/" not in model and path:
         return model, Path(path)
@@ -118,10 +122,10 @@ def _model_and_path(text: str) -> tuple[str | None, Path]:
 
 def _hesai_model(path: Path, model: str | None) -> Sensor:
     if model is not None:
-        found = _known(model)
-        if found is None:
+        named = _known(model)
+        if named is None:
             raise _unknown(model)
-        return found
+        return named
     start = _key(path.stem)
     names = [name for name, entry in _index().items() if entry.maker == "Hesai"]
     fitting = max((name for name in names if start.startswith(name)), key=len, default=None)
@@ -136,7 +140,7 @@ def _hesai_model(path: Path, model: str | None) -> Sensor:
 
 def _known(name: str) -> Sensor | None:
     key = _key(name)
-    # Most files are called as their sensor is: one that is asked for needs no other to be read.
+    # Most files are named after their sensor, so that no other file must be read.
     for file in _files():
         if _key(file.removesuffix(".yaml")) == key and _key(_parsed(file).name) == key:
             return _parsed(file)

@@ -1,12 +1,13 @@
-"""Detections: which echoes a sensor reports in a turn, at which ranges.
+"""Detections: the echoes that a sensor reports in a turn, with their measured ranges.
 
-Boxes are the tight bounds of the posed mesh (`compiled.boxes`), so pitch and roll are inside them.
-A labelled point lies inside its box by construction, to 2 cm. Range noise moves a point along its
-ray, and would carry some out of a box that touches the mesh; an annotator draws a box around what
-the sensor saw. So the noise of a return from an actor is drawn from the normal distribution
-truncated to where the ray runs inside the actor's box, grown by `BOX_MARGIN_M` (less what the
-range's quantisation can add). Points keep the label of what their ray hit: background that noise
-carries into a box stays background.
+Boxes are the tight bounds of the posed mesh (`compiled.boxes`), pitch and roll included. A labelled
+point is inside its box to within 2 cm by construction. Range noise moves a point along its ray and
+could carry it out of a box that touches the mesh, whereas an annotator draws a box around the
+points.
+So the noise of a return from an actor is drawn from the normal distribution truncated to the ray's
+interval in the actor's box, enlarged by `BOX_MARGIN_M` (less the quantisation of the range). Points
+keep the label of the surface that they hit: background that noise moves into a box stays
+background.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ __all__ = [
     "within_boxes",
 ]
 
-#: No labelled point lies farther outside its box.
+#: Largest distance of a labelled point outside its box, metres.
 BOX_MARGIN_M = 0.019
 
 
 class Detections(NamedTuple):
-    """M returns of a sensor in the order of their beams.
+    """M returns of a sensor, in the order of their beams.
 
     Attributes:
         beam: (M,) int32.
-        echo: (M,) uint8, number among those of its beam.
-        semantic: (M,) uint16, class of the static surface; meaningless where an actor was hit.
-        range_m: (M,) float32, as measured.
+        echo: (M,) uint8, number of the return within its beam.
+        semantic: (M,) uint16, class of the static surface; undefined where an actor was hit.
+        range_m: (M,) float32, measured range.
         intensity: (M,) float32.
         actor: (M,) int32, -1 for none.
     """
@@ -60,7 +61,7 @@ class Detections(NamedTuple):
 
     @classmethod
     def room(cls, count: int) -> Detections:
-        """Return room for so many detections to be written."""
+        """Return uninitialised arrays for a number of detections."""
         return cls(
             np.empty(count, np.int32),
             np.empty(count, np.uint8),
@@ -72,10 +73,10 @@ class Detections(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Which K detections are of beams that touch actors.
+    """The K detections in beams that touch actors.
 
     Attributes:
-        row: (K,) int32, number of the detection.
+        row: (K,) int32, index of the detection.
         sigma: (K,) float32, standard deviation of its range, metres.
         amplitude: (K,) float32, of its echo.
     """
@@ -86,13 +87,13 @@ class Touching(NamedTuple):
 
 
 class Slots(NamedTuple):
-    """Where A spurious echoes may go, at most one of a beam.
+    """Positions of A spurious echoes among the detections, at most one per beam.
 
     Attributes:
         beam: (A,) int32, ascending.
-        row: (A,) int32, number of the first detection of that beam.
-        had: (A,) uint8, how many it has without the spurious one. Where the sensor reports more,
-            the row after them is left out but for its beam.
+        row: (A,) int32, index of the first detection of that beam.
+        had: (A,) uint8, number of its other detections. If the sensor can report one more, the row
+            after them is reserved: only its beam is set.
     """
 
     beam: NDArray[np.int32]
@@ -109,15 +110,15 @@ def detected(
     *,
     dual: bool,
 ) -> tuple[Detections, Touching, Slots]:
-    """Return which echoes the draws make detections; ranges of actors are without their noise.
+    """Return the echoes that are detected; ranges on actors are still without noise.
 
     Args:
-        view: what the sensor would report of the static world.
-        echoes: along the beams that touch actors.
-        draws: of the turn.
-        model: what the sensor makes of echoes.
+        view: responses to the static world.
+        echoes: echoes in beams that touch actors.
+        draws: random draws of the turn.
+        model: return model of the sensor.
         added: (A,) beams with spurious echoes, ascending.
-        dual: whether it reports two echoes of a beam.
+        dual: whether the sensor reports two returns per beam.
     """
     most = 2 if dual else 1
     out = Detections.room(most * len(echoes.place))
@@ -127,12 +128,12 @@ def detected(
     )
     slots = Slots(added, np.empty(len(added), np.int32), np.empty(len(added), np.uint8))
     layer_class = view.layers.semantic
-    found, touch = detect(
+    count, touch_count = detect(
         view.answers, echoes, layer_class, draws, model.step_m, dual, out, touching, slots
     )
     return (
-        Detections._make(values[:found] for values in out),
-        Touching._make(values[:touch] for values in touching),
+        Detections._make(values[:count] for values in out),
+        Touching._make(values[:touch_count] for values in touching),
         slots,
     )
 
@@ -147,26 +148,27 @@ def within_boxes(
     standing: Standing,
     model: ReturnModel,
 ) -> None:
-    """Make the ranges of detections of actors noisy, quantised and inside their boxes.
+    """Add noise and quantisation to ranges on actors, within the actors' boxes.
 
-    A beam is carried along with its actor to where that stands in its box. Beams that pass beside
-    the box all the same (it stands upright, the actor may not) belong to no actor.
+    A ray is moved along with its actor to the time of the actor's box. A return whose ray misses
+    the
+    upright box of a tilted actor is assigned to no actor.
 
     Args:
-        detections: as `detected`; to be written.
-        touching: which of them are of beams that touch actors.
-        draws: of the turn.
+        detections: detections as of `detected`; changed in place.
+        touching: detections in beams that touch actors.
+        draws: random draws of the turn.
         view: the static world as the sensor sees it.
-        firing: the beams of the turn.
-        actors: everything that moves.
-        standing: where the actors stand in their boxes.
-        model: what the sensor makes of echoes.
+        firing: beams of the turn.
+        actors: actors of the frame.
+        standing: actors at the times of their boxes.
+        model: return model of the sensor.
     """
     step_m, aside = float(model.step_m), view.beams.aside
     thin = len(firing.footprint) == 1
     if thin and not step_m and not aside and model.response.sigma_m == 0:
-        return  # On the mesh, which the box holds.
-    # Half a step of the range may come on top, and half a step of the azimuth.
+        return  # exact points lie on the mesh, inside the box
+    # Quantisation adds up to half a step of range and of azimuth.
     far = 0.0
     if aside:
         row = touching.row[detections.actor[touching.row] >= 0]
@@ -178,15 +180,15 @@ def within_boxes(
     if not len(leaves):
         return
     row, sigma = touching.row[leaves], touching.sigma[leaves]
-    # What several surfaces give together may lie between them: it is brought inside first.
+    # The mean of several surfaces may be outside: clip it first.
     at = np.clip(detections.range_m[row], np.minimum(low, high), high)
     wide = np.maximum(sigma.astype(np.float64), 1e-9)
     beam = detections.beam[row]
     noise = np.where(detections.echo[row] == 0, draws.first.noise[beam], draws.second.noise[beam])
-    kept = truncated_noise(
+    noise_inside = truncated_noise(
         noise, np.minimum((low - at) / wide, 0), np.maximum((high - at) / wide, 0)
     )
-    inside = np.where(sigma > 0, at + wide * kept, at).astype(np.float32)
+    inside = np.where(sigma > 0, at + wide * noise_inside, at).astype(np.float32)
     detections.range_m[row] = model.quantised(inside)
     beside = row[low > high]
     detections.actor[beside], detections.semantic[beside] = -1, OUTLIER

@@ -1,4 +1,4 @@
-"""Echoes: what comes back along the beams of a turn, and which of it a sensor may report."""
+"""Echoes along the beams of a turn, and which of them a sensor may report."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from urbantwin.lidar.static_world import StaticLayers
 
 __all__ = ["PULSE_M", "Alone", "Answers", "Echoes", "combined", "static_echoes"]
 
-#: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
-#: way that light goes in a pulse of 5 ns, the usual length.
+#: Surfaces within this distance along a beam merge into one echo, metres: half the length of a
+#: pulse of 5 ns, the usual duration.
 PULSE_M = 0.75
 
 
 class Answers(NamedTuple):
-    """What a sensor answers to one echo of each of N beams.
+    """Response of a sensor to one echo of each of N beams.
 
     Attributes:
-        level: (N,) int32, the level below which a draw means a return.
-        range_m: (N,) float32; 0 where there is no echo.
+        level: (N,) int32, detection probability, of 65,536.
+        range_m: (N,) float32; 0 without an echo.
         sigma: (N,) float32, standard deviation of the range, metres.
         intensity: (N,) float32.
         semantic: (N,) uint16, class of the surface.
@@ -48,21 +48,22 @@ class Answers(NamedTuple):
 
 
 class Echoes(NamedTuple):
-    """E echoes along M of N beams, those of a beam next to each other, nearest first.
+    """E echoes along M of N beams, grouped by beam, nearest first.
 
     Attributes:
-        place: (N,) int32, the number of each beam among the M; -1 for one that is not.
+        place: (N,) int32, index of each beam among the M; -1 for none.
         beam: (M,) int32.
-        start: (M + 1,) int32, where the echoes of each beam begin.
+        start: (M + 1,) int32, index of the first echo of each beam.
         range_m: (E,) float32.
         amplitude: (E,) float32, see ``returns.model``.
-        owner: (E,) int32, the actor that most of it is from (plus `compiled.echoes.BESIDE` where
-            the beam's axis passes beside it), or ``-1 - layer`` of the static world.
-        level: (E,) int32, the level below which a draw means a return.
+        owner: (E,) int32, actor that contributes most (plus `compiled.echoes.BESIDE` if the beam's
+            axis
+            misses it), or ``-1 - layer`` of the static world.
+        level: (E,) int32, detection probability, of 65,536.
         sigma: (E,) float32, standard deviation of the range, metres.
         intensity: (E,) float32.
-        first: (M,) int32, the echo that is reported; -1 for none.
-        second: (M,) int32, the one that is reported too, or in its place; -1 for none.
+        first: (M,) int32, echo that is reported; -1 for none.
+        second: (M,) int32, echo that is reported in addition or instead; -1 for none.
     """
 
     place: NDArray[np.int32]
@@ -79,15 +80,15 @@ class Echoes(NamedTuple):
 
 
 class Alone(NamedTuple):
-    """The echo that each actor would give along a beam if nothing stood before it.
+    """Echo of each actor in each beam without occlusion.
 
-    Of a beam that meets an actor's edge, what is behind may give the echo that is reported: such a
-    beam is not the actor's, though nothing hides it.
+    If a beam at an actor's edge reports the surface behind it, the beam is not counted as the
+    actor's.
 
     Attributes:
         beam: (L,) int32.
         actor: (L,) int32.
-        level: (L,) int32, the level below which a draw means a return.
+        level: (L,) int32, detection probability, of 65,536.
     """
 
     beam: NDArray[np.int32]
@@ -98,18 +99,18 @@ class Alone(NamedTuple):
 def static_echoes(
     static: StaticLayers, share: NDArray[np.float64], model: ReturnModel, returns: ReturnMode
 ) -> Echoes:
-    """Return the echoes of the static world along all N beams.
+    """Return the echoes of the static world in all N beams.
 
     Args:
-        static: what the beams meet.
-        share: (S,) of a beam's light that each of its rays carries.
-        model: what the sensor makes of echoes.
-        returns: which of them it reports.
+        static: layers of the static world.
+        share: (S,) share of a beam's power in each of its rays.
+        model: return model of the sensor.
+        returns: return mode.
     """
     beams = np.arange(len(static.start) - 1, dtype=np.int32)
     last = np.full(len(beams), -1, np.int32)
     place = beams.copy()
-    # Of the types that materials give in `combined`: what combines them is compiled once.
+    # The same array types as in `combined`, so that numba compiles `combine` once.
     whole, range_m, mask = np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.uint8)
     nothing = ActorLayers(last, whole, whole, range_m, np.zeros(0), np.zeros(0), mask)
     return _echoes(place, beams, static, nothing, share, model, returns)[0]
@@ -123,15 +124,15 @@ def combined(
     model: ReturnModel,
     returns: ReturnMode,
 ) -> tuple[Echoes, Alone]:
-    """Return the echoes of the beams that touch actors: of these and of the static world.
+    """Return the echoes of actors and static world in the beams that touch actors.
 
     Args:
-        static: what all N beams meet of the static world.
-        actors: everything that moves.
-        met: what beams meet of it.
-        share: (S,) of a beam's light that each of its rays carries.
-        model: what the sensor makes of echoes.
-        returns: which of them it reports.
+        static: layers of the static world in all N beams.
+        actors: actors of the frame.
+        met: layers of actors.
+        share: (S,) share of a beam's power in each of its rays.
+        model: return model of the sensor.
+        returns: return mode.
     """
     place = np.full(len(static.start) - 1, -1, np.int32)
     before = np.empty(len(met.ray), np.int32)
@@ -142,8 +143,8 @@ def combined(
     echoes, lone = _echoes(place, touched, static, moving, share, model, returns)
     room = len(lone.beam)
     alone = Alone(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32))
-    kept = answer_alone(model.response, lone, echoes, returns == "dual", alone)
-    return echoes, Alone._make(values[:kept] for values in alone)
+    count = answer_alone(model.response, lone, echoes, returns == "dual", alone)
+    return echoes, Alone._make(values[:count] for values in alone)
 
 
 def _echoes(
@@ -155,9 +156,9 @@ def _echoes(
     model: ReturnModel,
     returns: ReturnMode,
 ) -> tuple[Echoes, AloneEchoes]:
-    """Return the echoes of some beams (M,), and what actors alone would give.
+    """Return the echoes of M beams, and those of each actor without occlusion.
 
-    ``place`` is the number (N,) of every beam among them, -1 for none.
+    ``place`` (N,) is the index of each beam among the M, -1 for none.
     """
     layers = len(moving.before)
     most = 2 * len(touched) + layers + 16

@@ -1,4 +1,4 @@
-"""Point-in-solid test: whether a sensor would stand inside a building, a pole or a wall."""
+"""Point-in-solid test: whether a sensor is inside a building, a pole or a wall."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = ["enclosing"]
 
-#: Corners nearer to each other than this are one, metres.
+#: Vertices within this distance are merged, metres.
 _WELD_M = 1e-4
 _WORDS = {
     "fence": "a fence",
@@ -25,10 +25,11 @@ _WORDS = {
 
 
 def enclosing(point: NDArray[np.float64], mesh: LabelledMesh) -> str | None:
-    """Return what encloses a point, in words, or ``None``: it is in the open.
+    """Return a description of the solid that encloses a point, or ``None``.
 
-    Buildings may lack a floor; of everything else, closed surfaces alone have an inside: those
-    in which every edge is shared by an even number of triangles.
+    Buildings may lack a floor; every other object has an inside only if its surface is closed:
+    every edge
+    is shared by an even number of triangles.
 
     Args:
         point: (3,) in the mesh's frame.
@@ -49,25 +50,28 @@ def enclosing(point: NDArray[np.float64], mesh: LabelledMesh) -> str | None:
     links = coo_matrix((np.ones(len(sides), bool), (sides[:, 0], sides[:, 1])), (count, count))
     _, component = connected_components(links, directed=False)
     body = component[welded[:, 0]]
-    near = np.flatnonzero(_may_enclose(point, corners, body))
-    for one in np.unique(body[near]).tolist():
-        mine = near[body[near] == one]
-        if _is_closed(welded[mine]) and abs(_solid_angles(point, corners[mine]).sum()) > 2 * np.pi:
-            number = int(mesh.semantic[faces[mine[0]]])
-            name = next(c.name for c in semantic_classes().values() if c.id == number)
+    candidates = np.flatnonzero(_may_enclose(point, corners, body))
+    for number_of_body in np.unique(body[candidates]).tolist():
+        triangles = candidates[body[candidates] == number_of_body]
+        if (
+            _is_closed(welded[triangles])
+            and abs(_solid_angles(point, corners[triangles]).sum()) > 2 * np.pi
+        ):
+            semantic = int(mesh.semantic[faces[triangles[0]]])
+            name = next(c.name for c in semantic_classes().values() if c.id == semantic)
             return _WORDS.get(name, "something solid")
     return None
 
 
 def _group(mesh: LabelledMesh, faces: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Return a number (F,) that faces of one class and part share."""
+    """Return a group number (F,), the same for faces of one class and part."""
     return mesh.part[faces].astype(np.int64) << 16 | mesh.semantic[faces]
 
 
 def _may_enclose(
     point: NDArray[np.float64], triangles: NDArray[np.float64], group: NDArray[np.integer]
 ) -> NDArray[np.bool_]:
-    """Return which triangles (F, 3, 3) are of a group (F,) whose bounds hold the point."""
+    """Return the triangles (F, 3, 3) of groups (F,) whose bounding box contains the point."""
     numbers, which = np.unique(group, return_inverse=True)
     low = np.full((len(numbers), 3), np.inf)
     high = -low
@@ -85,12 +89,13 @@ def _is_closed(faces: NDArray[np.integer]) -> bool:
 
 
 def _is_in_any_part(point: NDArray[np.float64], buildings: LabelledMesh) -> bool:
-    """Return whether any part of a mesh encloses a point.
+    """Return whether any part of a mesh encloses a point, by its winding number.
 
-    By the winding number of each part around the point: the solid angles of its triangles add up
-    to 4 pi inside and 0 outside. A building without a floor covers more than 2 pi of every point
-    inside, and less than 2 pi of every point outside, so half a turn is the exact border for it
-    too.
+    The solid angles of a closed part's triangles sum to 4 pi for an inside point and to 0 outside.
+    A
+    building without a floor covers more than 2 pi from inside and less from outside, so 2 pi
+    separates
+    both cases for it too.
     """
     _, building = np.unique(buildings.part, return_inverse=True)
     total = np.bincount(building, _solid_angles(point, buildings.triangles()))
@@ -100,7 +105,7 @@ def _is_in_any_part(point: NDArray[np.float64], buildings: LabelledMesh) -> bool
 def _solid_angles(
     point: NDArray[np.float64], triangles: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the solid angles (F,) of triangles (F, 3, 3) seen from a point, with their sign.
+    """Return the signed solid angles (F,) of triangles (F, 3, 3) seen from a point.
 
     Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30(2), eq. 8.
     """

@@ -1,9 +1,10 @@
-"""A sensor from the angle-correction file of one real Hesai unit.
+"""A sensor from the angle-correction file of a real Hesai unit.
 
-The file is the CSV that PandarView and the unit's web page export and that Hesai's drivers read:
-a heading ``Channel,Elevation,Azimuth`` (or ``Laser id``), then a line for each channel
-(HesaiLidar_SDK_2.0, ``correction/angle_correction``). It holds angles only: all else is inherited
-from a model of the catalogue.
+The file is the CSV that PandarView and the unit's web page export and that Hesai's drivers read: a
+heading ``Channel,Elevation,Azimuth`` (or ``Laser id``), then a line per channel
+(HesaiLidar_SDK_2.0,
+``correction/angle_correction``). It holds angles only; the rest is inherited from a catalogue
+model.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from urbantwin.number_text import plain_number, whole_number
 __all__ = ["hesai_sensor", "is_hesai_heading"]
 
 _EXPECTED = "lines of channel, elevation and azimuth (a Hesai angle correction)"
-#: Some exports put a line or two before the heading.
+#: Some exports have a line or two before the heading.
 _LINES_BEFORE_HEADING = 4
 
 
@@ -40,13 +41,14 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
     """Return a model with the angles of one unit.
 
     Args:
-        text: the file's text, CSV.
-        file: for errors and sources.
-        model: what all but the angles are of.
+        text: text of the file, CSV.
+        file: the file, for errors and sources.
+        model: catalogue model that supplies everything else.
 
     Raises:
-        InputError: not such a file, wrong numbers, or channels that the model does not have;
-            names the line.
+        InputError: not such a file, wrong numbers, or another number of channels than the model's;
+            names
+            the line.
     """
     try:
         rows = list(csv.reader(text.splitlines()))
@@ -61,10 +63,10 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
     table: dict[int, tuple[float, float]] = {}
     for number, row in enumerate(rows[heading + 1 :], heading + 2):
         cells = [cell.strip() for cell in row]
-        if not any(cells[1:]):  # an empty line, or the checksum that ends some files
+        if not any(cells[1:]):  # an empty line, or the checksum at the end of some files
             continue
         channel, angles = _channel(cells, file, number)
-        if channel > MOST_CHANNELS:  # before all that lie below it are counted
+        if channel > MOST_CHANNELS:  # before missing channels are listed
             raise InputError(
                 f"has channel {channel}, more than {MOST_CHANNELS}",
                 file=file,

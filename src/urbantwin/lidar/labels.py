@@ -1,8 +1,18 @@
-"""The labels of one frame: a class and an instance for every point, a box for every actor.
+"""Labels of one frame: class and instance of every point, a box for every actor, its difficulty.
 
-Visibility is measured: of the rays that would return from an actor alone in the world, the share
-that do return from it. The same random draw decides a ray's return in both worlds, so the share
-depends on geometry and not on chance.
+Visibility is measured: the share of the rays that would return from an actor without occlusion
+which
+do return from it. The same random draw decides a ray's return in both cases, so the share depends
+on
+geometry alone.
+
+**Difficulty.** KITTI grades by occlusion (fully visible, partly, largely occluded), truncation (at
+most 15, 30 and 50 %) and height of the box in the image (Geiger et al. 2012, CVPR; the benchmark's
+page). A LiDAR measures the first two; in place of the height in pixels counts the number of points,
+as in Waymo (more than 5 points: level 1, any: level 2; Sun et al. 2020, CVPR, section 4). The
+limits
+of occlusion are those of nuScenes' best and two best bins of visibility (80 and 40 %; Caesar et al.
+2020, CVPR, appendix A). An actor that meets no level is ignored.
 """
 
 from __future__ import annotations
@@ -18,13 +28,13 @@ __all__ = ["LEVELS", "BoxLabel", "LabelledFrame", "Level", "Whereabouts", "diffi
 
 
 class Level(NamedTuple):
-    """What an actor must meet.
+    """Requirements of a difficulty level.
 
     Attributes:
-        name: of the level.
-        least_points: least number of points on it.
+        name: name of the level.
+        least_points: least number of points.
         most_occlusion: largest hidden share, 0..1.
-        most_truncation: largest share outside of what the rig sees, 0..1.
+        most_truncation: largest share outside the rig's field of view, 0..1.
     """
 
     name: str
@@ -33,7 +43,7 @@ class Level(NamedTuple):
     most_truncation: float
 
 
-#: From the easiest on; an actor has the first that it meets.
+#: Levels, easiest first; an actor has the first that it meets.
 LEVELS = (
     Level("easy", 21, 0.2, 0.15),
     Level("moderate", 6, 0.6, 0.30),
@@ -42,21 +52,21 @@ LEVELS = (
 
 
 def difficulty_of(num_points: int, occlusion: float, truncation: float) -> str | None:
-    """Return the name of the easiest level that an actor meets; ``None`` where it meets none.
+    """Return the easiest level that an actor meets; ``None`` if it meets none.
 
     Args:
-        num_points: points on it.
-        occlusion: 0..1; ``nan`` where it is not known, which meets no level but the last.
+        num_points: number of points.
+        occlusion: 0..1; ``nan`` if unknown, which meets only the last level.
         truncation: 0..1.
     """
     for level in LEVELS:
-        known = occlusion <= level.most_occlusion or level.most_occlusion >= 1.0
-        if num_points >= level.least_points and known and truncation <= level.most_truncation:
+        is_visible = occlusion <= level.most_occlusion or level.most_occlusion >= 1.0
+        if num_points >= level.least_points and is_visible and truncation <= level.most_truncation:
             return level.name
     return None
 
 
-#: Where an actor is that does not count: ``outside`` of the region, ``far`` from every sensor.
+#: Why an actor does not count: ``outside`` of the region, or ``far`` from every sensor.
 Whereabouts = Literal["outside", "far"]
 
 
@@ -64,17 +74,17 @@ class BoxLabel(NamedTuple):
     """The label of one actor; boxes without points are kept.
 
     Attributes:
-        track: the actor's number.
+        track: track id.
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
         box: (7,) x, y, z, length, width, height, yaw; dataset frame.
         num_points: returns from the actor, of all sensors.
-        num_points_alone: returns there would be with only that actor in the world, and what is
-            behind it: of beams along its edges that may be what returns.
+        num_points_alone: returns without occlusion, including those from behind its edges.
         velocity: (3,) metres per second, dataset frame.
-        observed_s: when the actor stood in its box, seconds from the frame's time: the mean of
-            the times at which beams hit it, or would have been fired at it.
-        truncation: 0..1, how much of it lies outside of what every sensor sees (`truncation`).
-        whereabouts: where it is that it does not count (`borders`); ``None``: it does.
+        observed_s: time of the box relative to the frame's, seconds: the mean time at which beams
+            hit the
+            actor, or would have been fired at it.
+        truncation: share of the actor outside the field of view of every sensor, 0..1 (`borders`).
+        whereabouts: why it does not count by its position (`borders`); ``None`` if it does.
     """
 
     track: int
@@ -91,32 +101,34 @@ class BoxLabel(NamedTuple):
     def visibility(self) -> float:
         """``num_points / num_points_alone``, 0..1.
 
-        ``nan`` for an actor that would have no return even alone: it is out of reach, and the
-        rays cannot tell whether anything stands before it.
+        ``nan`` for an actor without any return even unoccluded: out of range, so that occlusion
+        cannot be
+        measured.
         """
         if not self.num_points_alone:
             return float("nan")
-        # Two echoes of one beam count twice, and what is behind adds to an edge's.
+        # Two returns of one beam count twice, and edges include returns from behind.
         return min(1.0, self.num_points / self.num_points_alone)
 
     @property
     def occlusion(self) -> float:
-        """``1 - visibility``; ``nan`` where that is."""
+        """``1 - visibility``; ``nan`` where visibility is."""
         return 1.0 - self.visibility
 
     @property
     def difficulty(self) -> str | None:
-        """How hard it is to find (`difficulty.LEVELS`); ``None`` where it is to be ignored."""
+        """Difficulty level (`LEVELS`); ``None`` if the actor is ignored."""
         if self.ignored is not None:
             return None
         return difficulty_of(self.num_points, self.occlusion, self.truncation)
 
     @property
     def ignored(self) -> str | None:
-        """Why it is not to be counted; ``None`` where it is.
+        """Why the actor is ignored; ``None`` if it counts.
 
-        ``outside`` of the region, ``far`` from every sensor, ``truncated`` by more than the
-        hardest level allows, ``unseen``: with fewer points than that asks for.
+        ``outside`` of the region, ``far`` from every sensor, ``truncated`` more than the hardest
+        level
+        allows, or ``unseen``: with fewer points than that requires.
         """
         if self.whereabouts is not None:
             return self.whereabouts
@@ -127,19 +139,18 @@ class BoxLabel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LabelledFrame:
-    """One frame: N points, sorted by sensor, turn, ring and column, and the actors' boxes by track.
+    """N points, sorted by sensor, turn, ring and column, and the actors' boxes by track.
 
     Attributes:
         points: (N, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
-        semantic: (N,) uint16, numbers of ``taxonomy.semantic_classes``.
-        instance: (N,) uint16, the actor's track; 0 for the static world.
-        sensor: (N,) uint8, number of the sensor in the rig.
-        ring: (N,) uint16, channel, as the maker numbers them.
+        semantic: (N,) uint16, ids of ``taxonomy.semantic_classes``.
+        instance: (N,) uint16, track id; 0 for the static world.
+        sensor: (N,) uint8, index of the sensor in the rig.
+        ring: (N,) uint16, channel in the maker's numbering.
         column: (N,) uint16, firing within the turn.
-        time_s: (N,) float32, when the point was measured by the sensor's clock, seconds from the
-            frame's time.
-        echo: (N,) uint8, 0 for a beam's first reported echo, 1 for its second.
-        boxes: one per actor that was given, those without points too.
+        time_s: (N,) float32, firing time by the sensor's clock, seconds relative to the frame's.
+        echo: (N,) uint8, 0 for the first reported return of a beam, 1 for the second.
+        boxes: one per actor, including those without points.
     """
 
     points: NDArray[np.float32]

@@ -1,8 +1,8 @@
-"""A sensor from the metadata of one real Ouster unit.
+"""A sensor from the metadata of a real Ouster unit.
 
-Both layouts are read: the old one, all keys at the top, and the one of firmware 2.2 and later,
-which nests them in ``beam_intrinsics``, ``config_params``, ``lidar_data_format`` and
-``sensor_info`` (Ouster sensor documentation, HTTP API, ``metadata``; ouster-sdk, ``metadata.cpp``).
+Both layouts are read: the old one with all keys at the top, and that of firmware 2.2 and later with
+``beam_intrinsics``, ``config_params``, ``lidar_data_format`` and ``sensor_info`` (Ouster sensor
+documentation, HTTP API, ``metadata``; ouster-sdk, ``metadata.cpp``).
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ _SECTIONS = ("beam_intrinsics", "config_params", "lidar_data_format", "data_form
 def ouster_sensor(text: str, file: Path, known: Callable[[str], Sensor | None]) -> Sensor:
     """Return the sensor that a unit's metadata describes.
 
-    Angles, mode and beam origin are the unit's; what the metadata does not say (ranges, light,
-    returns) is that of the product line, and unknown where the catalogue has none.
+    Angles, mode and beam origin are the unit's; other values (ranges, wavelength, returns) are
+    those of
+    the product line, and unknown if the catalogue lacks it.
 
     Args:
-        text: the file's text, JSON.
-        file: for errors and sources.
-        known: gives the catalogue's sensor of a name, None where there is none.
+        text: text of the file, JSON.
+        file: the file, for errors and sources.
+        known: returns the catalogue's sensor of a name, or ``None``.
 
     Raises:
         InputError: not JSON, or keys missing or wrong; names the key.
@@ -102,7 +103,7 @@ def _json(text: str, file: Path) -> dict[str, Any]:
 
 
 def _flat(document: dict[str, Any], file: Path) -> dict[str, Any]:
-    """Return all keys in one table, whichever layout the file has."""
+    """Return all keys in one table, for both layouts."""
     values = dict(document)
     for section in _SECTIONS:
         nested = document.get(section)
@@ -168,10 +169,11 @@ def _is_number(value: Any) -> bool:  # noqa: ANN401
 def _of_product_line(
     line: str | None, channels: int, known: Callable[[str], Sensor | None]
 ) -> Sensor | None:
-    """Return the catalogue's sensor of a product line, as ``OS-1-128`` or ``OS-0-32-U1``.
+    """Return the catalogue's sensor of a product line, such as ``OS-1-128`` or ``OS-0-32-U1``.
 
-    Later units of 64 channels (with a suffix) are not of the first generation that a bare
-    ``OS-1-64`` is: the 128 channels of their own generation lend them their numbers.
+    Later units of 64 channels (with a suffix) differ from the first generation that a bare
+    ``OS-1-64``
+    is: they take the values of the 128 channels of their own generation.
     """
     parts = re.match(r"OS-?([012])-?(\d+)(.*)", line or "")
     if parts is None:
@@ -186,5 +188,5 @@ def _datasheet_fields() -> tuple[str, ...]:
 
 
 def _blank() -> Sensor:
-    """Return a sensor of which nothing is known but its maker."""
+    """Return a sensor with all values unknown but the maker."""
     return Sensor.of_beams("Ouster", np.zeros(1), np.zeros(1), 1, 1.0)

@@ -1,10 +1,11 @@
-"""Where the beams of a spinning sensor point.
+"""Directions of the beams of a spinning sensor.
 
-Column k of K fires when the encoder stands at 2 pi k / K from the forward axis, clockwise from
-above for a sensor that spins so. A channel looks ``azimuth_offset`` counter-clockwise of the
-encoder and ``elevation`` up. Rows stand in the order in which the maker numbers the channels;
-sort by ``elevation_deg`` for an image. All beams leave from the sensor's origin: the few
-centimetres between a real sensor's emitters and its axis are left out.
+Column k of K fires when the encoder is at 2 pi k / K from the forward axis, clockwise from above
+for a
+clockwise sensor. A channel points ``azimuth_offset`` counter-clockwise of the encoder and
+``elevation`` up. Rows are in the maker's numbering of channels; sort by ``elevation_deg`` for an
+image. All beams leave from the sensor's origin: the few centimetres between emitters and axis are
+neglected.
 """
 
 from __future__ import annotations
@@ -32,16 +33,14 @@ def beam_elevations(sensor: Sensor) -> NDArray[np.float64]:
 def beam_azimuths(
     sensor: Sensor, columns: int | None = None, *, turns_per_second: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the azimuth (C, K) of every beam.
-
-    Radians in [-pi, pi), counter-clockwise from x in the sensor frame.
+    """Return the azimuth (C, K) of every beam, radians in [-pi, pi), counter-clockwise from x.
 
     Args:
         sensor: the sensor.
-        columns: firings per turn, K; the sensor's default when not given.
-        turns_per_second: of a head that goes on turning while the channels of a column fire one
-            after another, so that those that fire later look farther on; 0: all look from where
-            the column begins.
+        columns: firings per turn, K; the sensor's default if not given.
+        turns_per_second: rotation rate of the head, which turns on while the channels of a column
+            fire
+            one after another; 0: all fire at the column's azimuth.
     """
     count = sensor.columns if columns is None else columns
     if count < 1:
@@ -73,9 +72,9 @@ def beam_directions(
 
 
 def pattern_times(columns: int, frame: int, rate_hz: float) -> NDArray[np.float64]:
-    """Return when the K columns of a frame fire: (K,) seconds from the start of frame 0.
+    """Return the firing times (K,) of a frame's columns, seconds from the start of frame 0.
 
-    Columns follow each other evenly, over the border of frames too.
+    Columns are equally spaced, across frames too.
     """
     if columns < 1 or rate_hz <= 0:
         raise ValueError(f"columns {columns} and rate {rate_hz} must be positive")
@@ -86,12 +85,12 @@ def pattern_times(columns: int, frame: int, rate_hz: float) -> NDArray[np.float6
 def pattern_directions(
     pattern: ScanPattern, columns: int, frame: int, rate_hz: float
 ) -> NDArray[np.float64]:
-    """Return the beams of one frame of a pattern that does not repeat with the frame.
+    """Return the beams of one frame of a non-repeating pattern.
 
     Args:
-        pattern: where its L lines point in the course of its period, which goes round.
-        columns: points per line and frame, K: the sensor's point rate over lines and frames.
-        frame: its number, from 0; the next frame sees the next part of the pattern.
+        pattern: directions of its L lines over one period.
+        columns: points per line and frame, K: point rate over lines and frames.
+        frame: number of the frame, from 0; the next frame continues the pattern.
         rate_hz: frames per second.
 
     Returns:

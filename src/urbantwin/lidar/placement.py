@@ -1,4 +1,4 @@
-"""Placement of a rig on its site: every sensor with its beams and its pose."""
+"""Placement of a rig on its site: sensor model, options and pose of every sensor."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = ["place_rig", "refuse_places"]
 
-#: Sensors nearer to each other in plan than this stand on one pole, metres.
+#: Sensors within this horizontal distance share a pole, metres.
 _SAME_POLE_M = 0.5
-#: Before the scene is there, ground and roofs are known to this, metres.
+#: Accuracy of ground and roofs before the scene is built, metres.
 _NEARLY_M = 0.5
 
 
@@ -40,63 +40,66 @@ def place_rig(
     file: str | Path | None = None,
     anchor_height_m: float | None = None,
 ) -> Rig:
-    """Stand a rig on a site.
+    """Place a rig on a site.
 
     A sensor's height is measured from the highest ground surface (`taxonomy.GROUND_CLASSES`) at its
-    place, so a sensor named on a bridge stands on the bridge; one under it is placed by ``up_m``.
+    position, so on a bridge it is above the deck; a sensor under a bridge is placed by ``up_m``.
 
     Args:
         spec: the rig as written.
         mesh: the static world, site frame.
         file: the rig's file, for errors.
-        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
+        anchor_height_m: height of the anchor's ground in the datum of altitudes, if known.
 
     Raises:
-        InputError: unknown model, columns, returns or a rate that the model does not offer, a
-            place without ground, under it, or inside something. Names file and field.
+        InputError: unknown model; columns, returns or rate that the model does not offer; a
+            position
+            without ground, below it, or inside an object. Names file and field.
     """
     models = check_models(spec, file=file)
     window_s = window_of(spec, models)
     site = _Site(mesh, file, anchor_height_m)
     sensors: list[MountedSensor] = []
-    for index, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
-        angles = np.radians([one.yaw_deg, one.pitch_deg, one.roll_deg])
-        if one.rides:
-            position = np.array([one.forward_m, one.left_m, one.height_m or 0.0], np.float64)
+    for index, (written, model) in enumerate(zip(spec.sensors, models, strict=True)):
+        angles = np.radians([written.yaw_deg, written.pitch_deg, written.roll_deg])
+        if written.rides:
+            position = np.array(
+                [written.forward_m, written.left_m, written.height_m or 0.0], np.float64
+            )
             height_m = float(position[2])
         else:
-            position, height_m = site.position(one, f"sensors[{index}]")
+            position, height_m = site.position(written, f"sensors[{index}]")
         pose = Pose.from_ypr(position, *angles)
-        sway = spec.sway if one.sway is None else one.sway
+        sway = spec.sway if written.sway is None else written.sway
         sensors.append(
             MountedSensor(
-                name=one.name,
+                name=written.name,
                 sensor=model,
-                columns=columns_of(model, one, spec.rate_hz),
+                columns=columns_of(model, written, spec.rate_hz),
                 site_SE3_sensor=pose,
-                effects=one.effects,
+                effects=written.effects,
                 rate_hz=spec.rate_hz,
                 number=index,
-                turns_per_second=turns_per_second_of(model, one, spec.rate_hz),
+                turns_per_second=turns_per_second_of(model, written, spec.rate_hz),
                 frame_window_s=window_s,
-                phase_deg=one.phase_deg,
-                phase_lock=one.phase_lock,
-                clock_offset_s=one.clock_offset_s,
-                clock_drift_ppm=one.clock_drift_ppm,
+                phase_deg=written.phase_deg,
+                phase_lock=written.phase_lock,
+                clock_offset_s=written.clock_offset_s,
+                clock_drift_ppm=written.clock_drift_ppm,
                 framed_by_clock=spec.frames_by == "clock",
-                time_jitter_s=one.time_jitter_s,
-                latency_s=one.latency_s,
-                dropped_frames=one.dropped_frames,
-                returns=returns_of(model, one),
-                outages=tuple(one.outages),
+                time_jitter_s=written.time_jitter_s,
+                latency_s=written.latency_s,
+                dropped_frames=written.dropped_frames,
+                returns=returns_of(model, written),
+                outages=tuple(written.outages),
                 sway=sway if sway is not None and sway.rms_m > 0 else None,
                 swings_with=_pole_of(pose, sensors),
                 sway_height_m=height_m,
-                pose_error=one.pose_error,
-                carrier_SE3_sensor=pose if one.rides else None,
-                above_roof_m=one.above_roof_m,
+                pose_error=written.pose_error,
+                carrier_SE3_sensor=pose if written.rides else None,
+                above_roof_m=written.above_roof_m,
                 deskew=spec.deskew,
-                calibration=one.calibration,
+                calibration=written.calibration,
                 reflectivity=spec.reflectivity,
             )
         )
@@ -121,43 +124,46 @@ def refuse_places(
     file: str | Path | None = None,
     anchor_height_m: float | None = None,
 ) -> None:
-    """Refuse a rig that no scene could hold, before the scene is built.
+    """Reject invalid sensor positions before the scene is built.
 
-    What lies within half a metre of right passes, and so does what stands on or under a bridge: of
-    these `place_rig` knows more. A place that is a proposal may still change.
+    Errors below half a metre, and positions on or under a bridge, are left to `place_rig`. Proposed
+    positions are not checked: they may still change.
 
     Args:
         spec: the rig as written.
-        scene: what is known of the scene about its sensors.
+        scene: preview of the scene around the sensors.
         file: the rig's file, for errors.
-        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
+        anchor_height_m: height of the anchor's ground in the datum of altitudes, if known.
 
     Raises:
-        InputError: a sensor without ground, under it, or inside a building. Names file and field.
+        InputError: a sensor without ground, below it, or inside a building. Names file and field.
     """
-    for index, one in enumerate(spec.sensors):
-        if one.east_m is None or one.north_m is None or one.proposed:
+    for index, written in enumerate(spec.sensors):
+        if written.east_m is None or written.north_m is None or written.proposed:
             continue
-        field, place = f"sensors[{index}]", f"{one.east_m:g} m east, {one.north_m:g} m north"
-        here = shapely.Point(one.east_m, one.north_m)
+        field, place = (
+            f"sensors[{index}]",
+            f"{written.east_m:g} m east, {written.north_m:g} m north",
+        )
+        here = shapely.Point(written.east_m, written.north_m)
         if here.distance(scene.extent) > _NEARLY_M:
             raise _no_ground(place, field, file)
         if scene.decks.intersects(here):
             continue
-        ground = float(scene.ground_height(np.array([[one.east_m, one.north_m]]))[0])
-        name, up = _given_height(one, field, ground, anchor_height_m, file)
+        ground = float(scene.ground_height(np.array([[written.east_m, written.north_m]]))[0])
+        name, up = _given_height(written, field, ground, anchor_height_m, file)
         if up <= ground - _NEARLY_M:
-            told = ground - up + float(getattr(one, name))
-            raise _under_ground(one, name, field, told, file)
-        # Inside at its own height, and half a metre above: not just about at the roof.
-        points = np.array([one.east_m, one.north_m, up]) + [[0, 0, 0], [0, 0, _NEARLY_M]]
+            ground_m = ground - up + float(getattr(written, name))
+            raise _under_ground(written, name, field, ground_m, file)
+        # Inside at its own height and half a metre above: not merely close to the roof.
+        points = np.array([written.east_m, written.north_m, up]) + [[0, 0, 0], [0, 0, _NEARLY_M]]
         around = [enclosing(point, scene.buildings) for point in points]
         if all(around):
             raise _inside(f"{up - ground:g} m above {place}", str(around[0]), name, field, file)
 
 
 class _Site:
-    """Where sensors can stand."""
+    """Checks positions of sensors against the static world."""
 
     def __init__(
         self, mesh: LabelledMesh, file: str | Path | None, anchor_height_m: float | None
@@ -169,19 +175,21 @@ class _Site:
         self._file = file
         self._anchor_height_m = anchor_height_m
 
-    def position(self, one: SensorSpec, field: str) -> tuple[NDArray[np.float64], float]:
-        """Return where a sensor is, site frame, and how high above the ground there."""
-        assert one.east_m is not None
-        assert one.north_m is not None
-        place = f"{one.east_m:g} m east, {one.north_m:g} m north"
-        top = self._ground_below(one.east_m, one.north_m, self._above)
+    def position(self, written: SensorSpec, field: str) -> tuple[NDArray[np.float64], float]:
+        """Return the position of a sensor, site frame, and its height above the ground below it."""
+        assert written.east_m is not None
+        assert written.north_m is not None
+        place = f"{written.east_m:g} m east, {written.north_m:g} m north"
+        top = self._ground_below(written.east_m, written.north_m, self._above)
         if np.isnan(top):
             raise _no_ground(place, field, self._file)
-        name, up = _given_height(one, field, top, self._anchor_height_m, self._file)
-        under = self._ground_below(one.east_m, one.north_m, up)
+        name, up = _given_height(written, field, top, self._anchor_height_m, self._file)
+        under = self._ground_below(written.east_m, written.north_m, up)
         if np.isnan(under) or up <= under:
-            raise _under_ground(one, name, field, top - up + float(getattr(one, name)), self._file)
-        position = np.array([one.east_m, one.north_m, up])
+            raise _under_ground(
+                written, name, field, top - up + float(getattr(written, name)), self._file
+            )
+        position = np.array([written.east_m, written.north_m, up])
         around = enclosing(position, self._mesh)
         if around is not None:
             raise _inside(f"{up - top:g} m above {place}", around, name, field, self._file)
@@ -194,18 +202,18 @@ class _Site:
 
 
 def _given_height(
-    one: SensorSpec,
+    written: SensorSpec,
     field: str,
     ground: float,
     anchor_height_m: float | None,
     file: str | Path | None,
 ) -> tuple[str, float]:
     """Return the field that gives a sensor's height, and its z in the site frame."""
-    if one.height_m is not None:
-        return "height_m", ground + one.height_m
-    if one.up_m is not None:
-        return "up_m", one.up_m
-    assert one.altitude_m is not None
+    if written.height_m is not None:
+        return "height_m", ground + written.height_m
+    if written.up_m is not None:
+        return "up_m", written.up_m
+    assert written.altitude_m is not None
     if anchor_height_m is None:
         raise InputError(
             "the site has no DEM, so altitudes are not known",
@@ -213,7 +221,7 @@ def _given_height(
             place=f"{field}.altitude_m",
             expected="height_m, or a site with a DEM",
         )
-    return "altitude_m", one.altitude_m - anchor_height_m
+    return "altitude_m", written.altitude_m - anchor_height_m
 
 
 def _no_ground(place: str, field: str, file: str | Path | None) -> InputError:
@@ -226,10 +234,10 @@ def _no_ground(place: str, field: str, file: str | Path | None) -> InputError:
 
 
 def _under_ground(
-    one: SensorSpec, name: str, field: str, ground: float, file: str | Path | None
+    written: SensorSpec, name: str, field: str, ground: float, file: str | Path | None
 ) -> InputError:
-    """Return the error; ``ground`` is its height in the terms of the field ``name``."""
-    problem = f"{getattr(one, name):g} m is under the ground"
+    """Return the error; ``ground`` is the ground's height in terms of the field ``name``."""
+    problem = f"{getattr(written, name):g} m is under the ground"
     if name != "height_m":
         problem += f", which is at {ground:.2f} m there"
     return InputError(
@@ -250,7 +258,7 @@ def _inside(where: str, around: str, name: str, field: str, file: str | Path | N
 
 
 def _pole_of(pose: Pose, before: list[MountedSensor]) -> int:
-    """Return the number of the first sensor that stands on the same pole."""
+    """Return the index of the first sensor on the same pole."""
     for other in before:
         offset = (other.site_SE3_sensor.translation - pose.translation)[:2]
         if np.hypot(*offset) <= _SAME_POLE_M:

@@ -1,4 +1,4 @@
-"""Riding: a rig on an actor of the motion, as a vehicle that talks to the roadside has it."""
+"""Rigs mounted on an actor of the motion."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["boarded", "boarded_while_there", "while_there"]
 
-#: A sensor this deep inside its carrier's mesh is not on it, metres: meshes are coarse.
+#: A sensor deeper inside its carrier's mesh is rejected, metres: meshes are coarse.
 _SKIN_M = 0.1
-#: Two times that differ by less are the same.
+#: Times that differ by less are equal.
 _SAME_TIME_S = 1e-6
 
 
@@ -34,18 +34,20 @@ def boarded(
     fastest_m_s: float = 70.0,
     file: str | None = None,
 ) -> Rig:
-    """Return a rig that knows which actor carries it; one that stands as it is.
+    """Assign a carrier to a rig that is mounted on an actor; other rigs are returned unchanged.
 
     Args:
-        rig: as placed.
-        motion: what moves.
-        times_s: of the frames, ascending, seconds.
-        fastest_m_s: an actor that moved faster between two steps was put elsewhere: it left.
+        rig: the placed rig.
+        motion: the motion.
+        times_s: times of the frames, ascending, seconds.
+        fastest_m_s: an actor that moves faster between two steps was relocated, which ends its
+            presence.
         file: the rig's file, for errors.
 
     Raises:
-        InputError: the motion has no such actor, the carrier is not there at every frame (the
-            error says from when to when it is), or a sensor is inside it.
+        InputError: no such actor, a carrier that is absent in some frames (the error gives the
+            interval of
+            its presence), or a sensor inside it.
     """
     if rig.ride is None:
         return rig
@@ -72,27 +74,28 @@ def boarded_while_there(
     fastest_m_s: float = 70.0,
     file: str | None = None,
 ) -> tuple[Rig, list[tuple[float, float]]]:
-    """Return the same of a rig whose carrier need not be there all the time.
+    """Assign a carrier that may be absent in some frames.
 
     Args:
-        rig: as placed; it rides.
-        motion: what moves.
-        times_s: of the frames, ascending, seconds.
-        taken: tracks that carry others: of a class, another one carries this rig.
+        rig: the placed rig, mounted on an actor.
+        motion: the motion.
+        times_s: times of the frames, ascending, seconds.
+        taken: tracks that carry other rigs; another actor of the class carries this one.
         fastest_m_s: see `boarded`.
         file: the rig's file, for errors.
 
     Returns:
-        The rig, and from when to when its carrier is there, seconds, in the order of time.
+        The rig, and the intervals of its carrier's presence, seconds, ascending.
 
     Raises:
-        InputError: the motion has no such actor, or none that is left, no frame is while it is
-            there, or a sensor is inside it.
+        InputError: no such actor, none left, a carrier that is absent in all frames, or a sensor
+            inside
+            it.
     """
     assert rig.ride is not None
-    span = times_s[0], times_s[-1]
+    frames_s = times_s[0], times_s[-1]
     spans = _spans(motion, rig.ride, fastest_m_s)
-    free = [one for one in spans if one.track not in taken]
+    free = [span for span in spans if span.track not in taken]
     if spans and not free:
         who = rig.ride.actor_class or f"track {rig.ride.track}"
         raise InputError(
@@ -101,13 +104,13 @@ def boarded_while_there(
             place="ride",
             expected="fewer nodes on that class, or a rig with the sensors of both",
         )
-    best = _chosen(free, rig.ride, motion, span, file)
-    own = [(one.start_s, one.stop_s) for one in spans if one.track == best.track]
+    best = _chosen(free, rig.ride, motion, frames_s, file)
+    own = [(span.start_s, span.stop_s) for span in spans if span.track == best.track]
     if not while_there(times_s, own).any():
         there = ", ".join(f"{on:.9g} to {off:.9g} s" for on, off in own)
         raise InputError(
             f"{best.who}, which carries the node, is not there in any frame: it is from {there}, "
-            f"and frames are from {span[0]:g} to {span[1]:g} s",
+            f"and frames are from {frames_s[0]:g} to {frames_s[1]:g} s",
             file=file,
             place="ride",
             expected="an actor that is there in the recorded span",
@@ -118,7 +121,7 @@ def boarded_while_there(
 def while_there(
     times_s: Sequence[float], spans: Sequence[tuple[float, float]]
 ) -> NDArray[np.bool_]:
-    """Return at which times (T,) an actor is there that is from some times to others."""
+    """Return the times (T,) within intervals of presence."""
     times = np.asarray(times_s, np.float64)
     there = np.zeros(len(times), np.bool_)
     for start_s, stop_s in spans:
@@ -133,20 +136,20 @@ def _chosen(
     frames_s: tuple[float, float],
     file: str | None,
 ) -> _Span:
-    """Return the time during which a carrier is there the longest while frames are recorded."""
+    """Return the interval of presence with the largest overlap with the recorded frames."""
     if not spans:
         raise _nobody(ride, motion, file)
     return max(spans, key=lambda span: (span.shared(*frames_s), -span.distance_m))
 
 
 def _mounted_on(rig: Rig, best: _Span, motion: Motion, file: str | None) -> Rig:
-    """Return a rig on its carrier."""
+    """Mount a rig on its carrier."""
     mesh = motion.mesh(best.asset, best.phase)
     roof_m = float(mesh.vertices[np.unique(mesh.faces), 2].max())
-    sensors = tuple(_on_roof(one, roof_m) for one in rig.sensors)
-    for number, one in enumerate(sensors):
-        assert one.carrier_SE3_sensor is not None
-        place = one.carrier_SE3_sensor.translation
+    sensors = tuple(_on_roof(mounted, roof_m) for mounted in rig.sensors)
+    for number, mounted in enumerate(sensors):
+        assert mounted.carrier_SE3_sensor is not None
+        place = mounted.carrier_SE3_sensor.translation
         around = place + _SKIN_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
         if all(enclosing(point, mesh) for point in around):
             raise InputError(
@@ -164,7 +167,7 @@ def _mounted_on(rig: Rig, best: _Span, motion: Motion, file: str | None) -> Rig:
 
 @dataclass(frozen=True)
 class _Span:
-    """A time during which an actor is there without a gap, ``distance_m`` from the anchor."""
+    """An interval without gaps in which an actor is present, ``distance_m`` from the anchor."""
 
     track: int
     actor_class: str
@@ -176,16 +179,16 @@ class _Span:
 
     @property
     def who(self) -> str:
-        """Its class and track."""
+        """Class and track."""
         return f"{self.actor_class} {self.track}"
 
     def shared(self, start_s: float, stop_s: float) -> float:
-        """Return how much of another span of time it is there, to the millisecond."""
+        """Return the overlap with another interval, rounded to milliseconds."""
         return round(min(self.stop_s, stop_s) - max(self.start_s, start_s), 3)
 
 
 def _spans(motion: Motion, ride: RideSpec, fastest_m_s: float) -> list[_Span]:
-    """Return when the actors that may carry a rig are there, by track and time."""
+    """Return the intervals of presence of the possible carriers, by track and time."""
     name, wanted = ("class", ride.actor_class) if ride.track is None else ("track", ride.track)
     chosen = motion.rows.where(name, [wanted])
     if not chosen.num_rows:
@@ -238,11 +241,11 @@ def _nobody(ride: RideSpec, motion: Motion, file: str | None) -> InputError:
     )
 
 
-def _on_roof(one: MountedSensor, roof_m: float) -> MountedSensor:
-    """Return a sensor that was placed above its carrier's roof, with its height known."""
-    pose = one.carrier_SE3_sensor
-    if pose is None or one.above_roof_m is None:
-        return one
+def _on_roof(mounted: MountedSensor, roof_m: float) -> MountedSensor:
+    """Resolve a height above the carrier's roof."""
+    pose = mounted.carrier_SE3_sensor
+    if pose is None or mounted.above_roof_m is None:
+        return mounted
     x, y, _ = pose.translation
-    raised = Pose(pose.rotation, np.array([x, y, roof_m + one.above_roof_m]))
-    return replace(one, site_SE3_sensor=raised, carrier_SE3_sensor=raised)
+    raised = Pose(pose.rotation, np.array([x, y, roof_m + mounted.above_roof_m]))
+    return replace(mounted, site_SE3_sensor=raised, carrier_SE3_sensor=raised)

@@ -1,4 +1,4 @@
-"""The rig: its sensors on their mounts, and where they are in a frame."""
+"""The rig: its sensors, their mounts, and their poses in a frame."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from urbantwin.taxonomy import BoxKind
 
 __all__ = ["MountedSensor", "ReturnMode", "Rig", "dataset_frame"]
 
-#: Which echoes of a beam a sensor reports.
+#: Return mode: the echoes of a beam that a sensor reports.
 ReturnMode = Literal["strongest", "last", "first", "dual"]
 
 
@@ -41,39 +41,41 @@ class MountedSensor:
     """A sensor on the site or on a vehicle.
 
     Attributes:
-        name: unique in the rig.
-        sensor: its entry in the catalogue.
+        name: unique name in the rig.
+        sensor: catalogue entry.
         columns: firings per turn.
-        site_SE3_sensor: its pose while nothing moves it; of a sensor that rides, its pose if its
-            carrier's mesh stood at the origin.
-        effects: which imperfections it has.
+        site_SE3_sensor: pose at rest; for a sensor on a vehicle, its pose with the carrier's mesh
+            at the
+            site's origin.
+        effects: measurement effects that are on.
         rate_hz: frames per second.
-        number: of the sensor in its rig: what random numbers and labels know it by.
-        turns_per_second: how fast it turns.
-        frame_window_s: a frame holds the turns that arrive in so many seconds from its time on.
-        phase_deg: encoder angle at which its turns begin, the way it turns.
+        number: index of the sensor in its rig, which keys random numbers and labels.
+        turns_per_second: rotation rate.
+        frame_window_s: a frame holds the turns that arrive within this time after the frame's,
+            seconds.
+        phase_deg: encoder angle at the start of a turn, in the direction of rotation.
         phase_lock: whether turns begin at whole multiples of their duration.
-        clock_offset_s: what its clock is ahead of true time at the motion's start.
-        clock_drift_ppm: how much too fast its clock runs, millionths.
-        framed_by_clock: whether a frame holds the turns whose begin, by the sensor's clock, is in
-            it; else those that arrive in it.
+        clock_offset_s: offset of its clock from true time at the motion's start.
+        clock_drift_ppm: drift of its clock, parts per million; positive runs fast.
+        framed_by_clock: assign turns to frames by their start on the sensor's clock, not by
+            arrival.
         time_jitter_s: standard deviation of a turn's start.
-        latency_s: from a turn's end to its arrival.
-        dropped_frames: share of its turns that never arrive.
-        returns: which echoes of a beam it reports.
-        outages: what of it does not work, and when.
-        sway: how its pole swings; ``None``: not at all.
-        swings_with: number of the sensor whose pole it shares.
+        latency_s: time from a turn's end to its arrival.
+        dropped_frames: share of turns that are lost.
+        returns: return mode.
+        outages: parts that fail, and when.
+        sway: motion of its pole; ``None`` for none.
+        swings_with: index of the first sensor on the same pole.
         sway_height_m: height of the sensor above the foot of its pole.
-        pose_error: how wrong its pose is reported; ``None``: it is right.
-        carrier_SE3_sensor: its pose in the frame of its carrier's mesh; ``None``: it stands.
-        above_roof_m: height above its carrier's top, where that is what was said: the carrier's
-            own height comes to it when the rig boards.
-        deskew: whether points of a sensor that rides are corrected for its motion, and not left as
-            if it had stood still since the frame's time.
-        calibration: how this unit differs from its datasheet.
-        reflectivity: times what the table of materials says that they send back, by name.
-        measured: what a real one found of the static world, to be seen in its place.
+        pose_error: error of the reported pose; ``None`` for none.
+        carrier_SE3_sensor: pose in the frame of its carrier's mesh; ``None``: fixed to the site.
+        above_roof_m: height above its carrier's roof, if given so; resolved when the carrier is
+            known.
+        deskew: whether points of a sensor on a vehicle are corrected for its motion within the
+            frame.
+        calibration: deviations of this unit from its datasheet.
+        reflectivity: factors on the reflectivity of materials, by name.
+        measured: measured background that replaces the modelled static world.
     """
 
     name: str
@@ -108,16 +110,16 @@ class MountedSensor:
 
     @property
     def missing(self) -> float:
-        """The share of beams that return nothing, whatever they meet."""
+        """Share of beams that return nothing, whatever they hit."""
         return self.calibration.missing if self.effects.dropout else 0.0
 
     def path(self, frame_index: int, seed: int, carrier: ActorPath | None = None) -> SensorPath:
-        """Return where the sensor is in the course of a frame.
+        """Return the path of the sensor over a frame.
 
         Args:
-            frame_index: the frame's number.
-            seed: of all random numbers.
-            carrier: the path of the actor that carries it, of a sensor that rides.
+            frame_index: number of the frame.
+            seed: random seed.
+            carrier: path of the actor that carries the sensor, if any.
         """
         path = self._believed_path(frame_index, seed, carrier)
         if self.pose_error is None:
@@ -126,7 +128,7 @@ class MountedSensor:
         return MisplacedPath(path, self.pose_error, time_s, seed, self.number)
 
     def _believed_path(self, frame_index: int, seed: int, carrier: ActorPath | None) -> SensorPath:
-        """Return its path where nothing but sway is unknown of it."""
+        """Return the path without errors of the reported pose."""
         if self.carrier_SE3_sensor is not None:
             if carrier is None:
                 raise ValueError(f"{self.name} rides, and nothing carries it")
@@ -145,23 +147,25 @@ class MountedSensor:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The sensors that record together and the frame that their points are fused in.
+    """Sensors that record together, and the frame of their points.
 
     Attributes:
-        sensors: in the order of the rig's file; their numbers in labels are 0, 1, 2, ...
-        frame: ``sensor``: that of the first sensor; ``level``: the first sensor's position and
-            heading, with z against gravity; ``site``: the site frame.
+        sensors: in the order of the rig's file; labels number them 0, 1, 2, ...
+        frame: ``sensor``: that of the first sensor; ``level``: position and heading of the first
+            sensor,
+            with z up; ``site``: the site frame.
         rate_hz: frames per second.
-        dataset_SE3_site: takes points of the site frame to that frame, of a rig that stands.
-        conditions: the weather and the sun.
-        ride: the actor that was asked to carry it; ``None``: it stands.
-        carrier: the track of the actor that carries it, once that is known.
-        fused: whether a frame holds the points of all sensors; else each has a dataset.
-        boxes: ``track``: a label has the size of its actor's track, where it is known; ``tight``:
-            the bounds of the mesh at its moment; else whose annotators draw it, see
+        dataset_SE3_site: from the site frame to that frame, for a fixed rig.
+        conditions: weather and sun.
+        ride: the requested carrier; ``None``: a fixed rig.
+        carrier: track of the actor that carries it, once it is chosen.
+        fused: whether a frame holds the points of all sensors; otherwise each has a dataset.
+        boxes: size of labels: ``track``: that of the actor's track if known; ``tight``: bounds of
+            the mesh
+            in the frame; otherwise the dataset whose annotation rules apply, see
             `traffic.assets.annotators`.
-        label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
-            in reach does.
+        label_range_m: actors farther from every sensor (horizontally) do not count; ``None``: no
+            limit.
     """
 
     sensors: tuple[MountedSensor, ...]
@@ -176,10 +180,10 @@ class Rig:
     label_range_m: float | None = None
 
     def dataset_pose(self, carrier: ActorPath | None = None) -> Pose:
-        """Return ``dataset_SE3_site`` of a frame: of a rig that rides, it moves with its carrier.
+        """Return ``dataset_SE3_site`` of a frame; on a vehicle it moves with the carrier.
 
         Args:
-            carrier: the path of the actor that carries the rig, seconds from the frame's time.
+            carrier: path of the carrier, seconds relative to the frame's time.
         """
         mounted = self.sensors[0].carrier_SE3_sensor
         if carrier is None or mounted is None:
@@ -187,28 +191,28 @@ class Rig:
         return dataset_frame(self.frame, carrier.at(0.0) @ mounted).inverse()
 
     def separate(self) -> tuple[Rig, ...]:
-        """Return a rig for each sensor, with its own frame; each records what it would together.
+        """Return one rig per sensor, each with its own frame, which records the same points.
 
-        The sensors keep their numbers, and with them their random numbers and poles.
+        Sensors keep their index, and with it their random numbers and poles.
         """
         return tuple(
             replace(
                 self,
-                sensors=(one,),
-                dataset_SE3_site=dataset_frame(self.frame, one.site_SE3_sensor).inverse(),
+                sensors=(mounted,),
+                dataset_SE3_site=dataset_frame(self.frame, mounted.site_SE3_sensor).inverse(),
                 fused=True,
             )
-            for one in self.sensors
+            for mounted in self.sensors
         )
 
 
 def dataset_frame(frame: Literal["sensor", "level", "site"], site_SE3_sensor: Pose) -> Pose:
-    """Return the frame that points are given in (to the site's), of the first sensor's pose."""
+    """Return the pose of the frame of the points (to the site's), from the first sensor's pose."""
     if frame == "sensor":
         return site_SE3_sensor
     if frame == "site":
         return Pose.from_ypr(np.zeros(3))
     ahead, up = site_SE3_sensor.rotation[:, 0], site_SE3_sensor.rotation[:, 2]
-    if np.hypot(ahead[0], ahead[1]) < 1e-9:  # It looks straight down, or up.
+    if np.hypot(ahead[0], ahead[1]) < 1e-9:  # the sensor points straight down or up
         ahead = -np.sign(ahead[2]) * up
     return Pose.from_ypr(site_SE3_sensor.translation, float(np.arctan2(ahead[1], ahead[0])))

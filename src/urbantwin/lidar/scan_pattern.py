@@ -1,13 +1,14 @@
-"""Scan patterns that do not repeat with the turn of a motor: a Livox-like rosette.
+"""Scan patterns that do not repeat with a turn, such as Livox' rosettes.
 
-A pattern file says where the beam points at each time of one period, as a table of ``time_s``,
-``azimuth_deg`` (counter-clockwise from x), ``elevation_deg`` (up) and, where several lasers fire
-together, ``line``: CSV with these names as its heading, or NPZ with arrays of these names. The
-pattern then goes on from its start. Its length is ``period_s`` (a number in the NPZ; in a CSV a
-line ``# period_s: 4.0`` before the heading), or else the last time and one step more.
+A pattern file gives the direction of the beam over one period, as a table of ``time_s``,
+``azimuth_deg`` (counter-clockwise from x), ``elevation_deg`` (up) and, if several lasers fire
+together, ``line``: CSV with these names as heading, or NPZ with arrays of these names. The pattern
+then repeats. Its period is ``period_s`` (a number in the NPZ; in a CSV a line ``# period_s: 4.0``
+before the heading), or by default the last time plus one step.
 
-Livox publishes such tables for its simulators (azimuth and zenith by time); a frame is the part
-of the pattern that falls into its own time, so frame k sees other beams than frame k + 1.
+Livox publishes such tables for its simulators (azimuth and zenith by time). A frame is the part of
+the
+pattern within its own time, so consecutive frames have different beams.
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ _MOST_BYTES = 400_000_000
 
 @dataclass(frozen=True, eq=False)
 class ScanPattern:
-    """Where the beams of a sensor point in the course of one period.
+    """Beam directions of a sensor over one period.
 
     Attributes:
-        name: the file's name.
-        period_s: after this time the pattern begins again.
-        time_s: for each of L lines, (N_l,) float64 ascending within [0, period).
+        name: name of the file.
+        period_s: duration after which the pattern repeats.
+        time_s: for each of L lines, (N_l,) float64, ascending within [0, period).
         azimuth_deg: for each line, (N_l,) float64, counter-clockwise from x.
         elevation_deg: for each line, (N_l,) float64, positive up.
-        sha256: of all the above, for a dataset's manifest.
+        sha256: hash of all the above, for a dataset's manifest.
     """
 
     name: str
@@ -60,40 +61,39 @@ class ScanPattern:
 
     @property
     def points_per_second(self) -> float:
-        """As many points as the file has in one period."""
+        """Point rate of the file."""
         return sum(len(line) for line in self.time_s) / self.period_s
 
     def directions_at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the lines point at times (T,): unit vectors (L, T, 3), sensor frame.
+        """Return the directions of the lines at times (T,): unit vectors (L, T, 3), sensor frame.
 
-        Between the file's times a beam moves straight from one direction to the next (along the
-        chord, made a unit vector again), at the end of the period to the first.
+        Linear interpolation of the unit vectors, normalised; cyclic at the end of the period.
         """
         return np.stack([self._line_at(line, time_s) for line in range(self.lines)])
 
     def _line_at(self, line: int, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        known = self.time_s[line]
+        sample_s = self.time_s[line]
         azimuth, up = np.radians(self.azimuth_deg[line]), np.radians(self.elevation_deg[line])
         flat = np.cos(up)
         beam = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(up)], axis=-1)
-        phase = np.mod(time_s - known[0], self.period_s)
-        before = np.searchsorted(known - known[0], phase, side="right") - 1
-        after = (before + 1) % len(known)
-        start = known[before] - known[0]
-        step = np.where(after > 0, known[after] - known[0], self.period_s) - start
+        phase = np.mod(time_s - sample_s[0], self.period_s)
+        before = np.searchsorted(sample_s - sample_s[0], phase, side="right") - 1
+        after = (before + 1) % len(sample_s)
+        start = sample_s[before] - sample_s[0]
+        step = np.where(after > 0, sample_s[after] - sample_s[0], self.period_s) - start
         part = ((phase - start) / step)[:, None]
         between = beam[before] * (1 - part) + beam[after] * part
         length = np.linalg.norm(between, axis=1, keepdims=True)
-        # Two opposite beams have no middle: the first one holds.
-        found = np.where(length > 1e-6, between / np.maximum(length, 1e-6), beam[before])
-        return np.asarray(found, np.float64)
+        # Opposite directions have no mean: the first one is kept.
+        aim = np.where(length > 1e-6, between / np.maximum(length, 1e-6), beam[before])
+        return np.asarray(aim, np.float64)
 
 
 def load_scan_pattern(path: Path) -> ScanPattern:
     """Read a pattern file.
 
     Raises:
-        InputError: not such a file, or numbers that are none; names the column and the row.
+        InputError: not a pattern file, or invalid numbers; names the column and the row.
     """
     table, period_s = _npz(path) if path.suffix.lower() == ".npz" else _csv(path)
     columns = {name: _column(table, name, path) for name in (*_COLUMNS, "line") if name in table}

@@ -49,47 +49,47 @@ def labelled(
     bordering: Bordering,
     dataset_SE3_site: Pose,
 ) -> LabelledFrame:
-    """Fuse the sensors' returns and give every point and actor its labels.
+    """Merge the returns of all sensors, and label every point and actor.
 
     Args:
-        seen: what was reported of each turn.
-        actors: in the order in which returns number them.
-        boxes: (A, 7) of the actors, dataset frame.
-        when_s: (A,) when they stood there, seconds from the frame's time.
-        bordering: how they lie to the borders of what the rig sees.
+        seen: reports of all turns.
+        actors: actors, in the order in which returns number them.
+        boxes: (A, 7) boxes of the actors, dataset frame.
+        when_s: (A,) times of the boxes, seconds relative to the frame's.
+        bordering: truncation and position of the actors.
         dataset_SE3_site: to the frame of the points.
     """
-    points = [one.points for one in seen]
-    actor = _joined([one.actor for one in seen], np.int32)
-    semantic = _joined([one.semantic for one in seen], np.uint16)
+    points = [item.points for item in seen]
+    actor = _joined([item.actor for item in seen], np.int32)
+    semantic = _joined([item.semantic for item in seen], np.uint16)
     instance = np.zeros(len(actor), np.uint16)
     hit = np.flatnonzero(actor >= 0)
     owner = actor[hit]
-    classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
+    classes = [semantic_id(BOX_SEMANTICS[item.actor_class]) for item in actors]
     semantic[hit] = np.array(classes, np.uint16)[owner]
-    tracks = [one.track for one in actors]
+    tracks = [item.track for item in actors]
     instance[hit] = np.array(tracks, np.uint16)[owner]
     count = np.bincount(owner, minlength=len(actors))
-    alone = np.sum([one.alone for one in seen], axis=0, dtype=np.int64).reshape(-1)
+    alone = np.sum([item.alone for item in seen], axis=0, dtype=np.int64).reshape(-1)
     alone = alone if seen else np.zeros(len(actors), np.int64)
-    velocity = np.array([one.velocity for one in actors]).reshape(-1, 3)
+    velocity = np.array([item.velocity for item in actors]).reshape(-1, 3)
     velocity = velocity @ dataset_SE3_site.rotation.T
-    sensor = np.array([one.sensor for one in seen], np.uint8)
+    sensor = np.array([item.sensor for item in seen], np.uint8)
     return LabelledFrame(
-        _joined([one.xyzi for one in points], np.float32, (0, 4)),
+        _joined([item.xyzi for item in points], np.float32, (0, 4)),
         semantic,
         instance,
-        np.repeat(sensor, [len(one.actor) for one in seen]),
-        _joined([one.ring for one in points], np.uint16),
-        _joined([one.column for one in points], np.uint16),
-        _joined([one.time_s for one in points], np.float32),
-        _joined([one.echo for one in seen], np.uint8),
+        np.repeat(sensor, [len(item.actor) for item in seen]),
+        _joined([item.ring for item in points], np.uint16),
+        _joined([item.column for item in points], np.uint16),
+        _joined([item.time_s for item in points], np.float32),
+        _joined([item.echo for item in seen], np.uint8),
         tuple(
             starmap(
                 BoxLabel,
                 zip(
                     tracks,
-                    [one.actor_class for one in actors],
+                    [item.actor_class for item in actors],
                     boxes,
                     count.tolist(),
                     alone.tolist(),
@@ -107,31 +107,32 @@ def labelled(
 def _joined(
     parts: Sequence[NDArray[_Value]], kind: type[_Value], none: tuple[int, ...] = (0,)
 ) -> NDArray[_Value]:
-    """Join the turns' arrays; that of one turn is taken as it is."""
+    """Concatenate the arrays of the turns; a single one is returned without a copy."""
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(none, kind), *parts])
 
 
 class Scanner:
-    """Scans frames. What fixed beams meet in the static world is computed here, once.
+    """Scans frames. What fixed beams hit in the static world is computed once.
 
-    Frames are independent: any of them, in any order, in any process or thread, comes out the
-    same.
+    Frames are independent: any order, process or thread gives the same result.
 
     Args:
         static: the static world, site frame.
         rig: the sensors.
-        seed: of all random numbers.
-        meshes: gives the mesh of an asset; ``traffic.assets.asset_mesh`` when not given.
-        surface: materials of the ground that are finer than the static world's triangles.
-        region: where labels count, site frame; everywhere when not given.
-        backend: what casts the rays, see `casting.backend.tracer_on`.
-        beside: a scanner of another rig in the same world, with the same meshes and backend: what
-            it has of actors, and of the static world for sensors that move, serves both.
-        standing: what sensors that stand still see, of a scanner of the same rig in the same world:
-            its `standing`; they look for themselves when not given.
+        seed: random seed.
+        meshes: returns the mesh of an asset; ``traffic.assets.asset_mesh`` if not given.
+        surface: materials of the ground at finer resolution than the static world's triangles.
+        region: area where labels count, site frame; everywhere if not given.
+        backend: ray tracer, see `casting.backend.tracer_on`.
+        beside: scanner of another rig in the same world, with the same meshes and backend; both
+            share the
+            shapes of actors and the static world of moving sensors.
+        standing: static views of the fixed sensors, from the property `standing` of a scanner of
+            the same
+            rig in the same world; computed if not given.
 
     Raises:
-        InputError: there is no such backend here.
+        InputError: the backend is not available.
     """
 
     def __init__(  # noqa: PLR0913 - most are what scanners share
@@ -163,55 +164,56 @@ class Scanner:
         self._seed = seed
         self._borders = Borders(rig.sensors, region, rig.label_range_m)
         self._eyes: list[_Eye] = []
-        for number, one in enumerate(rig.sensors):
-            model = ReturnModel(one, rig.conditions)
-            known = None if standing is None else standing[number]
-            if known is not None:
-                self._eyes.append(_Eye(number, one, model, known, known.beams))
+        for number, mounted in enumerate(rig.sensors):
+            model = ReturnModel(mounted, rig.conditions)
+            view = None if standing is None else standing[number]
+            if view is not None:
+                self._eyes.append(_Eye(number, mounted, model, view, view.beams))
                 continue
-            # A pattern that does not repeat has other beams in every turn.
-            beams = Beams.of(one) if one.sensor.pattern is None else None
-            path = None if rig.ride is not None else one.path(0, seed)
+            # A non-repeating pattern has different beams in every turn.
+            beams = Beams.of(mounted) if mounted.sensor.pattern is None else None
+            path = None if rig.ride is not None else mounted.path(0, seed)
             if path is None or not path.is_fixed:
-                # A vehicle drives all over the site: its sensors are near no place in particular.
+                # A vehicle moves over the whole site: no origin is near its sensors.
                 self._shared = self._shared or World(static, np.zeros(3), surface, self._tracer)
-                self._eyes.append(_Eye(number, one, model, self._shared, beams))
+                self._eyes.append(_Eye(number, mounted, model, self._shared, beams))
                 continue
             sees: World | StaticView
-            sees = World(static, one.site_SE3_sensor.translation, surface, self._tracer)
+            sees = World(static, mounted.site_SE3_sensor.translation, surface, self._tracer)
             if beams is not None:
-                sweep = Sweep.snapshot(one.columns, one.sensor.channels)
+                sweep = Sweep.snapshot(mounted.columns, mounted.sensor.channels)
                 frame = rig.dataset_SE3_site
-                sees = StaticView.of(one, beams, model, sees, path, sweep, frame)
-            self._eyes.append(_Eye(number, one, model, sees, beams))
+                sees = StaticView.of(mounted, beams, model, sees, path, sweep, frame)
+            self._eyes.append(_Eye(number, mounted, model, sees, beams))
 
     @property
     def standing(self) -> list[StaticView | None]:
-        """What each sensor sees of the static world; ``None`` where it does not stand still."""
-        return [one.sees if isinstance(one.sees, StaticView) else None for one in self._eyes]
+        """Static view of each sensor; ``None`` for a sensor that moves."""
+        return [view.sees if isinstance(view.sees, StaticView) else None for view in self._eyes]
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
-        """Return the frame of that number.
+        """Return a frame.
 
         Args:
-            index: the frame's number, from 0; it selects the random numbers.
-            actors: everything that moves, around the frame's time, in any order; also the one that
-                carries the rig, which is neither hit nor labelled.
+            index: number of the frame, from 0; selects the random numbers.
+            actors: all actors around the frame's time, in any order, including the carrier of the
+                rig, which is
+                neither hit nor labelled.
 
         Raises:
-            InputError: a track does not fit the 16 bits that label files have for it, or the
-                actor that carries the rig is not there.
+            InputError: a track id does not fit into the 16 bits of label files, or the carrier is
+                absent.
         """
         rig, seed, time_s = self._rig, self._seed, index / self._rig.rate_hz
         carrier = self._carrier(actors)
         others = [actor for actor in actors if actor.track != rig.carrier]
-        others = sorted(annotated_actors(rig.boxes, others), key=lambda one: one.track)
+        others = sorted(annotated_actors(rig.boxes, others), key=lambda item: item.track)
         present = self._present(others)
         dataset_SE3_site = rig.dataset_pose(carrier)
-        paths = [one.path(index, seed, carrier) for one in rig.sensors]
+        paths = [item.path(index, seed, carrier) for item in rig.sensors]
 
-        # Place the beams of every turn of every sensor, and cast at each actor those that can
-        # touch it; what they meet of the static world comes with their place.
+        # Place the beams of every turn, and cast them at the actors that they can touch; the static
+        # hits come with the placement.
         turns = [
             turn
             for eye, path in zip(self._eyes, paths, strict=True)
@@ -229,25 +231,25 @@ class Scanner:
             )
             for turn in turns
         ]
-        # Actors stand in their boxes where beams met them: of what each turn's beams meet, some
-        # is detected, and strays come in between.
+        # An actor's box is at the mean time of its hits. Echoes become detections, and stray echoes
+        # are added.
         when_s = _observed(turns, met, present)
         standing = standing_at(when_s, present, dataset_SE3_site)
         seen = [
             observe(turn, layers, present, standing, seed)
             for turn, layers in zip(turns, met, strict=True)
         ]
-        # Label what was seen, and what was not.
+        # Label the points, and all actors, also those without points.
         poses = [_pose_of(path) for path in paths]
         bordering = self._borders.of(time_s, poses, StandingActors.at(when_s, present))
         boxes = standing.boxes
         if rig.boxes != "tight":
-            sizes = [annotated_size(rig.boxes, one, seed) for one in others]
-            boxes = track_boxes(standing, sizes, [one.ahead_m for one in others])
+            sizes = [annotated_size(rig.boxes, item, seed) for item in others]
+            boxes = track_boxes(standing, sizes, [item.ahead_m for item in others])
         return labelled(seen, others, boxes, when_s, bordering, dataset_SE3_site)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
-        """Return the path of the actor that carries the rig."""
+        """Return the path of the carrier."""
         if self._rig.ride is None:
             return None
         for actor in actors:
@@ -259,7 +261,7 @@ class Scanner:
         )
 
     def _present(self, actors: Sequence[PosedActor]) -> PresentActors:
-        """Return actors with their shapes, which are made when they are first met."""
+        """Return actors with their shapes, which are built at first use."""
         for actor in actors:
             if not 0 < actor.track <= LAST_TRACK:
                 raise InputError(
@@ -275,13 +277,14 @@ class _Eye:
     """One sensor in the world.
 
     Attributes:
-        number: of the sensor.
+        number: index of the sensor.
         mounted: the sensor.
-        model: what it makes of echoes.
-        sees: what it sees of the static world in every turn; where it moves, or its beams do, all
-            of that world: a hundred megabytes, of which one that stands still needs no more.
-        beams: of every turn; ``None``: they are others in each.
-        known: what it meets of actors that stand, where it stands.
+        model: its return model.
+        sees: its view of the static world in every turn; for a moving sensor or pattern the whole
+            world,
+            which takes a hundred megabytes.
+        beams: beams of every turn; ``None`` if they differ.
+        known: cached layers of actors that do not move, for a fixed sensor.
     """
 
     number: int
@@ -294,29 +297,31 @@ class _Eye:
     def turns(
         self, index: int, seed: int, path: SensorPath, dataset_SE3_site: Pose
     ) -> Iterator[Turn]:
-        """Yield the turns that a frame holds, with their beams placed."""
-        one = self.mounted
-        dead = dead_beams(one, index / one.rate_hz)
-        # A copy: numba compiles functions again for arrays that are read-only.
+        """Yield the turns of a frame, with their beams placed."""
+        mounted = self.mounted
+        dead = dead_beams(mounted, index / mounted.rate_hz)
+        # A copy: numba compiles functions once more for read-only arrays.
         dead = np.zeros(0, np.bool_) if dead is None else dead.flatten()
-        for sweep in sweeps_of(one, index, seed):
+        for sweep in sweeps_of(mounted, index, seed):
             view = self.sees
             known = self.known if isinstance(view, StaticView) else None
             if isinstance(view, World):
-                beams = self.beams or Beams.of(one, sweep.turn)
-                view = StaticView.of(one, beams, self.model, view, path, sweep, dataset_SE3_site)
-            elif one.pose_error is not None:
+                beams = self.beams or Beams.of(mounted, sweep.turn)
+                view = StaticView.of(
+                    mounted, beams, self.model, view, path, sweep, dataset_SE3_site
+                )
+            elif mounted.pose_error is not None:
                 begin_s = float(sweep.column_time_s.min())
                 view = view.believed_from(path, begin_s, dataset_SE3_site)
-            yield Turn(self.number, one, self.model, view, sweep, dead, known)
+            yield Turn(self.number, mounted, self.model, view, sweep, dead, known)
 
 
 def _observed(
     turns: Sequence[Turn], met: Sequence[Layers], actors: PresentActors
 ) -> NDArray[np.float64]:
-    """Return when each actor (A,) was seen: the mean over all beams that met it.
+    """Return the mean time (A,) of the beams that hit each actor.
 
-    One that none met stands in its box when the first sensor looks towards it.
+    For an actor without hits, the time at which the first sensor points towards it.
     """
     when_s = seen_at(met, len(actors.shape))
     unseen = np.flatnonzero(np.isnan(when_s))
@@ -328,6 +333,6 @@ def _observed(
 
 
 def _pose_of(path: SensorPath) -> Pose:
-    """Return where a sensor is at the frame's time."""
+    """Return the pose of a sensor at the frame's time."""
     (rotation,), (place,) = path.true_poses(np.zeros(1))
     return Pose(rotation, place)

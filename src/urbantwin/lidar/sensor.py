@@ -1,17 +1,20 @@
-"""A LiDAR's datasheet: where its beams point, when they fire, range, noise and intensity.
+"""Datasheet of a LiDAR: beam directions, firing times, range, noise and intensity.
 
 Signs. Elevation is positive up. An azimuth offset is **counter-clockwise positive** seen from
-above, in the sensor frame (x forward, y left, z up), whatever the maker's own convention:
+above,
+in the sensor frame (x forward, y left, z up), whatever the maker's own convention:
 
 - Velodyne calibration files: the driver (ros-drivers/velodyne ``rawdata.cc``) computes the
-  direction at clockwise angle ``encoder - rot_correction``, so our offset is ``+rot_correction``.
-- Hesai correction files: the driver (HesaiLidar_General_ROS ``pandarGeneral_internal.cc``) adds
-  the file's azimuth to a clockwise encoder angle, so our offset is ``-Azimuth``.
+  direction
+  at clockwise angle ``encoder - rot_correction``, so our offset is ``+rot_correction``.
+- Hesai correction files: the driver (HesaiLidar_General_ROS ``pandarGeneral_internal.cc``) adds the
+  file's azimuth to a clockwise encoder angle, so our offset is ``-Azimuth``.
 - Ouster metadata: the sensor's manual ("Lidar Range to XYZ") turns counter-clockwise by
   ``-beam_azimuth_angles``, so our offset is ``-beam_azimuth_angles``.
 
-``None`` means that the number is not known: ``Sensor.unknown`` says why. Consumers that need one
-all the same use the documented fallbacks ``Sensor.assumed_*``.
+``None`` means that the value is unknown: ``Sensor.unknown`` says why. Code that needs one anyway
+uses
+the documented defaults ``Sensor.assumed_*``.
 """
 
 from __future__ import annotations
@@ -37,57 +40,60 @@ _ASSUMED_REFLECTIVITY = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A spinning LiDAR: where its beams point and what its maker says of its ranges.
+    """A LiDAR model: beam directions and range performance.
 
     Attributes:
-        name: the model's name.
-        maker: who makes it.
-        elevation_deg: (C,) float64, elevation of each channel, degrees, positive up, in the
-            order in which the maker numbers the channels.
-        azimuth_offset_deg: (C,) float64, direction of each channel relative to the encoder's
-            angle, degrees, counter-clockwise positive.
-        columns: firings per turn by default.
-        columns_options: every number of firings per turn that the sensor offers.
-        rate_hz: turns per second by default.
-        rate_options: every rate that the sensor offers.
-        range_min_m: nearest distance that is measured.
-        range_max_m: farthest distance that is reported.
-        reference_reflectivity: diffuse reflectivity (0..1) that ``reference_range_m`` is for.
-        reference_range_m: distance up to which such a target is detected.
-        range_sigma_m: standard deviation of one distance measurement.
-        range_resolution_m: step of the reported distance.
-        wavelength_nm: of the laser.
+        name: name of the model.
+        maker: manufacturer.
+        elevation_deg: (C,) float64, elevation of each channel, degrees, positive up, in the maker's
+            numbering of channels.
+        azimuth_offset_deg: (C,) float64, direction of each channel relative to the encoder,
+            degrees,
+            counter-clockwise positive.
+        columns: default firings per turn.
+        columns_options: all offered numbers of firings per turn.
+        rate_hz: default turns per second.
+        rate_options: all offered rates.
+        range_min_m: minimum range.
+        range_max_m: maximum reported range.
+        reference_reflectivity: diffuse reflectivity (0..1) of the target of ``reference_range_m``.
+        reference_range_m: range at which that target is detected.
+        range_sigma_m: standard deviation of a range measurement.
+        range_resolution_m: resolution of the reported range.
+        wavelength_nm: wavelength of the laser.
         spin: ``cw`` or ``ccw`` seen from above.
-        sources: field -> document that the value is from.
+        sources: document of each field's value.
         aliases: other names of the model.
-        modes: pairs of columns and turns per second that the sensor offers together.
-        firing_time_us: (C,) float64, when each channel fires, microseconds after the first
-            instant that the maker counts the column's time from; equal times fire together.
-        firing_sequence_us: time from one firing of a channel to its next, where it is fixed and
-            does not follow from the mode.
-        azimuth_step_deg: step of the reported azimuth.
-        beam_divergence_deg: full width of the beam at half maximum, horizontal and vertical,
-            degrees; a maker's figure that does not say at which level is taken as that.
-        return_modes: which returns the sensor can report.
-        intensity_scale: what the reported intensity means.
-        intensity_of_white: reported for a diffuse reflectivity of 100 %.
-        intensity_max: greatest value that is reported.
-        detection_range_10_m: distance up to which a diffuse target of 10 % is detected.
-        detection_range_80_m: distance up to which a diffuse target of 80 % is detected.
-        beam_origin_m: how far from the axis the beams leave, metres.
-        measured_light: times the light that the datasheet's ranges mean, of units in the field.
-        measured_sigma_m: standard deviation of strong echoes' ranges, of units in the field.
-        measured_faintest: share of white of which half is missed next to the sensor, of units in
-            the field.
-        measured_divergence_deg: as ``beam_divergence_deg``, of units in the field.
-        weak_sigma_m: standard deviation of ranges of the datasheet's 10 % target, at its range.
-        overlap_m: distance at which half of what a near target sends back is collected.
-        measured_code_scale: times the reflectivity that codes should mean, of units in the field.
-        pattern: where the beams point by time, of a sensor whose pattern does not repeat with the
-            frame; its channels are then the pattern's lines, at their mean elevation, and its
-            columns the points of a line in a frame.
-        points_per_second: of all lines of such a sensor.
-        unknown: field -> why its value is not known.
+        modes: pairs of columns and turns per second that are offered together.
+        firing_time_us: (C,) float64, firing time of each channel, microseconds after the maker's
+            reference
+            instant of the column; equal times fire together.
+        firing_sequence_us: time between two firings of a channel, if fixed and independent of the
+            mode.
+        azimuth_step_deg: resolution of the reported azimuth.
+        beam_divergence_deg: full width at half maximum, horizontal and vertical, degrees; a
+            datasheet's
+            figure without a level is taken as that.
+        return_modes: return modes of the sensor.
+        intensity_scale: meaning of the reported intensity.
+        intensity_of_white: intensity reported for a diffuse reflectivity of 100 %.
+        intensity_max: greatest reported intensity.
+        detection_range_10_m: range at which a diffuse target of 10 % is detected.
+        detection_range_80_m: range at which a diffuse target of 80 % is detected.
+        beam_origin_m: distance of the beams' origin from the axis, metres.
+        measured_light: signal strength of real units relative to the datasheet's ranges.
+        measured_sigma_m: standard deviation of the ranges of strong echoes, of real units.
+        measured_faintest: reflectivity (of white) at which half is missed at close range, of real
+            units.
+        measured_divergence_deg: as ``beam_divergence_deg``, of real units.
+        weak_sigma_m: standard deviation of the range of the datasheet's 10 % target at its range.
+        overlap_m: distance at which the receiver collects half of a near target's light.
+        measured_code_scale: ratio of reported to nominal intensity codes, of real units.
+        pattern: non-repeating scan pattern; its lines are the channels, at their mean elevation,
+            and the
+            columns are the points of a line in a frame.
+        points_per_second: point rate of all lines of such a sensor.
+        unknown: reason why a field's value is unknown.
     """
 
     name: str
@@ -140,7 +146,7 @@ class Sensor:
         columns: int,
         rate_hz: float,
     ) -> Sensor:
-        """Return a sensor without a name, of which nothing is known but where its beams point."""
+        """Return a nameless sensor with unknown values but its beam directions."""
         return cls(
             "",
             maker,
@@ -173,7 +179,7 @@ class Sensor:
 
     @property
     def blocks(self) -> tuple[tuple[int, ...], ...] | None:
-        """Channels that fire together, in the order in which they do; ``None``: unknown."""
+        """Channels that fire together, in firing order; ``None``: unknown."""
         if self.firing_time_us is None:
             return None
         times, block = np.unique(self.firing_time_us, return_inverse=True)
@@ -181,7 +187,7 @@ class Sensor:
 
     @property
     def firing_groups(self) -> int | None:
-        """How many times a column fires; channels that fire together count once."""
+        """Number of firings per column; channels that fire together count once."""
         if self.firing_time_us is None:
             return None
         return len(np.unique(self.firing_time_us))
@@ -198,13 +204,14 @@ class Sensor:
 
     @property
     def assumed_range_sigma_m(self) -> float:
-        """What was measured of units, else ``range_sigma_m``, else 7 mm.
+        """Value of real units, else ``range_sigma_m``, else 7 mm.
 
-        The centimetres that makers call accuracy hold what all ranges of a channel share, too.
-        Strong echoes of the four sensors that were measured scatter by 5 to 8 mm.
+        The centimetres that makers call accuracy include errors common to all ranges of a channel.
+        Strong
+        echoes of four real sensors scatter by 5 to 8 mm.
         """
-        known = (self.measured_sigma_m, self.range_sigma_m, _ASSUMED_RANGE_SIGMA_M)
-        return next(one for one in known if one is not None)
+        candidates = (self.measured_sigma_m, self.range_sigma_m, _ASSUMED_RANGE_SIGMA_M)
+        return next(value for value in candidates if value is not None)
 
     @property
     def assumed_range_resolution_m(self) -> float:
@@ -220,20 +227,22 @@ class Sensor:
 
     @property
     def assumed_divergence_deg(self) -> tuple[float, float]:
-        """What was measured of units, else ``beam_divergence_deg``, else 0.18 by 0.09 degrees.
+        """Value of real units, else ``beam_divergence_deg``, else 0.18 by 0.09 degrees.
 
-        Those are the VLS-128's, the only sensor of 905 nm in the catalogue whose maker states it.
-        As thin rays, beams give too few points of what is thin (`docs/method/returns.md`).
+        The default is the VLS-128's, the only 905 nm sensor in the catalogue with a published
+        divergence. With
+        infinitely thin rays, thin objects get too few points (`docs/returns.md`).
         """
         published = self.beam_divergence_deg or _ASSUMED_DIVERGENCE_DEG
         return self.measured_divergence_deg or published
 
     @property
     def assumed_reference(self) -> tuple[float, float]:
-        """Reflectivity and the distance up to which it is detected.
+        """Reflectivity and the range at which it is detected.
 
-        Where the maker publishes none, a 10 % target is taken to be seen up to half of
-        ``range_max_m``: about what the makers that publish both state.
+        If the maker publishes none, a 10 % target is assumed to be detected up to half of
+        ``range_max_m``, as
+        for the makers that publish both.
         """
         if self.reference_reflectivity is None or self.reference_range_m is None:
             return _ASSUMED_REFLECTIVITY, self.assumed_range_max_m / 2

@@ -1,4 +1,4 @@
-"""The form of a sensor's YAML file, in the catalogue and by a person."""
+"""Files of sensors (YAML): their schema, and sensors with a scan pattern."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ __all__ = [
     "yaml_value",
 ]
 
-#: Most points of a line in a frame: labels number them in 16 bits.
+#: Most points of a line in a frame: labels store the column in 16 bits.
 MOST_COLUMNS = 0xFFFF
 _OF_THE_PATTERN = ("channels", "columns", "columns_options", "modes", "firing_time_us")
 
 
 def pattern_sensor(value: dict[str, Any], path: Path) -> Sensor:
-    """Return the sensor of a file with ``pattern: FILE`` (beside it) and ``points_per_second``.
+    """Return the sensor of a file with ``pattern: FILE`` and ``points_per_second``.
 
-    Without ``points_per_second`` it fires as often as the pattern has points; without ``rate_hz``
-    it gives 10 frames per second by default.
+    The pattern is in the same folder. Without ``points_per_second`` the point rate is the
+    pattern's;
+    ``rate_hz`` is 10 by default.
 
     Raises:
-        InputError: the form, the pattern or the point rate is wrong; names the field.
+        InputError: invalid form, pattern or point rate; names the field.
     """
     given = dict(value)
     for name in _OF_THE_PATTERN:
@@ -83,11 +84,11 @@ def _is_positive(value: Any) -> bool:  # noqa: ANN401
     )
 
 
-#: More channels than any sensor has; a file that claims more is wrong.
+#: Limit of channels; no sensor has as many.
 MOST_CHANNELS = 4096
 _MOST_BYTES = 8_000_000
 _DEEPEST = 32
-#: What a file that breaks the form is told.
+#: Expectation in errors of the schema.
 FORM = "the form of a sensor's file"
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -99,7 +100,7 @@ _Divergence = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
 
 
 class _SensorFile(BaseModel):
-    """The form of a sensor's file."""
+    """Schema of a sensor's file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -181,7 +182,7 @@ class _SensorFile(BaseModel):
 
 
 def read_text(path: Path, kind: str) -> str:
-    """Return the text of a person's file.
+    """Read a text file of the user.
 
     Raises:
         InputError: missing, too large, or not text; names the file.
@@ -203,18 +204,18 @@ def parse_sensor(text: str, origin: Path | str) -> Sensor:
     """Return the sensor of a YAML text.
 
     Raises:
-        InputError: not YAML, or breaks the form; names the file and the field.
+        InputError: not YAML, or not the schema; names the file and the field.
     """
     return checked_sensor(yaml_value(text, origin), origin, FORM)
 
 
 def yaml_value(text: str, origin: Path | str) -> Any:  # noqa: ANN401
-    """Return what a YAML text holds.
+    """Parse a YAML text.
 
     Raises:
-        InputError: it is not YAML; names the file and the line.
+        InputError: not YAML; names the file and the line.
     """
-    # The C loader reads the whole catalogue five times as fast; not every build has it.
+    # The C loader is five times as fast; not every build has it.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         if not isinstance(origin, str):
@@ -230,7 +231,7 @@ def yaml_value(text: str, origin: Path | str) -> Any:  # noqa: ANN401
 
 
 def _check_depth(text: str, loader: Any, origin: Path) -> None:  # noqa: ANN401
-    """Refuse a person's file that is nested deeper than the C loader's stack can hold."""
+    """Reject a file that is nested deeper than the C loader's stack allows."""
     depth = 0
     for event in yaml.parse(text, Loader=loader):
         if isinstance(event, yaml.CollectionStartEvent):
@@ -246,10 +247,10 @@ def _check_depth(text: str, loader: Any, origin: Path) -> None:  # noqa: ANN401
 
 
 def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # noqa: ANN401
-    """Return the sensor of a file's values.
+    """Return the sensor of parsed values.
 
     Raises:
-        InputError: breaks the form; names the file and the field.
+        InputError: not the schema; names the file and the field.
     """
     if not isinstance(value, dict):
         raise InputError("is not a table of keys", file=origin, expected=expected)
@@ -263,10 +264,10 @@ def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # 
 
 
 def sensor_document(sensor: Sensor) -> dict[str, Any]:
-    """Return a sensor as its file holds it: `checked_sensor` makes the same sensor of it.
+    """Return a sensor in the form of its file, the inverse of `checked_sensor`.
 
     Args:
-        sensor: with channels, not a scan pattern.
+        sensor: a sensor with channels, not a scan pattern.
     """
     others = _SensorFile.model_fields.keys() - {"channels", "firing_time_us"}
     times, table = sensor.firing_time_us, (sensor.elevation_deg, sensor.azimuth_offset_deg)

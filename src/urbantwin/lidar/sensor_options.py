@@ -1,4 +1,4 @@
-"""Sensor options: model, columns, rate and return mode as a rig asks and the maker offers them."""
+"""Options of sensors in a rig (model, columns, rotation rate, return mode) and their defaults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from urbantwin.errors import InputError
-from urbantwin.lidar.catalogue import Sensor, sensor
+from urbantwin.lidar.catalogue import sensor
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_COLUMNS
@@ -23,16 +23,15 @@ __all__ = [
     "window_of",
 ]
 
-#: Turns per second below which no sensor turns; one whose maker offers less does.
+#: Least turns per second, unless the maker offers fewer.
 SLOWEST_HZ = 5.0
 _SAME = 1e-6
 
 
 def spin_of(model: Sensor, frames_per_second: float) -> float:
-    """Return the turns per second of a sensor that is asked for some frames per second.
+    """Return the rotation rate of a sensor for a frame rate, turns per second.
 
-    As many as frames, but where it cannot turn so slowly: there its own default, and a frame is
-    one of its turns now and then.
+    The frame rate; if the sensor cannot turn so slowly, its own default, with one turn per frame.
     """
     if model.pattern is not None:
         return frames_per_second
@@ -41,12 +40,13 @@ def spin_of(model: Sensor, frames_per_second: float) -> float:
 
 
 def columns_at(model: Sensor, turns_per_second: float) -> int:
-    """Return the columns per turn that a sensor has by default when it turns at some rate.
+    """Return the default number of columns per turn at a rotation rate.
 
-    Most sensors fire at a steady rate, so that a faster turn has fewer columns: the maker's modes
-    say how many, and between them the time of a firing sequence does where it is fixed. Others
-    keep their default, or, where they would have to fire faster than in any mode, take the next
-    lower number that the maker offers.
+    Most sensors fire at a constant rate, so faster turns have fewer columns: the maker's modes say
+    how
+    many, and between them the firing sequence if it is fixed. Other sensors keep their default, or
+    take
+    the next lower offered number if they would fire faster than in any mode.
     """
     modes = model.modes or ((model.columns, model.rate_hz),)
     at_rate = [columns for columns, rate in modes if abs(rate - turns_per_second) < _SAME]
@@ -60,33 +60,35 @@ def columns_at(model: Sensor, turns_per_second: float) -> int:
     return offered[0] if offered else min(model.columns_options)
 
 
-#: Return mode of a sensor that names none: the first of these that its maker offers.
+#: Default return mode: the first of these that the maker offers.
 _MODES: tuple[ReturnMode, ...] = ("strongest", "first", "last", "dual")
 
-#: Turns per second that a sensor may be asked for whatever its maker offers.
+#: Rotation rates that are accepted for every sensor.
 _SPIN_HZ = (SLOWEST_HZ, 20.0)
 
 
 def check_models(spec: RigSpec, *, file: str | Path | None = None) -> tuple[Sensor, ...]:
-    """Return the catalogue's sensors of a rig, which needs no site.
+    """Return the catalogue's sensors of a rig; needs no site.
 
     Raises:
-        InputError: an unknown model, or something that it does not offer. Names file and field.
+        InputError: unknown model, or an option that it does not offer. Names file and field.
     """
     return tuple(
-        _checked_model(one, spec.rate_hz, file, f"sensors[{index}]")
-        for index, one in enumerate(spec.sensors)
+        _checked_model(written, spec.rate_hz, file, f"sensors[{index}]")
+        for index, written in enumerate(spec.sensors)
     )
 
 
-def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, field: str) -> Sensor:
+def _checked_model(
+    written: SensorSpec, rate_hz: float, file: str | Path | None, field: str
+) -> Sensor:
     def error(problem: str, name: str, expected: str) -> InputError:
         return InputError(problem, file=file, place=f"{field}.{name}", expected=expected)
 
-    model = _model(one.model, file, f"{field}.model")
-    columns = columns_of(model, one, rate_hz)
+    model = _model(written.model, file, f"{field}.model")
+    columns = columns_of(model, written, rate_hz)
     if model.pattern is not None:
-        if one.columns is not None:
+        if written.columns is not None:
             raise error(
                 f"{model.name} scans a pattern, not columns",
                 "columns",
@@ -98,34 +100,36 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
                 "columns",
                 f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
             )
-    elif one.columns is not None and columns not in model.columns_options:
+    elif written.columns is not None and columns not in model.columns_options:
         options = ", ".join(map(str, model.columns_options))
         raise error(
             f"{model.name} does not offer {columns} columns", "columns", f"one of {options}"
         )
     low, high = min(*_SPIN_HZ, *model.rate_options), max(*_SPIN_HZ, *model.rate_options)
-    if one.rate_hz is None and model.pattern is None and rate_hz > high:
+    if written.rate_hz is None and model.pattern is None and rate_hz > high:
         raise InputError(
             f"{model.name} does not turn {rate_hz:g} times a second",
             file=file,
             place="rate_hz",
             expected=f"at most {high:g}, or a rate_hz of {field} itself: {low:g} to {high:g}",
         )
-    if one.rate_hz is not None:
+    if written.rate_hz is not None:
         if model.pattern is not None:
             raise error(f"{model.name} does not turn", "rate_hz", "none; the rig's rate_hz")
-        if not low <= one.rate_hz <= high:
+        if not low <= written.rate_hz <= high:
             raise error(
-                f"{model.name} does not turn {one.rate_hz:g} times a second",
+                f"{model.name} does not turn {written.rate_hz:g} times a second",
                 "rate_hz",
                 f"{low:g} to {high:g}",
             )
     modes = model.return_modes
-    if modes is not None and one.returns is not None and one.returns not in modes:
+    if modes is not None and written.returns is not None and written.returns not in modes:
         raise error(
-            f"{model.name} does not report {one.returns!r}", "returns", f"one of {', '.join(modes)}"
+            f"{model.name} does not report {written.returns!r}",
+            "returns",
+            f"one of {', '.join(modes)}",
         )
-    for number, outage in enumerate(one.outages):
+    for number, outage in enumerate(written.outages):
         highest = max(outage.channels or [0])
         if highest >= model.channels:
             raise error(
@@ -137,7 +141,7 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
 
 
 def returns_of(model: Sensor, one: SensorSpec) -> ReturnMode:
-    """Return which echoes of a beam a sensor reports."""
+    """Return the return mode of a sensor."""
     if one.returns is not None:
         return one.returns
     offered = model.return_modes
@@ -154,12 +158,12 @@ def columns_of(model: Sensor, one: SensorSpec, rate_hz: float) -> int:
 
 
 def turns_per_second_of(model: Sensor, one: SensorSpec, rate_hz: float) -> float:
-    """Return how fast a sensor turns in a rig of so many frames per second."""
+    """Return the rotation rate of a sensor at the rig's frame rate."""
     return spin_of(model, rate_hz) if one.rate_hz is None else one.rate_hz
 
 
 def window_of(spec: RigSpec, models: Sequence[Sensor]) -> float:
-    """Return how long a frame collects: to the next frame, or one turn now and then."""
+    """Return the duration of a frame, seconds: until the next frame, or one turn if shorter."""
     if spec.window_s is not None:
         return spec.window_s
     between_s = 1.0 / spec.rate_hz
@@ -176,6 +180,6 @@ def _model(name: str, file: str | Path | None, place: str) -> Sensor:
     try:
         return sensor(name, folder=None if file is None else Path(file).parent)
     except InputError as error:
-        if error.file is not None:  # The fault is inside a person's own sensor file.
+        if error.file is not None:  # the error is inside the user's sensor file
             raise
         raise InputError(error.problem, file=file, place=place, expected=error.expected) from None

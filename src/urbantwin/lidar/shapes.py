@@ -1,4 +1,4 @@
-"""Shapes to cast rays at: meshes of actors, in their assets' frames, and of the static world."""
+"""Shapes for ray casting: meshes of actors, in their assets' frames, and of the static world."""
 
 from __future__ import annotations
 
@@ -28,28 +28,27 @@ __all__ = [
     "Triangles",
 ]
 
-#: Gives the mesh of an asset in a gait phase, in the asset's frame.
+#: Returns the mesh of an asset in a gait phase, asset frame.
 MeshSource = Callable[[str, int], LabelledMesh]
 
-#: The plane of a triangle: its unit normal, where it lies along that, metres, and whether the
-#: triangle lets light through.
+#: Plane of a triangle: unit normal, offset along it, metres, and whether the triangle is
+#: transparent.
 PLANE = np.dtype([(name, np.float64) for name in ("x", "y", "z", "offset")] + [("pane", np.bool_)])
 
-#: To the sides, edges and corners of a cube (26, 3).
+#: Directions to the sides, edges and corners of a cube (26, 3).
 _DIRECTIONS = np.array([one for one in product((-1.0, 0.0, 1.0), repeat=3) if any(one)])
-#: A vertex so deep within a hull touches no bound: more than rounding puts it off.
+#: Vertices deeper inside the hull cannot touch a bound: more than rounding errors, metres.
 _WITHIN_M = 1e-9
 
 
 class ActorShape:
-    """A mesh with its tree for rays. All in the mesh's own frame, metres.
+    """A mesh with its tree for ray casting, in the mesh's own frame, metres.
 
     Attributes:
-        scene: its triangles, to cast rays at.
+        scene: triangles for ray casting.
         low: (3,) lower corner of its bounds.
         high: (3,) upper corner of its bounds.
-        hull: (3, H) those of its vertices that can touch a bound of the mesh, however it is
-            turned, and few others.
+        hull: (3, H) vertices that can touch a bound of the rotated mesh, and a few others.
         planes: (F,) records `PLANE` of its triangles.
         material: (F,) uint8.
     """
@@ -74,16 +73,17 @@ class ActorShape:
 
 
 def _outer_vertices(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vertices (3, H) without those that lie within the hull of the outermost 26.
+    """Return the vertices (3, H) outside the hull of the 26 extreme ones.
 
-    The vertices of the convex hull are among them. A hull of all would leave a third of these, and
-    take four times as long.
+    They include the vertices of the convex hull. The full hull would leave a third as many and take
+    four
+    times as long.
     """
     vertices = np.ascontiguousarray(vertices)
     outermost = np.unique((_DIRECTIONS @ vertices).argmax(axis=1))
     try:
         sides = ConvexHull(vertices[:, outermost].T).equations
-    except QhullError:  # A flat mesh has no volume.
+    except QhullError:  # a flat mesh has no volume
         return vertices
     outside = (sides[:, :3] @ vertices + sides[:, 3:]).max(axis=0)
     return np.ascontiguousarray(vertices[:, outside > -_WITHIN_M])
@@ -91,17 +91,17 @@ def _outer_vertices(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @cache
 def _lets_light_through() -> NDArray[np.bool_]:
-    """Return of each material, by its number, whether it does."""
-    return np.array([one.transmission > 0 for one in materials().values()])
+    """Return whether each material, by its id, is transparent."""
+    return np.array([material.transmission > 0 for material in materials().values()])
 
 
 class Triangles(NamedTuple):
-    """The triangles of several shapes end to end, as compiled code takes them.
+    """Triangles of several shapes, concatenated, as compiled code takes them.
 
     Attributes:
         planes: (F,) records `PLANE`.
         vertices: (V, 3) float64.
-        corners: (F, 3) int32, of the triangles among the vertices.
+        corners: (F, 3) int32, vertex indices.
     """
 
     planes: NDArray[np.void]
@@ -111,16 +111,16 @@ class Triangles(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """S shapes end to end.
+    """S shapes, concatenated.
 
     Attributes:
-        scenes: the triangles of each shape, to cast rays at.
-        first_face: (S,) int64, where the faces of each begin among the triangles.
-        triangles: of all.
+        scenes: triangles of each shape, for ray casting.
+        first_face: (S,) int64, index of each shape's first face.
+        triangles: triangles of all shapes.
         material: (F,) uint8.
         hull: x, y and z (H,) float64 of vertices that can touch a bound.
-        first_hull: (S,) int64, where the vertices of each begin.
-        hull_size: (S,) int64, how many it has.
+        first_hull: (S,) int64, index of each shape's first hull vertex.
+        hull_size: (S,) int64, number of hull vertices.
         low: (S, 3) float64, lower corners of the bounds.
         high: (S, 3) float64, upper corners.
     """
@@ -137,7 +137,7 @@ class Shapes:
 
     @classmethod
     def of(cls, shapes: Sequence[ActorShape]) -> Shapes:
-        """Put shapes end to end."""
+        """Concatenate shapes."""
         rows = _Rows()
         for shape in shapes:
             rows.append(shape)
@@ -145,14 +145,14 @@ class Shapes:
 
 
 class _Column:
-    """An array that grows at its end; what was handed out before stays as it was."""
+    """An array that grows at its end; rows returned before stay unchanged."""
 
     def __init__(self, none: NDArray[Any]) -> None:
         self._room = none
         self.length = 0
 
     def append(self, values: NDArray[Any]) -> None:
-        """Add rows."""
+        """Append rows."""
         until = self.length + len(values)
         if until > len(self._room):
             room = np.empty((max(until, 2 * len(self._room)), *values.shape[1:]), self._room.dtype)
@@ -162,12 +162,12 @@ class _Column:
         self.length = until
 
     def rows(self) -> NDArray[Any]:
-        """Return what it has."""
+        """Return all rows."""
         return self._room[: self.length]
 
 
 class _Rows:
-    """Shapes end to end, to which more are added: those that are there are not copied each time."""
+    """Concatenated shapes to which more can be added without copying all."""
 
     def __init__(self) -> None:
         self._scenes: list[RayScene] = []
@@ -182,7 +182,7 @@ class _Rows:
         self._low, self._high = (_Column(np.zeros((0, 3))) for _ in range(2))
 
     def append(self, shape: ActorShape) -> None:
-        """Add a shape."""
+        """Append a shape."""
         self._first_face.append(np.array([self._material.length]))
         self._first_hull.append(np.array([self._hull[0].length]))
         self._hull_size.append(np.array([shape.hull.shape[1]]))
@@ -197,7 +197,7 @@ class _Rows:
             column.append(shape.hull[axis])
 
     def shapes(self) -> Shapes:
-        """Return all that were added."""
+        """Return all shapes."""
         x, y, z = (column.rows() for column in self._hull)
         return Shapes(
             tuple(self._scenes),
@@ -217,9 +217,9 @@ class PresentActors:
     """The actors of a frame.
 
     Attributes:
-        shapes: every shape.
-        shape: (A,) int64, the shape of each actor.
-        paths: how they move.
+        shapes: all shapes.
+        shape: (A,) int64, shape of each actor.
+        paths: paths of the actors.
     """
 
     shapes: Shapes
@@ -228,7 +228,7 @@ class PresentActors:
 
     @cached_property
     def low(self) -> NDArray[np.float64]:
-        """Lower corners (A, 3) of the actors' bounds, each in its own frame."""
+        """Lower corners (A, 3) of the actors' bounds, asset frame."""
         return np.asarray(self.shapes.low[self.shape])
 
     @cached_property
@@ -237,7 +237,7 @@ class PresentActors:
         return np.asarray(self.shapes.high[self.shape])
 
     def only(self, actors: NDArray[np.int64]) -> PresentActors:
-        """Return some of them, by their numbers."""
+        """Return the actors of some indices."""
         paths = Paths(*(part[actors] for part in self.paths))
         return PresentActors(self.shapes, self.shape[actors], paths)
 
@@ -248,11 +248,11 @@ class PresentActors:
 
 
 class ShapeTable:
-    """Every shape that was asked for so far, by asset and gait phase.
+    """All shapes used so far, by asset and gait phase.
 
     Args:
-        meshes: gives the mesh of an asset.
-        library: what casts rays at the shapes, see `RayScene`.
+        meshes: returns the mesh of an asset.
+        library: ray tracing library, see `RayScene`.
     """
 
     def __init__(self, meshes: MeshSource, library: str | None = None) -> None:
@@ -265,10 +265,10 @@ class ShapeTable:
         self._lock = Lock()
 
     def number(self, asset: str, phase: int) -> int:
-        """Return the number of a shape, which is made when it is first asked for."""
+        """Return the index of a shape, which is built at first use."""
         key = (asset, phase)
         if key not in self._number:
-            with self._lock:  # Frames may be scanned by several threads.
+            with self._lock:  # several threads may scan frames
                 if key not in self._number:
                     shape = ActorShape(self._meshes(asset, phase), library=self._library)
                     self._shapes.append(shape)
@@ -282,7 +282,7 @@ class ShapeTable:
 
     @property
     def arrays(self) -> Shapes:
-        """All shapes end to end."""
+        """All shapes, concatenated."""
         with self._lock:
             if self._arrays is None:
                 self._arrays = self._rows.shapes()

@@ -1,4 +1,4 @@
-"""Spurious returns: echoes of precipitation, fog and stray light among those of surfaces."""
+"""Spurious returns: echoes of precipitation, fog and stray light."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Spurious:
 
     Attributes:
         mounted: the sensor.
-        model: what it makes of echoes.
+        model: its return model.
         view: the static world as it sees it.
-        echoes: of beams that touch actors.
-        ring_time_s: (C,) when each channel fires within its column.
-        key: seed, sensor, turn and number of beams: of the random numbers.
-        dead: (N,) beams that report nothing; or none at all.
+        echoes: echoes in beams that touch actors.
+        ring_time_s: (C,) firing time of each channel within its column.
+        key: key of the random numbers: seed, sensor, turn and number of beams.
+        dead: (N,) beams in an outage; (0,) for none.
     """
 
     mounted: MountedSensor
@@ -50,13 +50,13 @@ class Spurious:
     dead: NDArray[np.bool_]
 
     def added(self) -> tuple[Stray, NDArray[np.float32]]:
-        """Return the strongest echo of each beam that has any (A,), by beam, and how strong."""
-        strays = [self._working(one) for one in (*self._air(), *self._stray_light())]
-        if not sum(len(one.beam) for one in strays):
+        """Return the strongest spurious echo of each beam that has any (A,), and its strength."""
+        strays = [self._working(stray) for stray in (*self._air(), *self._stray_light())]
+        if not sum(len(stray.beam) for stray in strays):
             nothing = np.zeros(0, np.float32)
             return Stray(np.zeros(0, np.int32), nothing, nothing), nothing
         return strongest_of(
-            strays, [self.model.strength(one.amplitude, one.range_m) for one in strays]
+            strays, [self.model.strength(stray.amplitude, stray.range_m) for stray in strays]
         )
 
     def settle(
@@ -67,14 +67,14 @@ class Spurious:
         touching: Touching,
         slots: Slots,
     ) -> None:
-        """Put them among the detections of surfaces where they win.
+        """Insert spurious echoes into the detections where the return mode selects them.
 
         Args:
-            added: what is put there.
-            strength: (A,) of that.
-            detections: of surfaces, to be written.
-            touching: which of them are of beams that touch actors.
-            slots: where each may go.
+            added: spurious echoes.
+            strength: (A,) their strengths.
+            detections: detections of surfaces; changed in place.
+            touching: detections in beams that touch actors.
+            slots: positions reserved for the echoes.
         """
         if not len(added.beam):
             return
@@ -98,15 +98,15 @@ class Spurious:
         clutter = self.model.clutter
         if clutter is None:
             return []
-        # What is hit ends a beam; where nothing is, its range is 0.
-        at, start = self.view.answers.first.range_m, self.echoes.start
-        limit = np.where(at > 0, at, np.float32(np.inf))
+        # A surface ends the beam; without one its range is 0.
+        range_m, start = self.view.answers.first.range_m, self.echoes.start
+        limit = np.where(range_m > 0, range_m, np.float32(np.inf))
         has = start[1:] > start[:-1]
         limit[self.echoes.beam[has]] = self.echoes.range_m[start[1:][has] - 1]
         return [Stray(*clutter.draw(draw(*self.key, Purpose.CLUTTER), limit))]
 
     def _stray_light(self) -> list[Stray]:
-        """Return what bright echoes cause in other beams, where it is noticed."""
+        """Return the detected echoes that bright echoes cause in other beams."""
         effects = self.mounted.effects
         if not (effects.blooming or effects.crosstalk):
             return []
@@ -114,7 +114,7 @@ class Spurious:
         open_ = self.echoes.place[self.view.bright] < 0
         if not (open_.any() or len(own.beam)):
             return []
-        beams, found = self.view.beams, []
+        beams, strays = self.view.beams, []
         if effects.blooming and beams.rings is not None:
             halo = blooms(
                 [
@@ -122,16 +122,18 @@ class Spurious:
                     (self._spilled(own), own),
                 ]
             )
-            found.append(self._noticed(halo, Purpose.BLOOMING))
+            strays.append(self._noticed(halo, Purpose.BLOOMING))
         if effects.crosstalk:
             parts = zip(world, own, strict=True)
-            source = Source._make(np.concatenate([one[open_], other]) for one, other in parts)
+            source = Source._make(
+                np.concatenate([world_part[open_], own_part]) for world_part, own_part in parts
+            )
             ghosts = crosstalks(self.model, self.ring_time_s, beams.columns, source)
-            found.append(self._noticed(ghosts, Purpose.CROSSTALK))
-        return found
+            strays.append(self._noticed(ghosts, Purpose.CROSSTALK))
+        return strays
 
     def _spilled(self, source: Source, known: Spill | None = None) -> Spill:
-        """Return what bright echoes spill, which may be known."""
+        """Return the stray light of bright echoes, cached for the static world."""
         if known is not None:
             return known
         rings = self.view.beams.rings
@@ -139,13 +141,13 @@ class Spurious:
         return spilled(self.model, self.mounted.sensor, self.view.beams, rings, source)
 
     def _of_world(self) -> Source:
-        """Return the echoes of the static world that can cause others, of all beams."""
+        """Return the bright echoes of the static world in all beams."""
         view = self.view
         first = view.answers.first
         return Source(view.bright, first.range_m[view.bright], view.amplitude[view.bright])
 
     def _of_echoes(self) -> Source:
-        """Return those that beams have which touch actors."""
+        """Return the bright echoes in beams that touch actors."""
         echoes = self.echoes
         bright = np.flatnonzero(is_bright(echoes.amplitude))
         place = np.searchsorted(echoes.start, bright, "right") - 1
@@ -166,7 +168,7 @@ class Spurious:
     def _strength_of(
         self, detections: Detections, touching: Touching, rows: NDArray[np.int32]
     ) -> NDArray[np.float32]:
-        """Return the strengths (K,) of what is reported in some rows (K,)."""
+        """Return the strengths (K,) of the detections in some rows (K,)."""
         amplitude = self.view.amplitude.take(detections.beam[rows])
         at = np.searchsorted(touching.row, rows)
         touches = at < len(touching.row)

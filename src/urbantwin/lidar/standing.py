@@ -1,4 +1,4 @@
-"""Poses of actors in their boxes: at the mean of the times at which beams met them."""
+"""Poses and boxes of actors at the mean time of the beams that hit them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["Standing", "seen_at", "standing_at", "track_boxes"]
 
 
 class Standing(NamedTuple):
-    """A actors where they stand in their boxes, in some frame.
+    """A actors at the times of their boxes, in some frame.
 
     Attributes:
         rotation: (A, 3, 3) of each actor's asset.
-        place: (A, 3).
+        place: (A, 3) translation.
         boxes: (A, 7) x, y, z, length, width, height, yaw.
     """
 
@@ -32,18 +32,18 @@ class Standing(NamedTuple):
 
 
 def seen_at(met: Sequence[Layers], actors: int) -> NDArray[np.float64]:
-    """Return when beams met each actor (A,), the mean over all turns; ``nan``: none did."""
+    """Return the mean hit time of each actor (A,) over all turns; ``nan`` without hits."""
     total, beams = np.zeros(actors), np.zeros(actors)
-    for one in met:
-        beams += one.seen
-        total += np.where(one.seen > 0, one.seen_s * one.seen, 0.0)
+    for layers in met:
+        beams += layers.seen
+        total += np.where(layers.seen > 0, layers.seen_s * layers.seen, 0.0)
     return total / np.where(beams > 0, beams, np.nan)
 
 
 def standing_at(
     when_s: NDArray[np.float64], actors: PresentActors, frame_SE3_site: Pose
 ) -> Standing:
-    """Return actors where they stand at times (A,) of their own, with tight boxes."""
+    """Return actors at individual times (A,), with tight boxes."""
     turned, placed = poses_at(when_s, actors.paths)
     turned, placed = frame_SE3_site.rotation @ turned, frame_SE3_site.apply(placed)
     shapes, shape = actors.shapes, actors.shape
@@ -56,10 +56,11 @@ def track_boxes(
     sizes: Sequence[tuple[float, float, float] | None],
     ahead_m: Sequence[float],
 ) -> NDArray[np.float64]:
-    """Return the boxes (A, 7) that actors have in all of their track, the tight one without a size.
+    """Return boxes (A, 7) with the size of the track; actors without a size keep the tight box.
 
-    A box of a size stands over the actor's origin, which is on the ground, or so far ahead of it,
-    and turns with its heading; half its height goes the way that is up for the actor.
+    The box is centred above the actor's origin on the ground, or ``ahead_m`` ahead of it, and has
+    its
+    heading; half its height is added along the actor's own up axis.
     """
     boxes = standing.boxes.copy()
     sized = [number for number, size in enumerate(sizes) if size is not None]

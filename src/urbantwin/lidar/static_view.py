@@ -1,4 +1,4 @@
-"""The static world as one sensor sees it in one turn, and what it would report of it."""
+"""The static world as one sensor sees it in one turn."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ __all__ = ["StaticAnswers", "StaticView"]
 
 
 class StaticAnswers(NamedTuple):
-    """What N beams report of the static world.
+    """Responses of N beams to the static world.
 
     Attributes:
-        first: (N,) of the first echo of each beam.
-        other: (N,) int32, the number of its second echo among the others; -1 for none.
-        second: (O,) of the second echoes.
+        first: (N,) responses to the first echo of each beam.
+        other: (N,) int32, index of the second echo among ``second``; -1 for none.
+        second: (O,) responses to the second echoes.
     """
 
     first: Answers
@@ -45,21 +45,22 @@ class StaticAnswers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StaticView:
-    """What a sensor reports of the static world, beam by beam.
+    """Responses of a sensor to the static world, by beam.
 
     Attributes:
-        beams: of the sensor.
-        poses: where it truly is.
-        layers: what its beams meet.
-        directions: (3, N) float32, where its points are believed to lie, dataset frame.
-        origin: (3, K) float32, where each column's beams are believed to leave, or (3, 1).
-        answers: what its beams report.
-        amplitude: (N,) float32, of the first echo; 0 where there is none.
+        beams: beams of the sensor.
+        poses: true poses.
+        layers: layers of the static world along the beams.
+        directions: (3, N) float32, reported directions, dataset frame.
+        origin: (3, K) float32, reported origin of each column's beams, or (3, 1).
+        answers: responses of the beams.
+        amplitude: (N,) float32, of the first echo; 0 for none.
         bright: (B,) int32, beams whose echo is brighter than white.
-        measured: (N,) which beams see what was measured, with its drop-out, noise and intensity;
-            ``None``: none does.
-        several: those of them that see now one and now another surface.
-        halo: what the bright beams spill into others; ``None``: it is not known beforehand.
+        measured: (N,) beams with a measured background, with its drop-out, noise and intensity;
+            ``None``
+            for none.
+        several: those of them with several ranges.
+        halo: stray light of the bright beams; ``None`` if not computed in advance.
     """
 
     beams: Beams
@@ -77,16 +78,16 @@ class StaticView:
     def drawn(
         self, seed: int, turn: int, time_s: float, draws: NDArray[np.uint16]
     ) -> tuple[StaticView, NDArray[np.int64]]:
-        """Return what is seen in one turn, in which chance chooses among surfaces.
+        """Draw the surfaces of beams with several ranges for one turn.
 
         Args:
-            seed: of all random numbers.
-            turn: its number.
-            time_s: when it begins.
-            draws: (N,) of the beams.
+            seed: random seed.
+            turn: number of the turn.
+            time_s: start of the turn.
+            draws: (N,) uniform draws of the beams.
 
         Returns:
-            That view, and the beams that what stirs surely sends something back to.
+            The view of that turn, and the beams that hit vegetation and certainly return.
         """
         if self.several is None or self.measured is None:
             return self, np.zeros(0, np.int64)
@@ -98,7 +99,7 @@ class StaticView:
         return replace(self, layers=layers, answers=answers, measured=measured, halo=None), stirred
 
     def as_measured(self, echoes: Echoes) -> None:
-        """Give echoes of measured surfaces beside or before actors what was measured of them."""
+        """Give echoes of measured surfaces before or beside actors their measured properties."""
         if self.measured is None:
             return
         row = np.flatnonzero(echoes.owner < 0)
@@ -110,11 +111,11 @@ class StaticView:
         echoes.intensity[row] = first.intensity[beam]
 
     def believed_from(self, path: SensorPath, time_s: float, dataset_SE3_site: Pose) -> StaticView:
-        """Return the same view of a sensor that stands still and is reported elsewhere.
+        """Return the view of a fixed sensor with another reported pose.
 
         Args:
-            path: where it is reported.
-            time_s: at which time of the frame.
+            path: path with the reported poses.
+            time_s: time within the frame.
             dataset_SE3_site: to the frame of the points.
         """
         rotation, place = path.reported_poses(np.array([time_s]))
@@ -134,21 +135,21 @@ class StaticView:
         sweep: Sweep,
         dataset_SE3_site: Pose,
     ) -> StaticView:
-        """Look at the world.
+        """Cast the beams at the static world.
 
         Args:
             mounted: the sensor.
-            beams: of it, in this turn.
-            model: what it makes of echoes.
+            beams: its beams in this turn.
+            model: its return model.
             world: the static world.
-            path: where the sensor is.
-            sweep: when its beams fire.
+            path: path of the sensor.
+            sweep: firing times of the beams.
             dataset_SE3_site: to the frame of the points.
         """
         times = sweep.column_time_s[:1] if path.is_fixed else sweep.column_time_s
-        # Copies that can be written to, whatever the path: one type of arrays to compile for.
+        # Writable copies for every kind of path: numba compiles for one type of array.
         poses = SensorPoses(*(np.array(part, order="C") for part in path.true_poses(times)))
-        # A sensor that stands still looks once and for all, so it can look well.
+        # A fixed sensor is cast once, so at full footprint.
         kept = path.is_fixed and beams.rings is not None
         layers = world.layers(beams, sweep, poses, model, thorough=kept)
         measured = mounted.measured if kept else None
@@ -194,7 +195,7 @@ class StaticView:
 def _directions(
     beams: Beams, directions: NDArray[np.float64], rotation: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Return directions (3, N) of beams, turned with their columns' rotations (K or 1, 3, 3)."""
+    """Return directions (3, N) of beams, rotated by their columns' rotations (K or 1, 3, 3)."""
     if len(rotation) == 1:
         return np.ascontiguousarray((rotation[0] @ directions.T), np.float32)
     out = np.empty((3, len(directions)), np.float32)
@@ -203,7 +204,7 @@ def _directions(
 
 
 def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
-    """Return the level (N,) below which a draw means a return of the first echo; 0: no echo."""
+    """Return the detection level (N,) of the first echo, of 65,536; 0 without one."""
     level = np.zeros(len(echoes.first), np.int32)
     has = echoes.first >= 0
     level[has] = echoes.level[echoes.first[has]]
@@ -213,9 +214,9 @@ def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
 def _answers(
     echoes: Echoes, layers: StaticLayers, which: NDArray[np.int32]
 ) -> tuple[Answers, NDArray[np.float32]]:
-    """Return what the sensor answers to echoes (N,) by their numbers, -1 for none, and amplitudes.
+    """Return responses and amplitudes of echoes (N,) by index, -1 for none.
 
-    Without an echo all is 0; of a class: unlabelled.
+    Without an echo all values are 0; the class is unlabelled.
     """
     count = len(which)
     answers = Answers(

@@ -1,4 +1,4 @@
-"""The static world as a sensor's beams meet it; computed once for a sensor that stands still."""
+"""The static world along a sensor's beams; computed once for a fixed sensor."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = ["StaticLayers", "World"]
 
 
 class StaticLayers(NamedTuple):
-    """Layers of the static world along N beams, those of a beam next to each other.
+    """Layers of the static world along N beams, grouped by beam.
 
     Attributes:
-        start: (N + 1,) int64, where the layers of each beam begin.
+        start: (N + 1,) int64, index of the first layer of each beam.
         range_m: (L,) float32.
         backscatter: (L,) float64, see ``returns.scatter``.
-        through: (L,) float64, share of the light that passes, to and fro.
-        mask: (L,) uint8, which of the beam's rays meet it.
+        through: (L,) float64, two-way transmission.
+        mask: (L,) uint8, rays of the beam that hit it.
         semantic: (L,) uint16.
-        peak: (L,) float32, what is left of the peak of pulses from it, see ``returns.stretch``.
+        peak: (L,) float32, remaining peak of the stretched pulse, see ``returns.model``.
     """
 
     start: NDArray[np.int64]
@@ -44,7 +44,7 @@ class StaticLayers(NamedTuple):
 
     @property
     def beam(self) -> NDArray[np.int64]:
-        """The beam (L,) of each layer."""
+        """Beam (L,) of each layer."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
     def filled(
@@ -56,15 +56,15 @@ class StaticLayers(NamedTuple):
         semantic: NDArray[np.uint16],
         rays: int,
     ) -> StaticLayers:
-        """Return some of the layers and, for M beams, one opaque surface that fills each.
+        """Keep some of the layers, and add one opaque surface that fills each of M beams.
 
         Args:
-            kept: (L,) which of the layers.
-            beam: (M,) that meet something else; it is faced squarely.
-            range_m: (M,) where.
-            backscatter: (M,) of it.
-            semantic: (M,) its class.
-            rays: how many a beam is made of.
+            kept: (L,) layers to keep.
+            beam: (M,) beams of the added surfaces, at normal incidence.
+            range_m: (M,) their ranges.
+            backscatter: (M,) their backscatter.
+            semantic: (M,) their class.
+            rays: number of rays per beam.
         """
         number = np.concatenate([self.beam[kept], beam])
         order = np.argsort(number, kind="stable")
@@ -83,17 +83,18 @@ class StaticLayers(NamedTuple):
 
 
 class World:
-    """The static world as rays see it.
+    """The static world for ray casting.
 
-    The mesh is moved to ``origin`` in float64 before it becomes float32, so the error near a
-    sensor does not grow with its distance from the anchor; ranges are evaluated on the triangles'
-    planes in float64.
+    The mesh is moved to ``origin`` in float64 before it becomes float32, so that errors near a
+    sensor do
+    not grow with its distance from the anchor; ranges are evaluated on the triangles' planes in
+    float64.
 
     Args:
         mesh: the static world, site frame.
-        origin: (3,) where its own origin is to be: near the sensors.
-        surface: materials of the ground that are finer than the mesh.
-        tracer: what casts the rays.
+        origin: (3,) origin of the float32 frame, near the sensors.
+        surface: materials of the ground at finer resolution than the mesh.
+        tracer: ray tracer.
     """
 
     def __init__(
@@ -109,8 +110,8 @@ class World:
             mesh.vertices - self._origin, mesh.faces, mesh.semantic, mesh.material, mesh.part
         )
         shape = ActorShape(moved, with_hull=False)
-        # Rooms are not modelled: what goes in through a window is lost, and does not come back
-        # from the far side of a hollow building.
+        # Rooms are not modelled: light that enters a window is lost, and does not return from the
+        # far side of a hollow building.
         shape.planes["pane"] &= mesh.semantic != semantic_id("building")
         self._shapes = Shapes.of([shape])
         self._ground = mesh.is_ground
@@ -118,18 +119,18 @@ class World:
     def layers(
         self, beams: Beams, sweep: Sweep, poses: SensorPoses, model: ReturnModel, *, thorough: bool
     ) -> StaticLayers:
-        """Return what beams meet.
+        """Return the layers along beams.
 
         Args:
-            beams: of the sensor.
-            sweep: when they fire.
-            poses: where the sensor is, site frame.
-            model: what the sensor makes of echoes.
+            beams: beams of the sensor.
+            sweep: firing times.
+            poses: poses of the sensor, site frame.
+            model: return model of the sensor.
             thorough: see `casting.cast.cast_world`.
         """
         scatter = model.scatter
         here = SensorPoses(poses.rotation, poses.translation - self._origin)
-        met = cast_world(
+        hits = cast_world(
             self._tracer,
             beams,
             Firing.of(beams, sweep, here),
@@ -137,9 +138,9 @@ class World:
             glass=bool((scatter.through > 0).any()),
             thorough=thorough,
         )
-        start, order = by_ray(met.ray, len(beams.directions))
-        ray, face = met.ray.take(order), met.face.take(order)
-        range_m, cosine = met.range_m.take(order), met.cosine.take(order)
+        start, order = by_ray(hits.ray, len(beams.directions))
+        ray, face = hits.ray.take(order), hits.face.take(order)
+        range_m, cosine = hits.range_m.take(order), hits.cosine.take(order)
         material = self._mesh.material.take(face)
         grain = scatter.grain(ray, face)
         if scatter.texture > 0 or scatter.swallows:
@@ -154,7 +155,7 @@ class World:
             range_m,
             scatter.backscatter(material, cosine) * grain,
             scatter.transmission(material, cosine),
-            met.mask.take(order),
+            hits.mask.take(order),
             self._mesh.semantic.take(face),
             model.peak_left(range_m, cosine),
         )
@@ -163,7 +164,7 @@ class World:
 def _places(
     beams: Beams, poses: SensorPoses, ray: NDArray[np.int32], range_m: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Return where beams (N,) are at ranges (N,), in the frame of the poses, (N, 3)."""
+    """Return the points (N, 3) at ranges (N,) along beams (N,), in the frame of the poses."""
     if len(poses.translation) == 1:
         aim = beams.directions[ray] @ poses.rotation[0].T
         return np.asarray(poses.translation[0] + aim * range_m[:, None])

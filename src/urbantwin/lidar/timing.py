@@ -1,22 +1,24 @@
-"""When a sensor fires: its turns, what lies in a frame, and what its clock says.
+"""Firing times of a sensor: its turns, their assignment to frames, and its clock.
 
-**Turns.** A turn begins when the encoder stands at ``phase_deg``. With ``phase_lock`` that is at
-every whole multiple of ``1 / turns_per_second``, as a motor does that is locked to a common pulse
-(what Velodyne, Hesai and Ouster call phase lock): two locked sensors look into their phases at the
-same moments, for ever. Without, the motor starts anywhere (a draw of the seed) and follows the
-sensor's own clock, so it drifts with it.
-``time_jitter_s`` moves the begin of each turn by a draw of the normal distribution, cut at three
-times its standard deviation.
+**Turns.** A turn begins when the encoder is at ``phase_deg``. With ``phase_lock`` that is at every
+whole multiple of ``1 / turns_per_second``, as for a motor locked to a common pulse (Velodyne, Hesai
+and Ouster call it phase lock): two locked sensors stay synchronised. Without it, the motor starts
+at a
+random phase and follows the sensor's own clock, so it drifts with it. ``time_jitter_s`` shifts the
+start of each turn by a normal draw, truncated at three standard deviations.
 
 **Frames.** Frame n collects for ``frame_window_s`` from ``t_n = n / rate_hz`` on: the turns whose
-data begin to arrive then, which is ``latency_s`` after they are measured; of a rig whose frames go
-by clocks, the turns whose begin, by their sensor's clock, lies in that span, so that a wrong clock
-brings turns of another moment into a frame. So no turn is in two frames, and, where frames follow
-each other without a gap, none is in no frame, unless it is lost (``dropped_frames``). Sensors are
-switched on when the motion starts: there are no turns before, so the first frames of a sensor whose
-data come late are empty.
+data
+begin to arrive in that window, ``latency_s`` after measurement; if frames are assigned by clock,
+the
+turns whose start on their sensor's clock is in the window, so that a wrong clock moves turns into
+other
+frames. No turn is in two frames, and with contiguous frames every turn is in one, unless it is lost
+(``dropped_frames``). Sensors start with the motion: there are no earlier turns, so the first frames
+of
+a sensor with latency are empty.
 
-**Clock.** At true time t a sensor's clock says ``t + clock_offset_s + clock_drift_ppm 1e-6 t``.
+**Clock.** At true time t a sensor's clock reads ``t + clock_offset_s + clock_drift_ppm 1e-6 t``.
 
 All draws belong to a turn of a sensor, not to a frame, and are counter-based (Philox).
 """
@@ -39,17 +41,18 @@ __all__ = ["Sweep", "Turn", "ring_times", "span_of", "sweeps_of", "turns_of"]
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """One turn of a sensor, in seconds from the frame's time.
+    """Firing times of one turn of a sensor, in seconds relative to the frame's time.
 
-    The ray of channel c in column k fires at ``column_time_s[k] + ring_time_s[c]``, true time.
-    Column k is the one that fires at encoder angle ``2 pi k / K``, whichever fires first.
+    Channel c in column k fires at ``column_time_s[k] + ring_time_s[c]``, true time. Column k fires
+    at
+    encoder angle ``2 pi k / K``, whichever column is first.
 
     Attributes:
-        column_time_s: (K,) float64, when each column begins.
-        ring_time_s: (C,) float64, when each channel fires within its column.
-        clock_offset_s: what the sensor's clock is ahead of true time at the frame's time.
-        clock_rate: seconds that its clock counts in a true second.
-        turn: the number of the turn since the start of the motion.
+        column_time_s: (K,) float64, start of each column.
+        ring_time_s: (C,) float64, firing time of each channel within its column.
+        clock_offset_s: offset of the sensor's clock from true time at the frame's time.
+        clock_rate: seconds of its clock per true second.
+        turn: number of the turn since the start of the motion.
     """
 
     column_time_s: NDArray[np.float64]
@@ -60,37 +63,38 @@ class Sweep:
 
     @property
     def first_column(self) -> int:
-        """The column that fires first; those after it follow in time, around the turn."""
+        """The column that fires first; the others follow cyclically."""
         return int(self.column_time_s.argmin())
 
     @classmethod
     def snapshot(cls, columns: int, channels: int) -> Sweep:
-        """Return a turn in which every ray fires at the frame's time."""
+        """Return a turn in which all rays fire at the frame's time."""
         return cls(np.zeros(columns), np.zeros(channels))
 
     def reported(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the sensor's clock says, from the frame's time, at true times."""
+        """Convert true times to the sensor's clock, relative to the frame's time."""
         return self.clock_offset_s + self.clock_rate * time_s
 
 
-#: A turn this near a border of frames (in turns) begins on it: times are binary fractions.
+#: Tolerance at the borders of frames, in turns: times are binary fractions.
 _ON_THE_BORDER = 1e-6
-#: No begin of a turn is displaced by more than so many standard deviations.
+#: Largest jitter, in standard deviations.
 _FARTHEST_JITTER = 3.0
-#: Tells the draws of timing from those of returns, whose keys hold a frame's number there.
+#: Separates the random numbers of timing from those of returns, whose keys hold a frame's number
+#: here.
 _OF_TIMING = 1 << 47
 _START, _TURN = 0, 1
 
 
 @dataclass(frozen=True)
 class Turn:
-    """One turn of a sensor, as a frame counts it. Times are true, seconds from the frame's.
+    """One turn of a sensor. Times are true, seconds relative to the frame's.
 
     Attributes:
-        number: of the turn since the start of the motion.
-        start_s: when it begins.
-        stop_s: when it ends and the next one would begin.
-        arrival_s: when its last data have arrived.
+        number: number of the turn since the start of the motion.
+        start_s: start.
+        stop_s: end, and nominal start of the next turn.
+        arrival_s: arrival of its last data.
         dropped: whether it was lost.
     """
 
@@ -102,21 +106,21 @@ class Turn:
 
 
 def turns_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Turn, ...]:
-    """Return the turns that arrive in a frame, those that were lost too, in their order.
+    """Return the turns that arrive in a frame, lost ones included, in order.
 
     Args:
         mounted: the sensor.
-        frame_index: the frame's number; its time is ``frame_index / mounted.rate_hz``.
-        seed: of all random numbers.
+        frame_index: number of the frame; its time is ``frame_index / mounted.rate_hz``.
+        seed: random seed.
     """
     time_s = frame_index / mounted.rate_hz
     turn_s = 1.0 / _turns_per_second(mounted)
     missing = 0.0 if mounted.phase_lock else float(_draws(mounted, seed, _START, 0)[0])
-    # Turn m begins at (m - missing) turns; it is counted when its data arrive.
+    # Turn m begins at (m - missing) turn durations; it counts when its data arrive.
     first = _first_turn(mounted, time_s, turn_s, missing)
     window_s = mounted.frame_window_s
     if window_s * mounted.rate_hz > 1 - _ON_THE_BORDER:
-        # The next frame's first turn in the same arithmetic: none is lost or double.
+        # Computed as the next frame's first turn, so that no turn is lost or double.
         after = _first_turn(mounted, (frame_index + 1) / mounted.rate_hz, turn_s, missing)
     else:
         after = _first_turn(mounted, time_s + window_s, turn_s, missing)
@@ -131,16 +135,17 @@ def turns_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Turn,
 
 
 def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Sweep, ...]:
-    """Return the turns of a sensor that a frame holds: none, one or several, in their order.
+    """Return the firing times of the turns in a frame: none, one or several, in order.
 
-    Column k fires when the encoder stands at ``2 pi k / K``, wherever a turn begins. Without the
-    effect ``rolling_shutter`` all rays of a turn fire when it begins. The columns of a sensor
-    whose pattern does not repeat follow each other from the begin on.
+    Column k fires at encoder angle ``2 pi k / K``, wherever a turn begins. Without the effect
+    ``rolling_shutter`` all rays of a turn fire at its start. Columns of a non-repeating pattern
+    follow each
+    other from the start.
 
     Args:
         mounted: the sensor.
-        frame_index: the frame's number; its time is ``frame_index / mounted.rate_hz``.
-        seed: of all random numbers.
+        frame_index: number of the frame; its time is ``frame_index / mounted.rate_hz``.
+        seed: random seed.
     """
     columns = mounted.columns
     drift = mounted.clock_drift_ppm * 1e-6
@@ -164,30 +169,32 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
 
 @lru_cache(maxsize=16)
 def _shares(columns: int, phase: float) -> NDArray[np.float64]:
-    """Return after which share of a turn each column (K,) fires."""
-    # Rounded, for binary fractions: the column at the phase is the first, not the last.
+    """Return the firing time of each column (K,) as a share of the turn."""
+    # Rounded: the column at the phase is the first, not the last.
     return np.asarray(np.round(np.arange(columns) - phase * columns, 9) % columns / columns)
 
 
 def span_of(sensors: Iterable[MountedSensor], frame_index: int, seed: int) -> tuple[float, float]:
-    """Return the first and the last firing of a frame, and its own time between them.
+    """Return the first and the last firing of a frame, including its own time.
 
-    Seconds from the frame's time; what the world must be known for.
+    Seconds relative to the frame's time: the interval in which poses of actors are needed.
     """
     low, high = 0.0, 0.0
-    for one in sensors:
-        rolling = one.effects.rolling_shutter
-        ring_s = ring_times(one) if rolling else np.zeros(1)
-        for turn in turns_of(one, frame_index, seed):
+    for mounted in sensors:
+        rolling = mounted.effects.rolling_shutter
+        ring_s = ring_times(mounted) if rolling else np.zeros(1)
+        for turn in turns_of(mounted, frame_index, seed):
             low = min(low, turn.start_s + float(ring_s.min()))
             high = max(high, (turn.stop_s if rolling else turn.start_s) + float(ring_s.max()))
     return low, high
 
 
 def ring_times(mounted: MountedSensor) -> NDArray[np.float64]:
-    """Return when each channel (C,) fires within its column, seconds, as the maker counts it.
+    """Return the firing time of each channel (C,) within its column, seconds.
 
-    Where the maker publishes no firing times, all channels of a column are taken to fire at once.
+    Relative to the maker's reference instant. Without published times all channels of a column fire
+    at
+    once.
     """
     times_us = mounted.sensor.firing_time_us
     if times_us is None:
@@ -196,15 +203,15 @@ def ring_times(mounted: MountedSensor) -> NDArray[np.float64]:
 
 
 def _turns_per_second(mounted: MountedSensor) -> float:
-    """Return how fast the motor turns in true time."""
+    """Return the rotation rate in true time."""
     if mounted.phase_lock:
         return mounted.turns_per_second
     return mounted.turns_per_second * (1.0 + mounted.clock_drift_ppm * 1e-6)
 
 
 def _first_turn(mounted: MountedSensor, time_s: float, turn_s: float, missing: float) -> int:
-    """Return the first turn that begins to arrive, or that its clock dates, then or later."""
-    if mounted.framed_by_clock:  # when the clock says that time
+    """Return the first turn that arrives, or starts by its clock, at a time or later."""
+    if mounted.framed_by_clock:  # true time at which the clock reads time_s
         begin_s = (time_s - mounted.clock_offset_s) / (1.0 + mounted.clock_drift_ppm * 1e-6)
     else:
         begin_s = time_s - mounted.latency_s
@@ -212,7 +219,7 @@ def _first_turn(mounted: MountedSensor, time_s: float, turn_s: float, missing: f
 
 
 def _fate(mounted: MountedSensor, seed: int, number: int) -> tuple[float, bool]:
-    """Return how late a turn begins, seconds, and whether it is lost."""
+    """Return the jitter of a turn's start, seconds, and whether the turn is lost."""
     if mounted.time_jitter_s == 0 and mounted.dropped_frames == 0:
         return 0.0, False
     draws = _draws(mounted, seed, _TURN, number)
@@ -221,7 +228,7 @@ def _fate(mounted: MountedSensor, seed: int, number: int) -> tuple[float, bool]:
 
 
 def _draws(mounted: MountedSensor, seed: int, purpose: int, number: int) -> NDArray[np.float64]:
-    """Return four uniform numbers in (0, 1) that belong to a sensor, a purpose and a turn."""
+    """Return four uniform numbers in (0, 1), keyed by sensor, purpose and turn."""
     key = np.array([seed % 2**64, (mounted.number << 48) | _OF_TIMING], np.uint64)
     counter = np.array([number % 2**64, purpose, 0, 0], np.uint64)
     words = np.random.Philox(key=key, counter=counter).random_raw(4)

@@ -1,4 +1,4 @@
-"""One turn of one sensor: its beams placed, and what it reports once they are cast."""
+"""One turn of one sensor: its placed beams, and its returns after casting."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from urbantwin.lidar.timing import Sweep
 
 __all__ = ["Observation", "Points", "Turn", "observe"]
 
-#: The number of a turn has so many bits in the key of random numbers.
+#: Turn numbers are taken modulo this in keys of random numbers.
 _TURNS = 1 << 40
 
 
@@ -44,7 +44,7 @@ class Points(NamedTuple):
         xyzi: (M, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
         ring: (M,) uint16.
         column: (M,) uint16.
-        time_s: (M,) float32, what the sensor's clock says, from the frame's time.
+        time_s: (M,) float32, sensor's clock, relative to the frame's time.
     """
 
     xyzi: NDArray[np.float32]
@@ -54,15 +54,15 @@ class Points(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """What one sensor reports in one turn: M returns, sorted by ring and column.
+    """The M returns of one sensor in one turn, sorted by ring and column.
 
     Attributes:
-        sensor: its number in the rig.
-        points: where they are.
-        actor: (M,) int32, number of the actor that was hit; -1 for the static world.
-        semantic: (M,) uint16, class of the static surface; meaningless where an actor was hit.
-        echo: (M,) uint8.
-        alone: (A,) returns that each actor would give if it were alone in the world.
+        sensor: index of the sensor in the rig.
+        points: the points.
+        actor: (M,) int32, index of the actor that was hit; -1 for the static world.
+        semantic: (M,) uint16, class of the static surface; undefined where an actor was hit.
+        echo: (M,) uint8, number of the return within its beam.
+        alone: (A,) returns of each actor without occlusion.
     """
 
     sensor: int
@@ -75,16 +75,16 @@ class Observation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """The beams of one sensor in one turn, where and when they fire.
+    """The beams of one sensor in one turn, placed in space and time.
 
     Attributes:
-        number: of the sensor among those of the rig that is recorded.
+        number: index of the sensor in the recorded rig.
         mounted: the sensor.
-        model: what it makes of echoes.
-        view: what it would report of the static world.
-        sweep: when its beams fire.
-        dead: (N,) beams that report nothing; (0,): all work.
-        known: what its beams meet of actors that stand; ``None``: it moves, or its beams do.
+        model: its return model.
+        view: its responses to the static world.
+        sweep: firing times.
+        dead: (N,) beams in an outage; (0,): none.
+        known: cached layers of actors that do not move; ``None`` if the sensor or its beams move.
     """
 
     number: int
@@ -97,11 +97,11 @@ class Turn:
 
     @property
     def firing(self) -> Firing:
-        """The beams as they are cast."""
+        """The beams for ray casting."""
         return Firing.of(self.view.beams, self.sweep, self.view.poses)
 
     def looks_at_s(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return when the sensor looks towards places (A, 3), site frame; seconds."""
+        """Return when (A,), seconds, the sensor points towards places (A, 3), site frame."""
         rings, sweep = self.view.beams.rings, self.sweep
         if rings is None:
             return np.full(len(places), float(sweep.column_time_s.mean()))
@@ -112,18 +112,18 @@ class Turn:
         return np.asarray(sweep.column_time_s[np.rint(turn).astype(int) % len(sweep.column_time_s)])
 
     def key(self, seed: int) -> tuple[int, int, int, int]:
-        """Return what random numbers are drawn with: seed, sensor, turn and number of beams."""
+        """Return the key of the random numbers: seed, sensor, turn and number of beams."""
         return seed, self.mounted.number, self.sweep.turn % _TURNS, len(self.view.beams.directions)
 
     def draws(self, seed: int, sure: NDArray[np.int64]) -> TurnDraws:
-        """Return what chance decides of the beams.
+        """Return the random draws of the beams.
 
         Args:
-            seed: of all random numbers.
-            sure: beams none of which the sensor loses by chance.
+            seed: random seed.
+            sure: beams that are not lost at random.
         """
         key, response, dead = self.key(seed), self.model.response, self.dead
-        # What is certain, and exact, needs no draws.
+        # Without drop-out and noise no draws are needed.
         certain = not response.dropout and response.sigma_m == 0
         first = _no_draws(key[3]) if certain else draw(*key)
         second = draw(*key, Purpose.SECOND_ECHO) if self.mounted.returns == "dual" else first
@@ -137,51 +137,52 @@ class Turn:
 def observe(
     turn: Turn, met: Layers, actors: PresentActors, standing: Standing, seed: int
 ) -> Observation:
-    """Return what a sensor reports of one turn.
+    """Return the report of a sensor for one turn.
 
     Args:
-        turn: with its beams placed.
-        met: what they meet of the actors, see `casting.cast.cast_actors`.
-        actors: everything that moves.
-        standing: where the actors stand in their boxes, dataset frame.
-        seed: of all random numbers.
+        turn: the placed turn.
+        met: layers of actors along its beams, see `casting.cast.cast_actors`.
+        actors: actors of the frame.
+        standing: actors at the times of their boxes, dataset frame.
+        seed: random seed.
     """
     mounted, model, firing, key = turn.mounted, turn.model, turn.firing, turn.key(seed)
-    # What the static world answers along all beams is known; a measured one changes by chance.
+    # Responses to the static world are precomputed; measured backgrounds vary at random.
     view, sure = turn.view, np.zeros(0, np.int64)
     if view.several is not None:
         number, chance = turn.sweep.turn % _TURNS, draw(*key, Purpose.MEASURED).detection
         view, sure = view.drawn(seed, number, number / mounted.turns_per_second, chance)
     draws = turn.draws(seed, sure)
-    # Along the beams that touch actors, echoes of both worlds are combined.
+    # In beams that touch actors, echoes of actors and static world are combined.
     share = view.beams.footprint.share
     echoes, alone = combined(view.layers, actors, met, share, model, mounted.returns)
     view.as_measured(echoes)
-    # Echoes that the sensor notices are detections: noisy, quantised, those of actors in their box.
-    # Drops, flakes, fog and stray light are detected where they win.
+    # Detected echoes get noise and quantisation, within the actor's box.
     spurious = Spurious(mounted, model, view, echoes, turn.sweep.ring_time_s, key, draws.dead)
     added, strength = spurious.added()
     dual = mounted.returns == "dual"
-    found, touching, slots = detected(view, echoes, draws, model, added.beam, dual=dual)
-    within_boxes(found, touching, draws, view, firing, actors, standing, model)
-    spurious.settle(added, strength, found, touching, slots)
+    detections, touching, slots = detected(view, echoes, draws, model, added.beam, dual=dual)
+    within_boxes(detections, touching, draws, view, firing, actors, standing, model)
+    spurious.settle(added, strength, detections, touching, slots)
     if model.offset_m:
-        found = found._replace(range_m=np.maximum(found.range_m + model.offset_m, np.float32(0)))
+        detections = detections._replace(
+            range_m=np.maximum(detections.range_m + model.offset_m, np.float32(0))
+        )
     returns_alone = np.zeros(len(actors.shape), np.int64)
     count_returns(alone, draws, returns_alone)
     return Observation(
         turn.number,
-        _points(turn, view, found),
-        found.actor,
-        found.semantic,
-        found.echo,
+        _points(turn, view, detections),
+        detections.actor,
+        detections.semantic,
+        detections.echo,
         returns_alone,
     )
 
 
-def _points(turn: Turn, view: StaticView, found: Detections) -> Points:
-    """Return where detections are believed to be, which they are, and when they were measured."""
-    sweep, count = turn.sweep, len(found.beam)
+def _points(turn: Turn, view: StaticView, detections: Detections) -> Points:
+    """Return the reported positions of detections, their channels, columns and times."""
+    sweep, count = turn.sweep, len(detections.beam)
     points = Points(
         np.empty((count, 4), np.float32),
         np.empty(count, np.uint16),
@@ -189,7 +190,7 @@ def _points(turn: Turn, view: StaticView, found: Detections) -> Points:
         np.empty(count, np.float32),
     )
     write_points(
-        found,
+        detections,
         view.directions,
         view.origin,
         sweep.reported(sweep.column_time_s),

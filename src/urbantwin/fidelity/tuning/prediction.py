@@ -49,7 +49,7 @@ class BeamView:
         directions: (N, 3) where it believes that its beams point, sensor frame.
         range_m: (N,) of the first echo; 0 where there is none.
         amplitude: (N,) of the first echo, of materials as the table has them.
-        peak: (N,) what is left of the pulse's peak, see ``lidar.returns.stretch``.
+        peak: (N,) what is left of the pulse's peak, see ``lidar.returns.model``.
         material: (N,) of the surface in the middle of the beam; -1 for none.
         face: (N,) the triangle there; -1 for none.
     """

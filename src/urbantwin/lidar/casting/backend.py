@@ -1,4 +1,4 @@
-"""Which ray tracer casts the frames, by its name."""
+"""Ray tracers by name."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ def tracer_on(backend: str | None = None) -> RayTracer:
     """Return a ray tracer.
 
     Args:
-        backend: ``embree``; ``bvh``, the built-in one; ``warp`` (the first CUDA device, else the
-            processor), or Warp with a device: ``warp:cpu``, ``warp:cuda:1``. Embree, or ``bvh``
-            where Embree is missing, if not given.
+        backend: ``embree``; ``bvh``, built in; ``warp`` (the first CUDA device, else the
+            processor), or
+            Warp with a device: ``warp:cpu``, ``warp:cuda:1``. By default Embree, or ``bvh`` if
+                Embree is
+            missing.
 
     Raises:
         InputError: no such backend, its package is missing, or this machine has no such device.

@@ -1,4 +1,4 @@
-"""Which beams of a turn are cast at what: at each actor those that can touch it, else all."""
+"""Selection of the beams of a turn for ray casting: all, or those that can touch an actor."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def cast_actors(
     glass: bool,
     known: KnownLayers | None = None,
 ) -> Layers:
-    """Cast at every actor the beams that can touch it, each where it is when they fire.
+    """Cast the beams that can touch each actor, with the actor's pose at their firing times.
 
     Args:
-        tracer: what casts.
-        beams: of the sensor.
-        firing: of the turn.
-        actors: everything that moves.
-        range_max_m: an actor wholly beyond it is left out.
+        tracer: ray tracer.
+        beams: beams of the sensor.
+        firing: beams of the turn.
+        actors: actors of the frame.
+        range_max_m: actors wholly beyond it are left out.
         glass: whether beams pass through panes.
-        known: what is known of actors that stand, of a sensor that stands and whose beams are the
-            same in every turn.
+        known: cache of layers of actors that do not move, for a fixed sensor with a repeating
+            pattern.
     """
     if not len(actors.shape):
         return Layers.room(0, 0)
@@ -61,16 +61,17 @@ def cast_world(
     """Cast every beam at the static world.
 
     Args:
-        tracer: what casts.
-        beams: of the sensor.
-        firing: of the turn, with the sensor's poses in the world's frame.
-        world: the static world, its only shape.
+        tracer: ray tracer.
+        beams: beams of the sensor.
+        firing: beams of the turn, with the sensor's poses in the world's frame.
+        world: the static world, as a single shape.
         glass: whether beams pass through panes.
-        thorough: look at the whole footprint of every beam, and not only where neighbours differ:
-            it finds what is thinner than the beams are apart.
+        thorough: cast the whole footprint of every beam, not only at edges; finds objects thinner
+            than the
+            beam spacing.
     """
     rays, rows, wide, around = beams.neighbours
-    blocks = Blocks._make((*(np.array([one], np.int64) for one in (0, rows, wide, 0)), rays))
+    blocks = Blocks._make((*(np.array([value], np.int64) for value in (0, rows, wide, 0)), rays))
     spread = Spread.NOWHERE
     if len(firing.footprint) > 1:
         spread = Spread.EVERYWHERE if thorough else Spread.AT_EDGES
@@ -87,12 +88,12 @@ def _blocks(beams: Beams, firing: Firing, actors: PresentActors, range_max_m: fl
         return within
     most, rays = 2 * len(low), 1 << 16
     while True:
-        found = Blocks._make(
+        room = Blocks._make(
             (*(np.empty(most, np.int64) for _ in range(4)), np.empty(rays, np.int32))
         )
         used, written = find_blocks(
-            low, high, actors.paths, firing, beams.rings, reach, range_max_m, found
+            low, high, actors.paths, firing, beams.rings, reach, range_max_m, room
         )
         if used <= most and written <= rays:
-            return Blocks._make((*(values[:used] for values in found[:4]), found.ray[:written]))
+            return Blocks._make((*(values[:used] for values in room[:4]), room.ray[:written]))
         most, rays = max(most, used), max(rays, written)

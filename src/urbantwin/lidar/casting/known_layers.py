@@ -1,4 +1,4 @@
-"""What beams meet of actors that stand before a sensor that stands: found once, and kept."""
+"""Cache of the layers of actors that do not move, for a fixed sensor."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["KnownLayers"]
 
 
 class _Turn(NamedTuple):
-    """When the beams of a turn fired, and the layers of each actor that stood, by shape and pose.
+    """Firing times of a turn, and the layers of each actor that did not move, by shape and pose.
 
-    Each has its ``seen_s`` and ``seen`` (1,), and no ``actor`` (0,).
+    The layers of an actor have ``seen_s`` and ``seen`` (1,), and no ``actor`` (0,).
     """
 
     column_time_s: NDArray[np.float64]
@@ -27,10 +27,10 @@ class _Turn(NamedTuple):
 
 
 class KnownLayers:
-    """The layers of actors that stood in the last turn of a sensor that stands.
+    """Layers of the actors that did not move in the last turn of a fixed sensor.
 
-    One that stands where it stood, before beams that fire when they fired, is met alike: whoever
-    waits or is parked is cast at only once for as long as it does.
+    The same pose and the same firing times give the same layers: waiting and parked actors are cast
+    once.
     """
 
     def __init__(self) -> None:
@@ -40,14 +40,14 @@ class KnownLayers:
     def layers(
         self, firing: Firing, actors: PresentActors, cast: Callable[[PresentActors], Layers]
     ) -> Layers:
-        """Return the layers of actors, and keep those of actors that stand.
+        """Return the layers of actors, and cache those of actors that do not move.
 
         Args:
-            firing: the beams of a turn.
-            actors: everything that moves.
-            cast: returns the layers of some actors, those of an actor next to each other.
+            firing: beams of a turn.
+            actors: actors of the frame.
+            cast: returns the layers of some actors, grouped by actor.
         """
-        last = self._last  # once: another thread may scan another frame
+        last = self._last  # read once: other threads replace it
         before = last.layers
         if not (
             np.array_equal(last.column_time_s, firing.column_time_s)
@@ -55,35 +55,35 @@ class KnownLayers:
         ):
             before = {}
         keys = _keys(actors, np.flatnonzero(_stands(actors.paths)))
-        known = {number: before[key] for number, key in keys.items() if key in before}
-        found = cast(actors) if not known else _of_others(actors, known, cast)
+        cached = {number: before[key] for number, key in keys.items() if key in before}
+        cast_layers = cast(actors) if not cached else _of_others(actors, cached, cast)
         now = {
-            key: known[number] if number in known else _of_actor(found, number)
+            key: cached[number] if number in cached else _of_actor(cast_layers, number)
             for number, key in keys.items()
         }
         self._last = _Turn(firing.column_time_s, firing.ring_time_s, now)
-        return _together(found, known) if known else found
+        return _together(cast_layers, cached) if cached else cast_layers
 
 
 def _of_others(
-    actors: PresentActors, known: dict[int, Layers], cast: Callable[[PresentActors], Layers]
+    actors: PresentActors, cached: dict[int, Layers], cast: Callable[[PresentActors], Layers]
 ) -> Layers:
-    """Return the layers of actors of which nothing is known, by the numbers of all."""
+    """Return the layers of the actors that are not cached, by the indices of all."""
     unknown = np.ones(len(actors.shape), np.bool_)
-    unknown[list(known)] = False
+    unknown[list(cached)] = False
     others = np.flatnonzero(unknown)
     return cast(actors.only(others)).renumbered(others, len(unknown))
 
 
 def _stands(paths: Paths) -> NDArray[np.bool_]:
-    """Return which actors (A,) neither move nor turn, to the last digit."""
+    """Return which actors (A,) neither move nor turn, exactly."""
     still = (paths.translation == paths.translation[:, :1]).all(axis=(1, 2))
     still &= (paths.rotation == paths.rotation[:, :1]).all(axis=(1, 2, 3))
     return np.asarray(still & (paths.turn == 0.0).all(axis=(1, 2)))
 
 
 def _keys(actors: PresentActors, which: NDArray[np.int64]) -> dict[int, bytes]:
-    """Return shape and pose of some actors, to the last digit, by their numbers."""
+    """Return shape and pose of some actors as keys, by their indices."""
     rotation, translation = (part[which, 0] for part in actors.paths[1:3])
     rows = np.column_stack([actors.shape[which], rotation.reshape(-1, 9), translation])
     rows = np.ascontiguousarray(rows, np.float64)
@@ -105,19 +105,19 @@ def _of_actor(layers: Layers, number: int) -> Layers:
     )
 
 
-def _together(found: Layers, known: dict[int, Layers]) -> Layers:
-    """Return layers with those of other actors among them, by their numbers, in their order."""
-    counts = [len(one.ray) for one in known.values()]
-    numbers = np.array(list(known), np.int32)
-    actor = np.concatenate([found.actor, np.repeat(numbers, counts)])
+def _together(layers: Layers, cached: dict[int, Layers]) -> Layers:
+    """Merge cached layers into layers, ordered by actor."""
+    counts = [len(part.ray) for part in cached.values()]
+    numbers = np.array(list(cached), np.int32)
+    actor = np.concatenate([layers.actor, np.repeat(numbers, counts)])
     order = np.argsort(actor, kind="stable")
 
     def joined(name: str) -> NDArray[Any]:
-        parts = [getattr(one, name) for one in (found, *known.values())]
+        parts = [getattr(part, name) for part in (layers, *cached.values())]
         return np.asarray(np.concatenate(parts).take(order))
 
-    found.seen_s[numbers] = [one.seen_s[0] for one in known.values()]
-    found.seen[numbers] = [one.seen[0] for one in known.values()]
+    layers.seen_s[numbers] = [part.seen_s[0] for part in cached.values()]
+    layers.seen[numbers] = [part.seen[0] for part in cached.values()]
     return Layers(
         joined("ray"),
         actor.take(order),
@@ -125,6 +125,6 @@ def _together(found: Layers, known: dict[int, Layers]) -> Layers:
         joined("range_m"),
         joined("cosine"),
         joined("face"),
-        found.seen_s,
-        found.seen,
+        layers.seen_s,
+        layers.seen,
     )

@@ -1,4 +1,4 @@
-"""What a ray tracer is given of one turn of a sensor, and what it finds: its interface."""
+"""Interface of the ray tracers: beams of one turn in, layers out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Blocks", "Casting", "Firing", "Layers", "RayTracer", "SensorPoses", 
 
 
 class SensorPoses(NamedTuple):
-    """``site_SE3_sensor`` when each column fires, or once for a sensor that stands still.
+    """``site_SE3_sensor`` at the firing of each column, or once for a fixed sensor.
 
     Attributes:
         rotation: (K, 3, 3) or (1, 3, 3) float64.
@@ -28,11 +28,11 @@ class SensorPoses(NamedTuple):
 
 
 class Firing(NamedTuple):
-    """The N = C K beams of a turn: when and from where each fires, and which way it points.
+    """Firing times, origins and directions of the N = C K beams of a turn.
 
     Attributes:
-        column_time_s: (K,) float64, when each column begins, seconds from the frame's time.
-        ring_time_s: (C,) float64, when each channel fires within its column.
+        column_time_s: (K,) float64, start of each column, seconds relative to the frame's time.
+        ring_time_s: (C,) float64, firing time of each channel within its column.
         rotation: (K, 3, 3) or (1, 3, 3) float64 of ``site_SE3_sensor``, see `SensorPoses`.
         translation: (K, 3) or (1, 3) float64.
         directions: (N, 3) float64 unit vectors, sensor frame; beam = channel * K + column.
@@ -48,7 +48,7 @@ class Firing(NamedTuple):
 
     @classmethod
     def of(cls, beams: Beams, sweep: Sweep, poses: SensorPoses) -> Firing:
-        """Put together the beams of a sensor, their times and its poses."""
+        """Combine beams, firing times and poses."""
         return cls(
             sweep.column_time_s,
             sweep.ring_time_s,
@@ -59,13 +59,13 @@ class Firing(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """B blocks of rays, each to be cast at its own actor.
+    """B blocks of rays, each for one actor.
 
     Attributes:
         actor: (B,) int64.
         rows: (B,) int64.
-        wide: (B,) int64, rays in a row.
-        start: (B,) int64, where the rays of each begin below.
+        wide: (B,) int64, rays per row.
+        start: (B,) int64, index of each block's first ray.
         ray: (R,) int32, beams in rows of neighbours; -1 for none.
     """
 
@@ -77,7 +77,7 @@ class Blocks(NamedTuple):
 
 
 class Spread(IntEnum):
-    """Where beams are cast as the rays of their footprint, and not as their axis alone."""
+    """Where the whole footprint of a beam is cast, and not its axis alone."""
 
     NOWHERE = 0
     AT_EDGES = 1
@@ -85,12 +85,12 @@ class Spread(IntEnum):
 
 
 class Casting(NamedTuple):
-    """How rays are cast.
+    """Options of ray casting.
 
     Attributes:
-        glass: whether they pass through panes.
+        glass: whether rays pass through panes.
         spread: see `Spread`.
-        around: whether the last ray of a row is the neighbour of its first.
+        around: whether the last ray of a row is a neighbour of its first.
     """
 
     glass: bool
@@ -99,19 +99,19 @@ class Casting(NamedTuple):
 
 
 class Layers(NamedTuple):
-    """L surfaces that beams meet, wholly or in part.
+    """L surfaces that beams hit with all or some of their rays.
 
     Attributes:
-        ray: (L,) int32, the beam.
-        actor: (L,) int32, whose surface it is; 0 for all of the static world.
-        mask: (L,) uint8, which of the beam's rays meet it, a bit for each, with
-            `layer_rule.ON_AXIS` where the beam's axis passes through the actor's bounds.
+        ray: (L,) int32, beam.
+        actor: (L,) int32, actor; 0 for the static world.
+        mask: (L,) uint8, bit mask of the beam's rays that hit it, with `layer_rule.ON_AXIS` if the
+            beam's
+            axis passes through the actor's bounds.
         range_m: (L,) float32.
         cosine: (L,) float32, of the angle between the beam's axis and the surface's normal.
-        face: (L,) int32, of the actor's mesh.
-        seen_s: (A,) float64, mean time at which the axes of beams met each actor; ``nan`` where
-            none did.
-        seen: (A,) int64, how many did.
+        face: (L,) int32, face of the actor's mesh.
+        seen_s: (A,) float64, mean hit time of beam axes on each actor; ``nan`` without hits.
+        seen: (A,) int64, number of these hits.
     """
 
     ray: NDArray[np.int32]
@@ -125,7 +125,7 @@ class Layers(NamedTuple):
 
     @classmethod
     def room(cls, layers: int, actors: int) -> Layers:
-        """Return room for so many layers to be written, and actors that no beam met yet."""
+        """Return uninitialised layers, and zero hits of actors."""
         return cls(
             np.empty(layers, np.int32),
             np.empty(layers, np.int32),
@@ -138,12 +138,12 @@ class Layers(NamedTuple):
         )
 
     def found(self, count: int) -> Layers:
-        """Return the first layers that were written, with the mean of the times added up."""
+        """Return the first layers, with the mean of the summed hit times."""
         mean = self.seen_s / np.where(self.seen > 0, self.seen, np.nan)
         return Layers._make((*(values[:count] for values in self[:6]), mean, self.seen))
 
     def renumbered(self, actors: NDArray[np.int64], count: int) -> Layers:
-        """Return the layers of some of so many actors by the numbers (A,) that these have."""
+        """Return layers with the indices (A,) of their actors among all."""
         seen_s, seen = np.full(count, np.nan), np.zeros(count, np.int64)
         seen_s[actors], seen[actors] = self.seen_s, self.seen
         actor = actors.astype(np.int32).take(self.actor)
@@ -151,17 +151,17 @@ class Layers(NamedTuple):
 
 
 class RayTracer(Protocol):
-    """Finds what the beams of a turn meet. `layer_rule` says what a layer is."""
+    """Casts the beams of a turn; `layer_rule` defines layers."""
 
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
     ) -> Layers:
-        """Return the layers that blocks of rays meet, each of its own actor, in the blocks' order.
+        """Return the layers of blocks of rays, each with its own actor, in the blocks' order.
 
         Args:
-            firing: the beams of the turn.
-            actors: everything that moves, or the static world as the only one.
-            blocks: which beams are cast at which actor.
-            casting: how.
+            firing: beams of the turn.
+            actors: actors of the frame, or the static world as the only one.
+            blocks: beams to cast at each actor.
+            casting: options.
         """
         ...

@@ -1,4 +1,4 @@
-"""Casting on a CUDA device, or on the processor, through NVIDIA Warp: the extra ``warp``."""
+"""Ray casting with NVIDIA Warp on a CUDA device or the processor (extra ``warp``)."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from urbantwin.lidar.shapes import PresentActors, Shapes
 
 __all__ = ["WarpTracer"]
 
-#: Sets of shapes, beams and footprints that are known to be on the device.
+#: Most arrays of shapes, beams and footprints kept on the device.
 _MOST_KEPT = 32
-#: Kinds of turns that a lane keeps recorded.
+#: Most recorded plans per lane.
 _MOST_PLANS = 16
 _ALIGNED = 64
-#: Where a block begins that is none: after all rays.
+#: Start of an unused block: after all rays.
 _NEVER = np.iinfo(np.int32).max
 
 
 class WarpTracer:
-    """Casts on a device, where shapes and beams stay; a turn sends its poses and rays.
+    """Casts on a device, which keeps shapes and beams; a turn sends its poses and rays.
 
-    What a turn of some size has the device do is recorded once, and said again for the next turn:
-    packing arguments takes Python longer than the device takes to cast. Several threads may cast
-    a turn each: while one waits for the device, another sends the next. See `tracer.RayTracer`.
+    The kernel launches of a turn of some size are recorded once and replayed: packing arguments in
+    Python
+    takes longer than casting. Several threads may cast a turn each: while one waits for the device,
+    another
+    sends the next. See `tracer.RayTracer`.
 
     Args:
-        device: see `warp_device.warp_device`.
+        device: see `warp_shapes.warp_device`.
 
     Raises:
         InputError: Warp is not installed, or this machine has no such device.
@@ -43,14 +45,14 @@ class WarpTracer:
 
     def __init__(self, device: str | None = None) -> None:
         self._device = warp_device(device)
-        self._lock = Lock()  # Warp has one current stream, and what is kept is for all threads.
-        self._lanes: list[_Lane] = []  # that no thread uses at the moment
+        self._lock = Lock()  # Warp has one current stream, and all threads share the cache.
+        self._lanes: list[_Lane] = []  # idle lanes
         self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
 
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
     ) -> Layers:
-        """Return the layers that blocks of rays meet, in the order of their beams."""
+        """Return the layers of blocks of rays, in the order of their beams."""
         count, several = len(blocks.ray), len(actors.shape)
         if not count:
             return Layers.room(0, several).found(0)
@@ -75,7 +77,7 @@ class WarpTracer:
         with self._lock:
             lane = self._lanes.pop() if self._lanes else _Lane(self._device)
         yield lane
-        # Where a turn failed, what the device still does with its lane is not known: it is left.
+        # After a failure the state of the lane is unknown: it is dropped.
         with self._lock:
             self._lanes.append(lane)
 
@@ -87,7 +89,7 @@ class WarpTracer:
         blocks: Blocks,
         casting: Casting,
     ) -> _Plan:
-        """Return what the device is to do in such a turn, recorded before if it can be."""
+        """Return the recorded plan of a turn of this size."""
         import warp as wp
 
         with self._lock:
@@ -110,21 +112,23 @@ class WarpTracer:
         return lane.plans[key]
 
     def _shapes(self, shapes: Shapes) -> DeviceShapes:
-        """Return the shapes on the device, with those that came before."""
+        """Return the shapes on the device, extended by new ones."""
         key = ("shapes", id(shapes.triangles.planes))
         if key not in self._kept:
-            kept = [one for _, one in self._kept.values() if isinstance(one, DeviceShapes)]
-            there = next((one for one in kept if one.goes_on(shapes)), None)
-            there = there or DeviceShapes(self._device)
-            there.add(shapes)
+            device_shapes = [
+                value for _, value in self._kept.values() if isinstance(value, DeviceShapes)
+            ]
+            shapes_there = next((value for value in device_shapes if value.goes_on(shapes)), None)
+            shapes_there = shapes_there or DeviceShapes(self._device)
+            shapes_there.add(shapes)
             self._settle()
-            self._remember(key, shapes.triangles.planes, there)
+            self._remember(key, shapes.triangles.planes, shapes_there)
         self._kept.move_to_end(key)
-        known: DeviceShapes = self._kept[key][1]
-        return known
+        result: DeviceShapes = self._kept[key][1]
+        return result
 
     def _keep(self, name: str, values: NDArray[np.float64], dtype: Any) -> Any:  # noqa: ANN401
-        """Return an array that does not change between turns, on the device."""
+        """Return a constant array on the device."""
         import warp as wp
 
         key = (name, id(values))
@@ -135,24 +139,24 @@ class WarpTracer:
         return self._kept[key][1]
 
     def _settle(self) -> None:
-        """Wait for what was sent or made to stay: the streams of lanes do not."""
+        """Wait until kept arrays are complete: the streams of lanes do not."""
         import warp as wp
 
         if self._device.is_cuda:
             wp.synchronize_device(self._device)
 
     def _remember(self, key: tuple[str, int], owner: object, value: object) -> None:
-        """Keep a value with what it was made from, whose id stays taken that way."""
+        """Keep a value together with its source, whose id then stays in use."""
         self._kept[key] = (owner, value)
         while len(self._kept) > _MOST_KEPT:
             self._kept.popitem(last=False)
 
 
 class _Sizes(NamedTuple):
-    """How much there is of everything in a turn.
+    """Sizes of the arrays of a turn.
 
-    What differs from turn to turn has room for the next power of two, so that most turns of a
-    recording are of a few sizes.
+    Variable ones are rounded up to powers of two, so that most turns of a recording share a few
+    sizes.
     """
 
     actors: int
@@ -177,7 +181,7 @@ class _Sizes(NamedTuple):
 
 
 class _Given(NamedTuple):
-    """What stays on the device from turn to turn, as ``device.cast`` takes it."""
+    """Arrays that stay on the device between turns, as ``device.cast`` takes them."""
 
     meshes: Any
     surfaces: Any
@@ -186,9 +190,9 @@ class _Given(NamedTuple):
 
 
 class _Lane:
-    """What one turn after another needs for itself: a stream of the device, and memory.
+    """Stream and memory for one turn after another.
 
-    Memory grows and stays; when it grows, what was recorded with the old one is forgotten.
+    Memory grows only; when it grows, recorded plans are dropped.
     """
 
     def __init__(self, device: Any) -> None:  # noqa: ANN401
@@ -203,12 +207,12 @@ class _Lane:
         self.face: Any = None
         self.found: Any = None
         self.found_here: Any = None
-        self.sent: Any = None  # what turns send, here and there
+        self.sent: Any = None  # data of a turn, on the host and on the device
         self.sent_there: Any = None
         self.tally_here: Any = None
 
     def more_layers(self, layers: int) -> None:
-        """Make room for so many layers."""
+        """Make room for a number of layers."""
         from urbantwin.lidar.casting.device.cast import Layer
 
         self.plans.clear()
@@ -240,7 +244,7 @@ class _Lane:
         return _Plan(self, layout, sizes, casting, given, owners)
 
     def _both(self, size: int, dtype: Any) -> tuple[Any, Any]:  # noqa: ANN401
-        """Return an array on the device, and one here of the same size, from which it copies."""
+        """Return an array on the device, and a host array of the same size for copies."""
         import warp as wp
 
         there = wp.empty(size, dtype=dtype, device=self.device)
@@ -250,14 +254,14 @@ class _Lane:
 
 
 class _Layout(NamedTuple):
-    """Where the arrays of a turn lie in the block that is sent: (name, type, shape, first byte)."""
+    """Layout of a turn's arrays in the block that is sent: (name, type, shape, first byte)."""
 
     arrays: tuple[tuple[str, Any, tuple[int, ...], int], ...]
     size: int
 
     @classmethod
     def of(cls, sizes: _Sizes) -> _Layout:
-        """Put the arrays one after the other: rays last, of which only those are sent that are."""
+        """Lay out the arrays one after the other; rays last, because only used ones are sent."""
         import warp as wp
 
         i4, i8, f8 = wp.int32, wp.int64, wp.float64
@@ -285,7 +289,7 @@ class _Layout(NamedTuple):
 
 
 class _Plan:
-    """What the device does in a turn, recorded: arguments stay where they are, values change."""
+    """Recorded launches of a turn: arguments stay in place, values change."""
 
     def __init__(
         self,
@@ -301,8 +305,8 @@ class _Plan:
         from urbantwin.lidar.casting.device import cast, poses
 
         self.actors, self.ticks_per_s = sizes.actors, cast.PICOSECONDS
-        self._lane, self._owners = lane, owners  # whose ids stay taken as long as this is kept
-        self._expected = 1  # layers of a turn, by the one before
+        self._lane, self._owners = lane, owners  # keeps their ids in use
+        self._expected = 1  # layers expected from the previous turn
         here: dict[str, NDArray[Any]] = {}
         there: dict[str, Any] = {}
         for name, dtype, shape, first in layout.arrays:
@@ -371,15 +375,15 @@ class _Plan:
             command.launch(lane.stream)
         if lane.stream is None:
             return self._here["tally"]
-        # How many there are comes with as many as there may be: the device is waited for once,
-        # unless there are more.
+        # The count arrives together with the expected number of layers: one wait, unless there are
+        # more.
         wp.copy(lane.tally_here, self._tally_there, count=self._tally.size, stream=lane.stream)
         wp.copy(lane.found_here, lane.found, count=self._expected, stream=lane.stream)
         wp.synchronize_stream(lane.stream)
         return self._tally
 
     def found(self, used: int) -> NDArray[np.void]:
-        """Return the layers of the turn that was cast, `device.cast.Layer`, until the next."""
+        """Return the layers of the last turn, `device.cast.Layer`; valid until the next."""
         import warp as wp
 
         lane = self._lane

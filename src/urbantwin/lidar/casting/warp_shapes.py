@@ -1,4 +1,4 @@
-"""Shapes on a device of NVIDIA Warp's."""
+"""Devices of NVIDIA Warp, and shapes on them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["DeviceShapes", "warp_device"]
 
 @cache
 def warp_device(name: str | None = None) -> Any:  # noqa: ANN401 - Warp is an extra
-    """Return a device of Warp's.
+    """Return a Warp device.
 
     Args:
         name: ``cpu``, ``cuda``, ``cuda:1``, ...; ``None``: the first CUDA device, else ``cpu``.
@@ -28,26 +28,26 @@ def warp_device(name: str | None = None) -> Any:  # noqa: ANN401 - Warp is an ex
     check_extra("warp", "casting on a device")
     import warp as wp
 
-    # Warp greets at its first call; what goes wrong it says at any level.
+    # Without Warp's greeting; errors are raised at any level.
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     wp.init()
     try:
         return wp.get_preferred_device() if name is None else wp.get_device(name)
     except (ValueError, RuntimeError):
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"this machine has no device {name!r}", expected=known) from None
+        devices = ", ".join(str(device) for device in wp.get_devices())
+        raise InputError(f"this machine has no device {name!r}", expected=devices) from None
 
 
 class DeviceShapes:
-    """Shapes end to end on a device, to which more are added: none is sent twice.
+    """Concatenated shapes on a device; each shape is sent once.
 
     Attributes:
-        meshes: of all, as ``device.triangles`` takes them.
-        surfaces: of all, as ``device.cast`` takes them.
-        moved: how often everything had to move for want of room: `meshes` and `surfaces` are new.
+        meshes: all shapes, as ``device.triangles`` takes them.
+        surfaces: all shapes, as ``device.cast`` takes them.
+        moved: number of reallocations: `meshes` and `surfaces` are then new.
 
     Args:
-        device: see `warp_device.warp_device`.
+        device: see `warp_device`.
     """
 
     def __init__(self, device: Any) -> None:  # noqa: ANN401
@@ -60,33 +60,35 @@ class DeviceShapes:
         self.surfaces: Any = None
 
     def goes_on(self, shapes: Shapes) -> bool:
-        """Return whether shapes are those that are here, the first of them, or more."""
-        return all(one is other for one, other in zip(self._scenes, shapes.scenes, strict=False))
+        """Return whether shapes begin with those that are here, or are the first of them."""
+        return all(
+            present is other for present, other in zip(self._scenes, shapes.scenes, strict=False)
+        )
 
     def add(self, shapes: Shapes) -> None:
-        """Send those of the shapes that are not here yet."""
+        """Send the shapes that are not here yet."""
         import warp as wp
 
-        known, triangles = len(self._scenes), shapes.triangles
-        if len(shapes.scenes) <= known:
+        present, triangles = len(self._scenes), shapes.triangles
+        if len(shapes.scenes) <= present:
             return
         planes, corners = triangles.planes[self._faces :], triangles.corners[self._faces :]
         vertices = triangles.vertices[self._vertices :]
         extent = []
-        for scene in shapes.scenes[known:]:
+        for scene in shapes.scenes[present:]:
             self._trees.append(_tree(scene.vertices, scene.faces, self._device))
             extent.append(np.linalg.norm(scene.vertices, axis=1).max(initial=0.0))
-        tree = np.array([tree.id for tree in self._trees[known:]], np.uint64)
+        tree = np.array([tree.id for tree in self._trees[present:]], np.uint64)
         normal = np.column_stack([planes[axis] for axis in "xyz"])
         pane = planes["pane"].astype(np.uint8)
         moved = [
             self._add("tree", tree, wp.uint64),
-            self._add("first_face", shapes.first_face[known:].astype(np.int32), wp.int32),
+            self._add("first_face", shapes.first_face[present:].astype(np.int32), wp.int32),
             self._add("extent", np.array(extent), wp.float64),
             self._add("vertices", vertices, wp.vec3d),
             self._add("faces", corners, wp.vec3i),
-            self._add("low", shapes.low[known:], wp.vec3d),
-            self._add("high", shapes.high[known:], wp.vec3d),
+            self._add("low", shapes.low[present:], wp.vec3d),
+            self._add("high", shapes.high[present:], wp.vec3d),
             self._add("normal", normal, wp.vec3d),
             self._add("offset", planes["offset"], wp.float64),
             self._add("pane", pane, wp.uint8),
@@ -101,7 +103,7 @@ class DeviceShapes:
         return column.append(np.ascontiguousarray(values))
 
     def _settle(self) -> None:
-        """Tell where everything is now."""
+        """Set `meshes` and `surfaces` to the current arrays."""
         from urbantwin.lidar.casting.device.cast import Surfaces
         from urbantwin.lidar.casting.device.triangles import Meshes
 
@@ -125,13 +127,13 @@ class _DeviceColumn:
         self.values = wp.empty(0, dtype=dtype, device=device)
 
     def append(self, values: NDArray[Any]) -> bool:
-        """Add rows; return whether all had to move for want of room."""
+        """Append rows; return whether the array was reallocated."""
         import warp as wp
 
         until, room = self._length + len(values), self.values.size
         moved = until > room
         if moved:
-            # The first ones fill it: a street stays as it is.
+            # The first allocation is exact: a street does not grow.
             size = max(until, 2 * room)
             before = self.values
             self.values = wp.empty(size, dtype=before.dtype, device=before.device)
@@ -149,17 +151,17 @@ def _tree(
     faces: NDArray[np.int32],
     device: Any,  # noqa: ANN401
 ) -> Any:  # noqa: ANN401
-    """Return the hierarchy of triangles' boxes on a device.
+    """Return a bounding volume hierarchy on a device.
 
     Args:
         vertices: (V, 3) metres, within kilometres of zero.
-        faces: (F, 3) indices of vertices; without any, a box that no ray meets.
-        device: see `warp_device.warp_device`.
+        faces: (F, 3) vertex indices; without any, a box that no ray hits.
+        device: see `warp_device`.
     """
     import warp as wp
 
     corners = np.asarray(vertices, np.float64)[faces] if len(faces) else np.full((1, 1, 3), 1e30)
-    # Rounded outward: a box in single precision holds its triangle in double precision.
+    # Rounded outwards: a float32 box contains its float64 triangle.
     low = np.nextafter(corners.min(axis=1).astype(np.float32), np.float32(-np.inf))
     high = np.nextafter(corners.max(axis=1).astype(np.float32), np.float32(np.inf))
     return wp.Bvh(

@@ -1,9 +1,11 @@
-"""Returns: from what a ray hits to what a sensor reports.
+"""Returns: from the surface that a ray hits to what a sensor reports.
 
-`scatter` says what surfaces send back; `detection`, `noise`, `sunlight`, `air` and `intensity` what
-the sensor makes of it, put together by `model` (in compiled code: `compiled.response`); `draws`
-holds the random numbers. Strength is what all of it follows from: signal to noise, 1 of a target of
-the datasheet's reflectivity, faced squarely, at the datasheet's range.
+`scatter` gives the backscatter of surfaces; `sunlight`, `clutter` and `model` the sensor's response
+(in compiled code: `compiled.response`); `draws` holds the random numbers. Everything follows from
+the
+strength of an echo: its signal-to-noise ratio relative to a target of the datasheet's reflectivity,
+at
+normal incidence and the datasheet's range.
 """
 
 from urbantwin.lidar.returns.draws import (

@@ -1,24 +1,60 @@
-"""Echoes of the air: drops, flakes and fog that a sensor takes for a target.
+"""The atmosphere: extinction, and echoes of rain, snow and fog that a sensor takes for a target.
 
-**Drops and flakes.** Along a beam those that are detected are a Poisson process: per metre there
-are ``beam's cross-section x integral of N(D) p(strength of D there) dD`` of them, with the
-sensor's own p. The nearest of them is what we draw.
+**Extinction.** Visibility V is the meteorological optical range of the WMO (Guide to Instruments
+and
+Methods of Observation, WMO-No. 8, chapter 9): the distance at which a collimated beam falls to 5 %,
+so
+that by Koschmieder's law the extinction of visible light is ``-ln(0.05) / V = 3.0 / V``. Drops of
+fog,
+rain and snow are larger than the wavelength and attenuate all LiDARs alike. Haze attenuates less at
+longer wavelengths: ``(wavelength / 550 nm)^-q`` with the q of Kim, McArthur and Korevaar 2001
+(Proc.
+SPIE 4214, 26-37, eq. 4): 0 below 0.5 km of visibility, V - 0.5 up to 1 km, 0.16 V + 0.34 up to 6
+km,
+1.3 up to 50 km, 1.6 beyond.
 
-**Fog** answers in every length of pulse, `CELL_M`. What a sensor measures of a strength scatters
-about it as its detection says (p of a threshold is the chance to lie above it); the length that it
-measures as the strongest is what we draw, where in it is by chance.
+**Rain.** Drop sizes are exponential (Marshall and Palmer 1948, J. Meteorol. 5, 165-166):
+``N0 exp(-L D)`` with N0 = 8000 per m3 and mm, L = 4.1 R^-0.21 per mm at R mm/h. A drop much larger
+than
+the wavelength removes twice its cross-section (Van de Hulst 1957, Light Scattering by Small
+Particles,
+section 8.1), so the extinction is ``2 pi/4 x integral of D^2 N = pi N0 / L^3``: visibility gives L,
+and
+L the rate. Backwards a drop returns what its front reflects and its rear reflects and focuses:
+``F + F (1 - F)^2 (n / (2 - n))^2`` times an isotropic sphere, with Fresnel's F and the refractive
+index
+n of water (Van de Hulst, section 12.22): 0.095.
 
-**Near the sensor** what it collects does not go on growing with 1/range^2: the image of something
-near is larger than the detector of a receiver that is focused far away, and only
-``range^2 / (range^2 + focus^2)`` of it is collected (geometric form factor of coaxial lidars,
-Measures 1984, Laser Remote Sensing, section 7.3; here with soft edges). A target is so much
-stronger that it does not matter; drops and fog would all be seen without it. No maker publishes
-it: we take the focus at which even next to the sensor nothing fainter than `FAINTEST` of white
-reaches strength 1. Then fog covers the sensor itself from visibilities of about 40 m down, which is
-where sensors in a fog chamber went blind (Bijelic et al. 2018, IEEE IV, "A benchmark for lidar
-sensors in fog").
+**Snow.** Gunn and Marshall 1958 (J. Meteorol. 15, 452-461): N0 = 3800 R^-0.87, L = 2.55 R^-0.48, D
+of
+the melted drop; a flake of a tenth of water's density is ``10^(1/3)`` times as wide. It is a white
+sphere: two thirds of snow's reflectivity in backscatter (Lambert's sphere; Hapke 2012, Theory of
+Reflectance and Emittance Spectroscopy, 2nd edition, section 6.2).
 
-A beam is `EXIT_M` wide where it leaves the sensor (the OS1's datasheet) and widens by its
+**Fog** backscatters, per metre and steradian, its extinction divided by 18.8 sr (O'Connor et al.
+2004,
+J. Atmos. Ocean. Technol. 21, 777-786: water clouds at 905 nm).
+
+**Detection.** Detected drops and flakes along a beam are a Poisson process with rate per metre
+``cross-section of the beam x integral of N(D) p(strength of D) dD``, with the sensor's detection
+probability p; the nearest is drawn. Fog returns in every pulse length `CELL_M`. The measured
+strength
+of each scatters as the detection curve says (p of a threshold is the probability to exceed it); the
+length with the highest measured strength is drawn, and a uniform position within it.
+
+**Near range.** Collected power does not keep growing with 1/range^2: the image of a near object is
+larger than the detector of a receiver focused far away, which collects only
+``range^2 / (range^2 + focus^2)`` (geometric form factor of coaxial lidars, Measures 1984, Laser
+Remote
+Sensing, section 7.3; here with soft edges). This matters for drops and fog only. No maker publishes
+the
+focus: we take the one at which nothing below `FAINTEST` of white reaches strength 1 at any range.
+Then
+fog blinds the sensor below visibilities of about 40 m, as in a fog chamber (Bijelic et al. 2018,
+IEEE
+IV, "A benchmark for lidar sensors in fog").
+
+A beam is `EXIT_M` wide where it leaves the sensor (datasheet of the OS1) and widens by its
 divergence.
 """
 
@@ -58,22 +94,21 @@ __all__ = [
     "visibility",
 ]
 
-#: What is left of a beam at the visibility.
+#: Transmission at the visibility (WMO).
 CONTRAST = 0.05
-#: Visibility in metres where a weather is named without one: a shower of 9 mm/h as
-#: `particles.rain` has it, fog and snow of the middle of their usual span.
+#: Default visibility by weather, metres: a shower of 9 mm/h (`rain`), and typical fog and snow.
 DEFAULT_VISIBILITY_M = {"rain": 2000.0, "fog": 150.0, "snow": 700.0}
 
 
 def visibility(conditions: Conditions) -> float | None:
-    """Return the visibility in metres; ``None`` in clear air of which none is given."""
+    """Return the visibility in metres; ``None`` in clear air without a given one."""
     if conditions.visibility_m is not None:
         return conditions.visibility_m
     return DEFAULT_VISIBILITY_M.get(conditions.weather)
 
 
 def haze_exponent(visibility_m: float) -> float:
-    """Return Kim's q."""
+    """Return Kim's exponent q."""
     km = visibility_m / 1000
     ends = [0.0, 0.5, 1.0, 6.0]
     if km > ends[-1]:
@@ -82,32 +117,32 @@ def haze_exponent(visibility_m: float) -> float:
 
 
 def extinction(conditions: Conditions, wavelength_nm: float) -> float:
-    """Return the extinction in 1/m; 0 in clear air of which no visibility is given.
+    """Return the extinction in 1/m; 0 in clear air without a given visibility.
 
-    The datasheets' ranges are measured in clear air: what that takes is in them.
+    Datasheets' ranges are measured in clear air and include its extinction.
     """
-    seen = visibility(conditions)
-    if seen is None:
+    visibility_m = visibility(conditions)
+    if visibility_m is None:
         return 0.0
-    visible = -np.log(CONTRAST) / seen
+    visible = -np.log(CONTRAST) / visibility_m
     if conditions.weather != "clear":
         return float(visible)
-    return float(visible * (wavelength_nm / 550.0) ** -haze_exponent(seen))
+    return float(visible * (wavelength_nm / 550.0) ** -haze_exponent(visibility_m))
 
 
-#: Extinction of fog relative to its backscatter.
+#: Extinction-to-backscatter ratio of fog, sr.
 FOG_RATIO_SR = 18.8
 _RAIN_N0 = 8000.0
 _FLAKE_WIDTH = 10 ** (1 / 3)
 
 
 class Particles(NamedTuple):
-    """Spheres of exponential sizes.
+    """Spheres with exponentially distributed diameters.
 
     Attributes:
-        n0: of diameter 0, per m3 and m.
-        slope: by which numbers fall with diameter, 1/m.
-        white: a sphere that fills the beam is as bright as a surface of this reflectivity.
+        n0: number density at diameter 0, per m3 and m.
+        slope: decay of the number with diameter, 1/m.
+        white: reflectivity of a surface as bright as a sphere that fills the beam.
     """
 
     n0: float
@@ -116,7 +151,7 @@ class Particles(NamedTuple):
 
     @property
     def extinction(self) -> float:
-        """What they take from a beam, 1/m."""
+        """Extinction, 1/m."""
         return np.pi * self.n0 / self.slope**3
 
 
@@ -129,10 +164,10 @@ def rain(extinction: float) -> Particles:
 
 
 def snow_rate_mm_h(extinction: float) -> float:
-    """Return the rate of snow with an extinction in 1/m, mm of water per hour."""
+    """Return the rate of snowfall with an extinction in 1/m, mm of water per hour."""
     # pi (N0 / w) / (L / w)^3 with w the width of flakes, in mm2 per m3.
-    of_one = np.pi * 3800.0 / 2.55**3 * _FLAKE_WIDTH**2 * 1e-6
-    return float((extinction / of_one) ** (1 / (3 * 0.48 - 0.87)))
+    at_1_mm_h = np.pi * 3800.0 / 2.55**3 * _FLAKE_WIDTH**2 * 1e-6
+    return float((extinction / at_1_mm_h) ** (1 / (3 * 0.48 - 0.87)))
 
 
 def snow(extinction: float, wavelength_nm: float) -> Particles:
@@ -144,15 +179,15 @@ def snow(extinction: float, wavelength_nm: float) -> Particles:
 
 
 def fog_amplitude(extinction: float, cell_m: float) -> float:
-    """Return the amplitude of fog from a length of beam that comes back as one echo."""
+    """Return the amplitude of fog in a length of beam that returns as one echo."""
     return np.pi * extinction / FOG_RATIO_SR * cell_m
 
 
-#: Length of beam that comes back as one echo: half of a pulse of 5 ns.
+#: Length of beam that returns as one echo, metres: half of a pulse of 5 ns.
 CELL_M = 0.75
 #: Width of a beam where it leaves the sensor, metres.
 EXIT_M = 0.0095
-#: Amplitude that is as strong as the datasheet's target, right before the sensor.
+#: Amplitude that has the strength of the datasheet's target at zero range.
 FAINTEST = 0.01
 
 _STEP_M = 0.02
@@ -166,13 +201,13 @@ Doubles = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Clutter:
-    """Where a beam detects the air.
+    """Distribution of the range at which a beam detects the atmosphere.
 
     Attributes:
-        range_m: (G,) distances, in equal steps.
-        nearer: (G,) how probable it is that a beam detects the air nearer than that.
-        amplitude: (G, Q) of the echo there, by equal shares of its distribution.
-        range_of_draw: (65536,) where it is by draw; ``inf``: nowhere.
+        range_m: (G,) ranges, equally spaced.
+        nearer: (G,) probability of a detection at a smaller range.
+        amplitude: (G, Q) quantiles of the echo's amplitude at each range.
+        range_of_draw: (65536,) range by uniform draw; ``inf`` for no detection.
     """
 
     range_m: Doubles
@@ -182,46 +217,47 @@ class Clutter:
 
     @classmethod
     def of(cls, range_m: Doubles, nearer: Doubles, amplitude: Floats) -> Clutter:
-        """Return clutter of that distribution."""
-        # Only where it grows can it be read backwards.
+        """Return clutter with that distribution."""
+        # The inverse exists only where the distribution grows.
         grows = np.concatenate([[True], np.diff(nearer) > 0])
         wanted = (np.arange(LEVELS) + 0.5) / LEVELS
-        found = np.interp(wanted, nearer[grows], range_m[grows], right=np.inf)
-        return cls(range_m, nearer, amplitude, found.astype(np.float32))
+        inverse = np.interp(wanted, nearer[grows], range_m[grows], right=np.inf)
+        return cls(range_m, nearer, amplitude, inverse.astype(np.float32))
 
     def draw(self, draws: Draws, limit_m: Floats) -> tuple[NDArray[np.int32], Floats, Floats]:
-        """Return the beams (C,) that detect the air before they end, where and how bright.
+        """Draw the beams (C,) that detect the atmosphere before they hit a surface.
 
         Args:
-            draws: of the purpose ``CLUTTER``.
-            limit_m: (N,) where each beam ends; ``inf`` where it meets nothing.
+            draws: draws of the purpose ``CLUTTER``.
+            limit_m: (N,) range of the surface in each beam; ``inf`` for none.
 
         Returns:
-            Beam (C,) int32, range (C,) float32 and amplitude (C,) float32 of echoes that are
-            detected already: whether they are reported is a matter of what else is.
+            Beam (C,) int32, range (C,) float32 and amplitude (C,) float32 of detected echoes; the
+            return mode
+            decides whether they are reported.
         """
-        found = self.range_of_draw.take(draws.detection)
-        beam = np.flatnonzero(found < limit_m).astype(np.int32)
-        range_m = found.take(beam)
+        drawn_m = self.range_of_draw.take(draws.detection)
+        beam = np.flatnonzero(drawn_m < limit_m).astype(np.int32)
+        range_m = drawn_m.take(beam)
         step = np.float32(self.range_m[1] - self.range_m[0])
-        at = np.ceil((range_m - np.float32(self.range_m[0])) / step).astype(np.int32)
-        at = np.clip(at, 0, len(self.range_m) - 1)
+        cell = np.ceil((range_m - np.float32(self.range_m[0])) / step).astype(np.int32)
+        cell = np.clip(cell, 0, len(self.range_m) - 1)
         share = draws.noise.take(beam).astype(np.int64) * self.amplitude.shape[1] // LEVELS
-        return beam, range_m, self.amplitude[at, share]
+        return beam, range_m, self.amplitude[cell, share]
 
 
 def clutter_of(sensor: Sensor, conditions: Conditions, response: Response) -> Clutter | None:
-    """Return what the air gives back; ``None`` in clear air.
+    """Return the clutter of the atmosphere; ``None`` in clear air.
 
     Args:
-        sensor: whose beam it is.
-        conditions: the weather; its extinction is the response's.
-        response: of the sensor.
+        sensor: the sensor.
+        conditions: the weather; its extinction is in the response.
+        response: response of the sensor.
     """
     if conditions.weather == "clear" or response.extinction <= 0:
         return None
     nearest = response.range_min_m
-    # Beyond a few times the visibility nothing comes back.
+    # Nothing returns from beyond a few times the visibility.
     farthest = min(response.range_max_m, _FARTHEST_M, nearest + 10 / response.extinction)
     if farthest <= nearest:
         return None
@@ -243,14 +279,14 @@ def beam_area(sensor: Sensor, range_m: Doubles) -> Doubles:
 
 
 def collected(response: Response, range_m: Doubles) -> Doubles:
-    """Return the share (G,) of the light that the detector collects from distances (G,)."""
+    """Return the share (G,) of the light that the detector collects from ranges (G,)."""
     return range_m**2 / (range_m**2 + FAINTEST * response.per_amplitude)
 
 
 def _fog(nearest: float, farthest: float, response: Response) -> Clutter:
-    """Return which length of pulse is measured as the strongest, and detected.
+    """Return the range of the pulse length that is measured as the strongest, and detected.
 
-    The chance that length k is measured at x and all others below is ``pdf_k(x) x product of
+    The probability that length k is measured at x and all others below is ``pdf_k(x) x product of
     cdf_j(x)``, with ``cdf_j(x) = 1 / (1 + (strength_j / x)^steepness)``.
     """
     edges = np.arange(nearest, farthest + CELL_M, CELL_M)
@@ -269,9 +305,9 @@ def _fog(nearest: float, farthest: float, response: Response) -> Clutter:
 
 
 def _drops(sensor: Sensor, range_m: Doubles, response: Response, particles: Particles) -> Clutter:
-    """Return the distance of the nearest particle that is detected."""
+    """Return the distribution of the range of the nearest detected particle."""
     area = beam_area(sensor, range_m)
-    # Sizes at the middles of equal steps, up to 20 mean ones: 1 in 5e8 is larger.
+    # Diameters at the centres of equal steps, up to 20 mean ones: 1 in 5e8 is larger.
     edges = np.linspace(0, 20 / particles.slope, _SIZES + 1)
     size = (edges[1:] + edges[:-1]) / 2
     number = particles.n0 / particles.slope * -np.diff(np.exp(-particles.slope * edges))
@@ -283,7 +319,7 @@ def _drops(sensor: Sensor, range_m: Doubles, response: Response, particles: Part
     probabilities(response, _strength(response, bright.ravel(), where.ravel()), seen)
     per_metre = area[:, None] * number * seen.reshape(bright.shape)
     rate = per_metre.sum(axis=1)
-    # The echoes there in equal shares, from the smallest drops to the largest.
+    # Quantiles of the echo's amplitude, from the smallest drops to the largest.
     below = np.cumsum(per_metre, axis=1)
     wanted = (np.arange(_SHARES) + 0.5) / _SHARES * rate[:, None]
     chosen = np.stack([np.searchsorted(*row) for row in zip(below, wanted, strict=True)])

@@ -1,8 +1,9 @@
-"""Random numbers of rays: counter-based, so that order and workers do not matter.
+"""Random numbers of rays: counter-based, so that order and number of workers do not matter.
 
-Ray n of a sensor in a frame draws the same two numbers for a purpose whatever else is computed, in
-whatever order: Philox (Salmon et al. 2011, SC11, "Parallel random numbers: as easy as 1, 2, 3")
-keyed with seed, sensor and frame, its counter beginning at the purpose.
+Ray n of a sensor in a frame has the same two numbers per purpose whatever else is computed, in any
+order: Philox (Salmon et al. 2011, SC11, "Parallel random numbers: as easy as 1, 2, 3") keyed with
+seed,
+sensor and frame, with the purpose in its counter.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ __all__ = [
     "truncated_noise",
 ]
 
-#: Every draw is one of so many equally likely levels.
+#: Number of equally likely levels of a draw.
 LEVELS = 1 << 16
 
 
 class Purpose(IntEnum):
-    """What numbers are drawn for: an effect that is turned off leaves the draws of others alone."""
+    """Purpose of random numbers: turning an effect off does not change the draws of others."""
 
     FIRST_ECHO = 0
     SECOND_ECHO = 1
@@ -49,7 +50,7 @@ class Draws(NamedTuple):
 
     Attributes:
         detection: (N,) uint16, uniform; a ray returns where it is below 65,536 p.
-        noise: (N,) uint16, uniform; number of one of 65,536 equally likely levels.
+        noise: (N,) uint16, uniform; quantile of the noise, of 65,536.
     """
 
     detection: NDArray[np.uint16]
@@ -57,12 +58,12 @@ class Draws(NamedTuple):
 
 
 class TurnDraws(NamedTuple):
-    """What chance decides of the N beams of a turn.
+    """Random draws of the N beams of a turn.
 
     Attributes:
-        first: of the first echoes.
-        second: of the second echoes; where a sensor reports one of a beam, those of the first.
-        dead: (N,) bool, beams that report nothing; or none at all.
+        first: draws of the first echoes.
+        second: draws of the second echoes; those of the first if the sensor reports one per beam.
+        dead: (N,) bool, beams that report nothing; (0,) for none.
         quantiles: see `standard_quantiles`.
     """
 
@@ -84,18 +85,18 @@ def draw(
 
 
 def standard_noise(noise: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Return standard normal numbers (N,) of draws: the middles of 65,536 equal shares."""
+    """Return standard normal numbers (N,) by draw: the medians of 65,536 equal shares."""
     return standard_quantiles().take(noise)
 
 
 def truncated_noise(
     noise: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return standard normal numbers (N,) given that they lie within [low, high].
+    """Return standard normal numbers (N,) truncated to [low, high].
 
-    A draw that lies within is kept. One that lies outside is uniformly distributed over
-    its tail, and is mapped to the inside by the inverse distribution: the result has exactly
-    the distribution of drawing again until the number lies within.
+    A draw inside is kept. One outside is uniform over its tail and is mapped to the inside by the
+    inverse
+    distribution, which gives exactly the distribution of repeated drawing.
 
     Args:
         noise: (N,) draws.

@@ -1,4 +1,53 @@
-"""How one sensor answers echoes, with its effects, in the air and the light of the rig."""
+"""The response of one sensor to echoes, with its effects and the rig's weather and light.
+
+**Detection.** ``p = 1 / (1 + (half / strength)^k)``: `DETECTION_AT_REFERENCE` at strength 1, as
+Ouster's datasheets define range, and one half at `HALF_STRENGTH`: the OS1 datasheet has both, 90 %
+at
+100 m and 50 % at 120 m (80 % target), 90 % at 45 m and 50 % at 55 m (10 % target; cited as
+published,
+page not at hand to re-check): 1.2 times the range, ``1.2^-2 = 0.69`` in strength.
+
+**Range noise.** The timing error of a pulse has a part independent of the light (jitter, clock
+steps)
+and one inverse to the signal-to-noise ratio: the Cramer-Rao bound (Van Trees 1968, Detection,
+Estimation, and Modulation Theory I, section 4.2.3; Richmond and Cain 2010, Direct-Detection LADAR
+Systems, SPIE TT85, chapter 6). Both add in squares:
+``sigma = range_sigma_m x sqrt(1 + (KNEE_SNR / snr)^2)``. The datasheet of the first OS1 has both
+ends:
+1.5 cm above an SNR of 250 and 10 cm at 12, so the parts are equal at `KNEE_SNR` (at 100 it says 3
+cm, we
+1.9). Strength 1 is taken as the weakest of the three, `REFERENCE_SNR`. If the datasheet gives the
+scatter of a 10 % target at its range (``weak_sigma_m``), the knee follows from it: newer OS1 are
+two to
+three times as precise there (roads of real scans: `notebook/real_lidar.md`).
+
+**Intensity.** Sensors report strength corrected for range, i.e. backscatter (times the transmission
+of
+the air, which no sensor knows). Diffuse white gives ``intensity_of_white``; below, the scale is
+linear.
+Above: if ``intensity_scale`` mentions retroreflectors (Velodyne, Ouster: codes above 100), codes
+grow
+with the logarithm up to ``intensity_max`` at `BEST_RETRO` (Ouster calls its scale logarithmic
+there,
+Velodyne only says that 255 is an ideal retroreflector); else the scale stays linear and saturates
+at
+``intensity_max`` (Hesai: 255 %). Near some sensors (``overlap_m``) codes are too low, because the
+receiver sees only part of the lit spot: ``1 / (1 + (overlap_m / range)^4)`` on two Ousters that
+report
+asphalt at 1 % next to them and at 5 % farther on; detection is not affected, light being abundant.
+Uncalibrated units have a factor (``measured_code_scale``). Points carry the code divided by the
+greatest, 0 to 1; on an unknown scale white is the greatest, 255.
+
+**Pulse stretching.** A beam of divergence d at range R covers ``R d tan(a)`` of range on a surface
+at
+incidence angle a: the pulse is longer and lower (Wagner et al. 2006, ISPRS J. Photogramm. 60(2),
+section
+3; Baltsavias 1999, ISPRS J. Photogramm. 54, 199-214). Pulse and beam are Gaussian, so widths add in
+squares; a receiver matched to its own pulse of length `CELL_M` sees of the peak
+``1 / sqrt(1 + (R d tan(a) / CELL_M)^2 / 2)`` and detects accordingly. The energy, and so the
+reported
+reflectivity, is unchanged: real OS1-128 report asphalt as bright at 4 degrees as at 8, but lose it.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +86,7 @@ __all__ = [
 DETECTION_AT_REFERENCE = 0.9
 #: Strength at which the probability of a return is one half.
 HALF_STRENGTH = 0.69
-#: k.
+#: Steepness k of the detection curve.
 STEEPNESS = float(
     np.log(DETECTION_AT_REFERENCE / (1 - DETECTION_AT_REFERENCE)) / -np.log(HALF_STRENGTH)
 )
@@ -47,12 +96,12 @@ STEEPNESS = float(
 KNEE_SNR = 12 * float(np.sqrt((10 / 1.5) ** 2 - 1))
 #: Signal-to-noise ratio of the datasheet's target.
 REFERENCE_SNR = 12.0
-#: The first in strength.
+#: `KNEE_SNR` as a strength.
 KNEE_STRENGTH = KNEE_SNR / REFERENCE_SNR
 
 
 def knee_of(sensor: Sensor) -> float:
-    """Return the strength at which both parts of a sensor's noise are equal."""
+    """Return the strength at which both parts of a sensor's range noise are equal."""
     if sensor.weak_sigma_m is None:
         return KNEE_STRENGTH
     ratio = sensor.weak_sigma_m / sensor.assumed_range_sigma_m
@@ -65,11 +114,11 @@ BEST_RETRO = 700 * np.pi
 
 
 class IntensityScale(NamedTuple):
-    """How backscatter becomes a code.
+    """Conversion of backscatter to an intensity code.
 
     Attributes:
         white: code of a white surface.
-        greatest: code of the brightest return.
+        greatest: largest code.
         per_log: codes per unit of the logarithm of backscatter above white; 0: linear.
     """
 
@@ -79,7 +128,7 @@ class IntensityScale(NamedTuple):
 
 
 def intensity_scale(sensor: Sensor) -> IntensityScale:
-    """Return a sensor's scale."""
+    """Return the intensity scale of a sensor."""
     greatest = 255.0 if sensor.intensity_max is None else float(sensor.intensity_max)
     white = greatest if sensor.intensity_of_white is None else float(sensor.intensity_of_white)
     has_retro = "retroreflector" in (sensor.intensity_scale or "") and greatest > white
@@ -88,12 +137,12 @@ def intensity_scale(sensor: Sensor) -> IntensityScale:
     )
 
 
-#: Surfaces are not seen more edge on than this (cosine).
+#: Smallest cosine of incidence.
 _LEAST_COSINE = 1e-3
 
 
 def divergence(sensor: Sensor) -> float:
-    """Return the full width at half maximum of a beam, radians; 0 where it is not published."""
+    """Return the full width at half maximum of a beam, radians; 0 if not published."""
     if sensor.beam_divergence_deg is None:
         return 0.0
     return float(np.sqrt(np.prod(np.radians(sensor.beam_divergence_deg))))
@@ -102,12 +151,12 @@ def divergence(sensor: Sensor) -> float:
 def peak_left(
     divergence_rad: float, range_m: NDArray[np.floating], cosine: NDArray[np.floating]
 ) -> NDArray[np.float32]:
-    """Return what is left (N,) of a pulse's peak, 0 to 1.
+    """Return the remaining peak (N,) of stretched pulses, 0 to 1.
 
     Args:
-        divergence_rad: of the beam.
-        range_m: (N,) of the surface.
-        cosine: (N,) of the angle of incidence.
+        divergence_rad: divergence of the beam.
+        range_m: (N,) ranges of the surfaces.
+        cosine: (N,) cosines of incidence.
     """
     if divergence_rad == 0:
         return np.ones(len(range_m), np.float32)
@@ -120,28 +169,29 @@ Floats = NDArray[np.float32]
 
 
 class ReturnModel:
-    """How one sensor answers: functions of amplitude (N,) and range (N,) of echoes.
+    """Response of one sensor: functions of amplitude (N,) and range (N,) of echoes.
 
-    Amplitude is backscatter times the share of the beam that meets the surface times what glass
-    before it lets through: what a white surface that fills the beam, faced squarely, gives is 1.
-    Range is in metres.
+    Amplitude is backscatter times the share of the beam that hits the surface times the two-way
+    transmission of glass in front: 1 for a white surface at normal incidence that fills the beam.
+    Range is
+    in metres.
 
     Args:
         mounted: the sensor and its effects.
-        conditions: weather and sun; without them, clear air and the datasheet's light.
+        conditions: weather and sun; by default clear air and the datasheet's light.
 
     Attributes:
-        response: all that compiled code needs to know (`compiled.response`).
-        scatter: what materials send back to this sensor, with its effects, in that weather.
-        divergence_rad: of its beams, as far as they are wide.
-        clutter: what the air sends back; ``None`` in clear air.
-        offset_m: added to every range in the end, in whole steps.
+        response: parameters for compiled code (`compiled.response`).
+        scatter: backscatter of materials for this sensor, its effects and the weather.
+        divergence_rad: divergence of its beams; 0 without the footprint effect.
+        clutter: echoes of the atmosphere; ``None`` in clear air.
+        offset_m: range offset of the unit, in whole steps.
     """
 
     def __init__(self, mounted: MountedSensor, conditions: Conditions | None = None) -> None:
         entry, effects = mounted.sensor, mounted.effects
         given = conditions or Conditions()
-        # An effect that is off takes its part of the conditions away.
+        # An effect that is off removes its part of the conditions.
         weather = given if effects.weather else Conditions()
         wet = weather.wet_ground
         if wet is None:
@@ -191,21 +241,21 @@ class ReturnModel:
         self.offset_m = self.quantised(np.array([unit.range_offset_m], np.float32))[0]
 
     def peak_left(self, range_m: Floats, cosine: Floats) -> Floats:
-        """Return what is left (N,) of the peak of pulses from surfaces: see `stretch`.
+        """Return the remaining peak (N,) of stretched pulses, 0 to 1.
 
         Args:
-            range_m: (N,) of the surfaces.
-            cosine: (N,) of the angles of incidence.
+            range_m: (N,) ranges of the surfaces.
+            cosine: (N,) cosines of incidence.
         """
         return peak_left(self.divergence_rad, range_m, cosine)
 
     def strength(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
-        """Return signal to noise relative to the datasheet's target; 0 where nothing was hit.
+        """Return signal to noise relative to the datasheet's target; 0 without a hit.
 
         Args:
-            amplitude: (N,) of echoes.
-            range_m: (N,) of echoes.
-            light: (N,) sunlight on what was hit relative to 100 klx; that on level ground if not
+            amplitude: (N,) of the echoes.
+            range_m: (N,) of the echoes.
+            light: (N,) sunlight on the targets relative to 100 klx; that on level ground if not
                 given.
         """
         strength = np.empty(len(amplitude), np.float32)
@@ -221,7 +271,7 @@ class ReturnModel:
     ) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
         """Return detection level, sigma, intensity and strength in one pass, each (N,).
 
-        ``peak`` is what is left (N,) of the pulses' peaks, 1 if not given.
+        ``peak`` is the remaining peak (N,) of the pulses, 1 if not given.
         """
         peak = np.ones(1, np.float32) if peak is None else peak
         count = len(amplitude)
@@ -235,16 +285,16 @@ class ReturnModel:
     def detection_level(
         self, amplitude: Floats, range_m: Floats, light: Floats | None = None
     ) -> NDArray[np.int32]:
-        """Return the level of 65,536 below which a ray's ``Draws.detection`` means a return.
+        """Return the level, of 65,536, below which a ray's ``Draws.detection`` means a return.
 
-        0 outside the sensor's span of ranges; 65,536 within, without drop-out.
+        0 outside the sensor's range; 65,536 within it without the drop-out effect.
         """
         return self.answers(amplitude, range_m, light)[0]
 
     def noticed_level(self, amplitude: Floats, range_m: Floats) -> NDArray[np.int32]:
-        """Return the level of 65,536 of echoes (N,) that are no surface's.
+        """Return the detection level, of 65,536, of spurious echoes (N,).
 
-        Weak ones are missed whether or not surfaces' echoes are.
+        Weak ones are missed even without the drop-out effect.
         """
         chance = np.empty(len(amplitude))
         probabilities(self.response, self.strength(amplitude, range_m), chance)
@@ -264,19 +314,19 @@ class ReturnModel:
     def detection_among(
         self, amplitude: Floats, range_m: Floats, spread: float, peak: Floats | None = None
     ) -> NDArray[np.float64]:
-        """Return the probability of a return from places that are not all as bright.
+        """Return the probability of a return from places of varying brightness.
 
         Args:
             amplitude: (N,) median over the places.
-            range_m: (N,) of echoes.
-            spread: standard deviation of the logarithm of amplitude.
-            peak: what is left (N,) of the pulses' peaks, 1 if not given.
+            range_m: (N,) of the echoes.
+            spread: standard deviation of the logarithm of the amplitude.
+            peak: remaining peak (N,) of the pulses, 1 if not given.
         """
         # Gauss-Hermite quadrature.
         node, weight = np.polynomial.hermite_e.hermegauss(15 if spread else 1)
         chance = np.zeros(len(range_m))
-        for one, share in zip(node, weight / weight.sum(), strict=True):
-            brighter = np.asarray(amplitude * np.exp(spread * one), np.float32)
+        for deviation, share in zip(node, weight / weight.sum(), strict=True):
+            brighter = np.asarray(amplitude * np.exp(spread * deviation), np.float32)
             level = self.answers(brighter, np.asarray(range_m, np.float32), peak=peak)[0]
             chance += share * level / LEVELS
         return chance
@@ -285,18 +335,18 @@ class ReturnModel:
         """Return the reported intensity, 0 to 1: the sensor's code divided by its greatest.
 
         Args:
-            amplitude: (N,) of echoes.
-            range_m: (N,) of echoes; only the air asks for it.
+            amplitude: (N,) of the echoes.
+            range_m: (N,) of the echoes; needed only in weather.
         """
         return self.answers(amplitude, np.zeros_like(amplitude) if range_m is None else range_m)[2]
 
     @property
     def step_m(self) -> np.float32:
-        """The step that ranges are rounded to; 0 without quantisation."""
+        """Resolution of ranges; 0 without quantisation."""
         return np.float32(self._step_m)
 
     def quantised(self, range_m: Floats) -> Floats:
-        """Return ranges in the sensor's steps; unchanged without quantisation."""
+        """Round ranges to the sensor's resolution; unchanged without quantisation."""
         if self.step_m == 0:
             return range_m
         return np.asarray(np.rint(range_m / self.step_m) * self.step_m)

@@ -1,17 +1,22 @@
-"""Blooming and crosstalk: echoes of retroreflectors where there are none.
+"""Blooming and crosstalk: stray echoes of retroreflectors.
 
-A retroreflector returns hundreds of times what white paper does. Of so much light, what the optics
-scatter is enough to be taken for a target:
+A retroreflector returns hundreds of times as much light as white paper; a small part of it,
+scattered
+by the optics, is enough for a detection:
 
-- **Blooming**: around a sign or a plate neighbouring beams report a halo at its distance. What
-  polished optics scatter falls with a power of the angle, of 1 to 3 (Harvey and Shack; Fest 2013,
-  Stray Light Analysis and Control, SPIE PM229, chapter 4). No maker publishes power or level: we
-  take 3, and `SKIRT` of the light at one width of the beam aside, which makes halos of half a
-  degree around a sign at 15 m for an OS1.
+- **Blooming**: around a sign or a plate neighbouring beams report a halo at its distance. Scatter
+  of
+  polished optics falls with a power of the angle, of 1 to 3 (Harvey and Shack; Fest 2013, Stray
+  Light
+  Analysis and Control, SPIE PM229, chapter 4). No maker publishes power or level: we take 3, and
+  `SKIRT`
+  of the light at one beam width, which makes halos of half a degree around a sign at 15 m for an
+  OS1.
 - **Crosstalk**: channels that fire at the same time see `ISOLATION` of each other's light (40 dB);
-  an assumption too, and off unless asked for.
+  an
+  assumption too, and off by default.
 
-Only what returns more than a white surface, and is strong enough, causes either.
+Only echoes brighter than white, and strong enough, cause either.
 """
 
 from __future__ import annotations
@@ -44,31 +49,31 @@ __all__ = [
 
 
 def strongest_of(strays: list[Stray], strength: list[Floats]) -> tuple[Stray, Floats]:
-    """Return the strongest added echo of every beam that has any, and its strength.
+    """Return the strongest spurious echo of every beam with any, and its strength.
 
     Args:
-        strays: echoes, several of the same beam among them.
-        strength: of each.
+        strays: echoes, possibly several per beam.
+        strength: their strengths.
     """
-    beam = np.concatenate([one.beam for one in strays])
+    beam = np.concatenate([stray.beam for stray in strays])
     strong = np.concatenate(strength)
-    range_m = np.concatenate([one.range_m for one in strays])
-    amplitude = np.concatenate([one.amplitude for one in strays])
+    range_m = np.concatenate([stray.range_m for stray in strays])
+    amplitude = np.concatenate([stray.amplitude for stray in strays])
     order = np.argsort(beam, kind="stable")
     own = np.flatnonzero(np.diff(beam[order], prepend=-1) > 0)
     if len(own) < len(beam):
         best = np.repeat(np.maximum.reduceat(strong[order], own), np.diff(own, append=len(beam)))
         order = order[strong[order] == best]
-        order = order[np.diff(beam[order], prepend=-1) > 0]  # Of two as strong, the first.
+        order = order[np.diff(beam[order], prepend=-1) > 0]  # of equals the first
     return Stray(beam[order], range_m[order], amplitude[order]), strong[order]
 
 
-#: Share of the light that lands in a beam one width aside.
+#: Share of the light in a beam one beam width away.
 SKIRT = 3e-4
-#: Share of the light that a channel sees of another that fires with it.
+#: Share of the light between channels that fire together.
 ISOLATION = 1e-4
-#: Strength below which a share of stray light is not looked at: with ten of them, one echo in a
-#: thousand would be noticed.
+#: Strength below which stray light is neglected: ten such shares are detected once in a thousand
+#: echoes.
 _FLOOR = 0.02
 
 Floats = NDArray[np.float32]
@@ -90,11 +95,11 @@ class Source(NamedTuple):
 
 
 class Spill(NamedTuple):
-    """What bright echoes spill into other beams, source by source.
+    """Stray light of bright echoes in other beams, grouped by source.
 
     Attributes:
-        beam: (S,) int32, that it lands in.
-        source: (S,) int32, number of the echo that it is from.
+        beam: (S,) int32, receiving beam.
+        source: (S,) int32, index of the bright echo.
         amplitude: (S,) float32.
     """
 
@@ -103,16 +108,16 @@ class Spill(NamedTuple):
     amplitude: Floats
 
     def only(self, sources: NDArray[np.bool_]) -> Spill:
-        """Return what some of the sources (B,) spill."""
+        """Return the stray light of some of the sources (B,)."""
         which = sources.take(self.source)
         return Spill(self.beam[which], self.source[which], self.amplitude[which])
 
 
 class Stray(NamedTuple):
-    """S echoes that stray light causes.
+    """S echoes caused by stray light.
 
     Attributes:
-        beam: (S,) int32, that sees them.
+        beam: (S,) int32, receiving beam.
         range_m: (S,) float32.
         amplitude: (S,) float32.
     """
@@ -122,7 +127,7 @@ class Stray(NamedTuple):
     amplitude: Floats
 
     def only(self, which: NDArray[np.bool_]) -> Stray:
-        """Return some of them."""
+        """Return a subset."""
         return Stray(self.beam[which], self.range_m[which], self.amplitude[which])
 
 
@@ -138,13 +143,13 @@ def spilled(
     rings: Rings,
     source: Source,
 ) -> Spill:
-    """Return what bright echoes spill into the beams around them.
+    """Return the stray light of bright echoes in the beams around them.
 
     Args:
-        model: of the sensor.
-        sensor: a turning one.
-        beams: of it.
-        rings: in which they stand.
+        model: return model of the sensor.
+        sensor: a spinning sensor.
+        beams: its beams.
+        rings: its channels by elevation.
         source: bright echoes.
     """
     width = float(np.sqrt(np.prod(np.radians(sensor.assumed_divergence_deg))))
@@ -162,7 +167,7 @@ def spilled(
 
 
 def blooms(spills: Sequence[tuple[Spill, Source]]) -> Stray:
-    """Return the halo that bright echoes have together, given what each of them spills."""
+    """Return the halo of bright echoes, from the stray light of each."""
     return _added_up(
         np.concatenate([spill.beam for spill, _ in spills]),
         np.concatenate([source.range_m.take(spill.source) for spill, source in spills]),
@@ -176,23 +181,23 @@ def crosstalks(
     columns: int,
     source: Source,
 ) -> Stray:
-    """Return what bright echoes cause in channels that fire at the same time.
+    """Return the stray echoes of bright ones in channels that fire at the same time.
 
     Args:
-        model: of the sensor.
-        ring_time_s: (C,) when each channel fires within its column.
-        columns: in a turn.
+        model: return model of the sensor.
+        ring_time_s: (C,) firing time of each channel within its column.
+        columns: columns per turn.
         source: bright echoes.
     """
     strength = _strengths(model, source)
-    found = _written(
+    spill_out = _written(
         lambda out: crosstalk(source, strength, ring_time_s, columns, ISOLATION, _FLOOR, out)
     )
-    return _added_up(found.beam, source.range_m.take(found.source), found.amplitude)
+    return _added_up(spill_out.beam, source.range_m.take(spill_out.source), spill_out.amplitude)
 
 
 def _strengths(model: ReturnModel, source: Source) -> Floats:
-    """Return strengths (B,), whatever light is on the targets: others look elsewhere."""
+    """Return strengths (B,) without sunlight: other channels look elsewhere."""
     strength = np.empty(len(source.beam), np.float32)
     dark = np.zeros(1, np.float32)
     strengths(model.response, source.amplitude, source.range_m, dark, strength)
@@ -200,7 +205,7 @@ def _strengths(model: ReturnModel, source: Source) -> Floats:
 
 
 def _written(write: Callable[[Spill], int]) -> Spill:
-    """Return what a function writes that is called again where it asks for more room."""
+    """Call a function that fills an output, again with more room if it asks for it."""
     room = 1 << 16
     while True:
         out = Spill(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32))
@@ -211,7 +216,7 @@ def _written(write: Callable[[Spill], int]) -> Spill:
 
 
 def _added_up(beam: Whole, range_m: Floats, amplitude: Floats) -> Stray:
-    """Add up what arrives in a beam within a pulse's length."""
+    """Sum what arrives in a beam within a pulse length."""
     if not len(beam):
         return Stray(beam, range_m, amplitude)
     order = np.lexsort((range_m, beam))

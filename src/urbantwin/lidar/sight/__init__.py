@@ -1,7 +1,7 @@
-"""What the sensors of a rig see: of cells of ground, of targets, and of the junction they stand at.
+"""Visibility: what the sensors of a rig see of ground cells, targets and their junction.
 
-`line_of_sight` casts straight lines, `expected_points` beams with all that `record` draws from.
-Coverage, siting, placement, labels and the page that shows frames use these two and no others.
+`line_of_sight` casts straight lines, `expected_points` beams with the full return model. Coverage,
+placement, labels and the viewer use these two only.
 """
 
 from typing import TYPE_CHECKING

@@ -1,20 +1,22 @@
-"""How densely a rig covers the site: points per square metre, by sensor and cell.
+"""Coverage: point density of a rig over the site, per sensor and cell.
 
-Three measures, each as an average over time, in points per second and square metre:
+Three densities, averaged over time, in points per second and square metre:
 
-- **ground**: what the ground of the static world itself returns.
-- **lying**: what a horizontal diffuse surface would return that lies `LEVEL_M` above the ground:
-  a bonnet, a roof, a load.
-- **facing**: what a diffuse surface would return that stands there and faces the sensor: a car's
-  side, a person. It is the mean over a band of `BAND_M` about `LEVEL_M`, estimated from the length
-  of the rays within (the track-length estimator of particle transport: Lux and Koblinger 1991,
-  "Monte Carlo Particle Transport Methods", CRC Press), so that it holds for beams that run
-  level, too.
+- **ground**: returns of the ground of the static world.
+- **lying**: returns of a horizontal diffuse surface `LEVEL_M` above the ground: a bonnet, a roof, a
+  load.
+- **facing**: returns of a diffuse surface there that faces the sensor: a car's side, a person. It
+  is the
+  mean over a band of `BAND_M` about `LEVEL_M`, estimated from the path length of the rays within
+  (the
+  track-length estimator of particle transport: Lux and Koblinger 1991, "Monte Carlo Particle
+  Transport
+  Methods", CRC Press), so that it holds for horizontal beams too.
 
-What the ground returns is what `expected_points` has of it. The two surfaces are imagined; beams
-reach them past everything but panes of glass, and the first pane weakens what comes back from a
-lying one. A ray counts as often as it returns, by the sensor's model, with its effects and the
-rig's weather. There are no actors.
+Ground returns are those of `expected_points`. The two surfaces are hypothetical; beams pass panes
+of
+glass on the way, and the first pane attenuates the return of a lying one. A ray counts with its
+probability of a return by the sensor's model, with effects and weather. There are no actors.
 """
 
 from __future__ import annotations
@@ -42,9 +44,9 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["LAYERS", "REFLECTIVITY", "Coverage", "facing_per_frame", "rig_coverage"]
 
-#: The measures, in the order of files and pictures.
+#: Densities, in the order of files and pictures.
 LAYERS = ("ground", "lying", "facing")
-#: Diffuse reflectivity of the surfaces that are imagined above the ground: a dark car, clothes.
+#: Diffuse reflectivity of the hypothetical surfaces: a dark car, clothes.
 REFLECTIVITY = 0.1
 
 #: Ground that vehicles drive and stand on.
@@ -59,9 +61,9 @@ class Coverage:
         cells: the grid.
         sensors: names of the S sensors.
         rate_hz: frames per second: divide by it for points per frame.
-        ground: (S, ny, nx) float32, of the ground.
-        lying: (S, ny, nx) float32, of a horizontal surface above the ground.
-        facing: (S, ny, nx) float32, of a surface above the ground that faces the sensor.
+        ground: (S, ny, nx) float32, ground.
+        lying: (S, ny, nx) float32, horizontal surface above the ground.
+        facing: (S, ny, nx) float32, surface above the ground that faces the sensor.
     """
 
     cells: Cells
@@ -77,15 +79,17 @@ class Coverage:
         return np.asarray(each.sum(axis=0) / np.float32(self.rate_hz))
 
     def summary(self, region: shapely.Polygon | None = None) -> dict[str, Any]:
-        """Return what the streets get, as can stand in JSON.
+        """Return statistics over streets, for JSON.
 
         Args:
-            region: what counts, site frame; the whole grid when not given.
+            region: area that counts, site frame; the whole grid if not given.
 
         Returns:
-            ``street_m2`` (area of the grid's streets) and, for each layer, ``m2_from_N``: the area
-            of streets with at least N points per square metre and frame, ``m2_from_2_sensors``:
-            with at least one from each of two sensors or more, and ``most``: the densest cell.
+            ``street_m2`` (area of the grid's streets) and, for each density, ``m2_from_N``: area of
+            streets
+            with at least N points per square metre and frame, ``m2_from_2_sensors``: with at least
+            one from
+            each of two sensors, and ``most``: the densest cell.
         """
         cells = self.cells
         street = np.isin(cells.semantic, [semantic_id(name) for name in _STREET])
@@ -95,12 +99,12 @@ class Coverage:
             y = cells.y0 + (np.arange(rows) + 0.5) * cells.size_m
             street &= shapely.contains_xy(region, *np.meshgrid(x, y))
         area = cells.size_m**2
-        found: dict[str, Any] = {"street_m2": round(float(street.sum() * area), 1)}
+        summary: dict[str, Any] = {"street_m2": round(float(street.sum() * area), 1)}
         for layer in LAYERS:
             density = self.per_frame(layer)
             each = getattr(self, layer) / np.float32(self.rate_hz)
             several = (each >= 1.0).sum(axis=0) >= 2
-            found[layer] = {
+            summary[layer] = {
                 **{
                     f"m2_from_{least}": round(float((street & (density >= least)).sum() * area), 1)
                     for least in (1, 10, 100)
@@ -108,7 +112,7 @@ class Coverage:
                 "m2_from_2_sensors": round(float((street & several).sum() * area), 1),
                 "most": round(float(density.max()), 1),
             }
-        return found
+        return summary
 
     def save(self, path: Path) -> None:
         """Write a ``.npz``; the same coverage gives the same bytes."""
@@ -134,34 +138,38 @@ def rig_coverage(
     surface: SurfaceMaterials | None = None,
     progress: Progress | None = None,
 ) -> Coverage:
-    """Return how densely a rig covers a part of the site.
+    """Return the coverage of a part of the site by a rig.
 
     Args:
         rig: the sensors; outages at the start of the motion count, later ones do not.
         mesh: the static world, site frame.
-        bounds: west, south, east and north edge of what is looked at, site frame, metres.
+        bounds: west, south, east and north edge of the part, site frame, metres.
         cell_m: side of a cell.
-        surface: materials of the ground that are finer than the mesh.
-        progress: called with the share that is done and what is being done.
+        surface: materials of the ground at finer resolution than the mesh.
+        progress: called with the fraction done and a description.
 
     Raises:
-        InputError: the rig rides on an actor, there is no ground, or a cell is too small.
+        InputError: the rig is mounted on an actor, there is no ground, or a cell is too small.
     """
     _check_stands(rig)
     tell = progress or untold
     tell(0.0, "the ground")
     cells = cells_over(mesh, bounds, cell_m)
     area, count = cell_m * cell_m, len(rig.sensors)
-    found = np.zeros((len(LAYERS), count, *cells.shape), np.float32)
-    near = np.mean([one.site_SE3_sensor.translation for one in rig.sensors], axis=0)
-    world = ExpectedPoints(mesh, surface, near)
+    density = np.zeros((len(LAYERS), count, *cells.shape), np.float32)
+    centre = np.mean(
+        [mounted_sensor.site_SE3_sensor.translation for mounted_sensor in rig.sensors], axis=0
+    )
+    world = ExpectedPoints(mesh, surface, centre)
     for number, mounted in enumerate(rig.sensors):
         tell((number + 0.2) / (count + 0.2), f"sensor {mounted.name}")
         layers = _Air(mounted, rig.conditions, mesh).layers(cells, world)
-        found[:, number] = np.stack(layers) * (_turns_per_second(mounted) / area)
-    found[2] /= BAND_M
+        density[:, number] = np.stack(layers) * (_turns_per_second(mounted) / area)
+    density[2] /= BAND_M
     tell(1.0, "done")
-    return Coverage(cells, tuple(one.name for one in rig.sensors), rig.rate_hz, *found)
+    return Coverage(
+        cells, tuple(mounted_sensor.name for mounted_sensor in rig.sensors), rig.rate_hz, *density
+    )
 
 
 def facing_per_frame(
@@ -172,9 +180,9 @@ def facing_per_frame(
     cell_m: float,
     progress: Progress | None = None,
 ) -> tuple[Cells, NDArray[np.float32]]:
-    """Return what ``rig_coverage(...).per_frame("facing")`` does (ny, nx), and its cells.
+    """Return ``rig_coverage(...).per_frame("facing")`` (ny, nx), and its cells.
 
-    It is much faster: panes and what the ground itself returns are left out.
+    Much faster: panes and returns of the ground are left out.
 
     Args:
         rig: as `rig_coverage`.
@@ -190,13 +198,13 @@ def facing_per_frame(
     tell = progress or untold
     tell(0.0, "the ground")
     cells = cells_over(mesh, bounds, cell_m)
-    found = np.zeros((len(rig.sensors), *cells.shape), np.float32)
+    density = np.zeros((len(rig.sensors), *cells.shape), np.float32)
     for number, mounted in enumerate(rig.sensors):
         tell((number + 0.2) / (len(rig.sensors) + 0.2), f"sensor {mounted.name}")
         facing = _Air(mounted, rig.conditions, mesh).facing(cells)
-        found[number] = facing * (_turns_per_second(mounted) / (cell_m * cell_m * BAND_M))
+        density[number] = facing * (_turns_per_second(mounted) / (cell_m * cell_m * BAND_M))
     tell(1.0, "done")
-    return cells, np.asarray(found.sum(axis=0) / np.float32(rig.rate_hz))
+    return cells, np.asarray(density.sum(axis=0) / np.float32(rig.rate_hz))
 
 
 def _check_stands(rig: Rig) -> None:
@@ -207,7 +215,7 @@ def _check_stands(rig: Rig) -> None:
 
 
 class _Air:
-    """Surfaces that are imagined in the air, in sight of one sensor.
+    """Hypothetical surfaces above the ground, in sight of one sensor.
 
     Args:
         mounted: the sensor.
@@ -220,9 +228,9 @@ class _Air:
         self._pose = mounted.site_SE3_sensor
         self._model = ReturnModel(mounted, conditions)
         solid = mesh.select(self._model.scatter.through[mesh.material] == 0)
-        # Moved to the sensor before it becomes float32.
+        # Relative to the sensor, because rays are float32.
         self._solid = RayScene(solid.vertices - self._pose.translation, solid.faces)
-        # What a metre of a ray is worth at a range: the chance of a return from a facing surface.
+        # Weight of a metre of a ray by range: the probability of a return from a facing surface.
         farthest = mounted.sensor.assumed_range_max_m
         ranges = (np.arange(int(np.ceil(farthest / STEP_M))) + 0.5) * STEP_M
         self._weight = self._chance(REFLECTIVITY, ranges)
@@ -230,12 +238,12 @@ class _Air:
     def _chance(
         self, amplitude: NDArray[np.floating] | float, range_m: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return the chance (N,) of a return of an amplitude (N,)."""
+        """Return the probability (N,) of a return of an amplitude (N,)."""
         sent = np.full(range_m.shape, amplitude, np.float32)
         return self._model.detection(sent, range_m.astype(np.float32))
 
     def _passage(self, cells: Cells, beams: NDArray[np.float64]) -> Passage:
-        """Follow beams (N, 3) of the sensor frame until they meet something opaque."""
+        """Follow beams (N, 3), sensor frame, until they hit something opaque."""
         aims = beams @ self._pose.rotation.T
         reach_m = self._solid.cast(np.zeros(3), aims.astype(np.float32)).range_m
         return traverse(cells, self._pose.translation, aims, reach_m, self._weight)
@@ -249,16 +257,16 @@ class _Air:
         return np.asarray(sum(each) / len(each))
 
     def layers(self, cells: Cells, world: ExpectedPoints) -> list[NDArray[np.float64]]:
-        """Return points per turn and cell, in the order of `LAYERS`; of facing, per metre."""
+        """Return points per turn and cell, in the order of `LAYERS`; for facing, per metre."""
         ground, lying, facing = (np.zeros(cells.shape) for _ in LAYERS)
         turns = list(turns_of(self._mounted))
         for number, beams, works in turns:
             turn = world.turn(
                 self._mounted, self._model, Beams.of(self._mounted, number), one_pose(self._pose)
             )
-            found = turn.points
-            hit = np.flatnonzero(found.is_ground & works[found.beam])
-            _add(ground, cells.numbers(found.place[hit]), found.chance[hit])
+            points = turn.points
+            hit = np.flatnonzero(points.is_ground & works[points.beam])
+            _add(ground, cells.numbers(points.place[hit]), points.chance[hit])
 
             passage = self._passage(cells, beams[works])
             ray = np.flatnonzero(passage.cell >= 0)
@@ -272,13 +280,13 @@ class _Air:
 
 
 def _turns_per_second(mounted: MountedSensor) -> float:
-    """Return how many turns a second are recorded, on average, as far as beams return any."""
+    """Return the mean number of recorded turns per second, times the share of working beams."""
     recorded = min(1.0, mounted.frame_window_s * mounted.rate_hz)
     working = (1.0 - mounted.dropped_frames) * (1.0 - mounted.missing)
     return mounted.turns_per_second * recorded * working
 
 
 def _add(layer: NDArray[np.float64], cell: NDArray[np.int64], chance: NDArray[np.float64]) -> None:
-    """Add chances (N,) to the cells (N,) of a layer; those in no cell are left out."""
+    """Add probabilities (N,) to the cells (N,) of a layer; -1 is outside."""
     inside = cell >= 0
     layer += np.bincount(cell[inside], chance[inside], layer.size).reshape(layer.shape)

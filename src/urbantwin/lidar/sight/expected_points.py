@@ -1,8 +1,10 @@
-"""Points that a sensor is expected to return: from the static world, and from every actor.
+"""Expected number of points of a sensor on the static world and on actors.
 
-A beam has its footprint, passes panes of glass, and returns with the chance that the sensor's model
-gives (`lidar.echoes`): what `urbantwin record` draws from, before anything is drawn. Sensors take
-no points from each other, so the points of a rig are the sum of those of its sensors.
+A beam has its footprint, passes panes of glass, and returns with the probability of the sensor's
+model
+(`lidar.echoes`): the distribution from which `urbantwin record` draws. Sensors do not influence
+each
+other, so the points of a rig are the sum over its sensors.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["NOBODY", "ActorPoints", "ExpectedPoints", "StaticPoints", "Turn", "one_pose"]
 
-#: The blocker of an actor that nothing hides.
+#: Blocker of an actor without occlusion.
 NOBODY = -(1 << 30)
 
 
@@ -38,11 +40,11 @@ class StaticPoints(NamedTuple):
     """Echoes of the static world that a turn may report.
 
     Attributes:
-        beam: (K,) the beam of each.
-        place: (K, 3) float64, where it comes from, site frame, metres.
+        beam: (K,) beam of each.
+        place: (K, 3) float64, its position, site frame, metres.
         range_m: (K,) float32.
-        chance: (K,) float64, 0..1, that it is reported.
-        is_ground: (K,) whether it comes from the ground.
+        chance: (K,) float64, 0..1, probability that it is reported.
+        is_ground: (K,) whether it is on the ground.
     """
 
     beam: NDArray[np.int32]
@@ -53,14 +55,15 @@ class StaticPoints(NamedTuple):
 
 
 class ActorPoints(NamedTuple):
-    """What a turn returns from A actors.
+    """Expected points of a turn on A actors.
 
     Attributes:
-        points: (A,) float64, points expected from each.
-        alone: (A,) float64, points expected if nothing stood before it.
-        blocker: (A,) int64, what takes most of the others: the number of an actor, or -1 less a
-            semantic class; `NOBODY` where nothing does.
-        taken: (A,) float64, number of points that it takes.
+        points: (A,) float64, expected points.
+        alone: (A,) float64, expected points without occlusion.
+        blocker: (A,) int64, the object that hides most: index of an actor, or -1 less a semantic
+            class;
+            `NOBODY` for none.
+        taken: (A,) float64, number of points that it hides.
     """
 
     points: NDArray[np.float64]
@@ -74,8 +77,8 @@ class ExpectedPoints:
 
     Args:
         mesh: the static world, site frame.
-        surface: materials of the ground that are finer than the mesh.
-        near: (3,) a place near the sensors, site frame, metres.
+        surface: materials of the ground at finer resolution than the mesh.
+        near: (3,) a position near the sensors, site frame, metres.
     """
 
     def __init__(
@@ -91,8 +94,8 @@ class ExpectedPoints:
 
         Args:
             mounted: the sensor.
-            model: what it makes of echoes.
-            beams: of the turn.
+            model: its return model.
+            beams: beams of the turn.
             poses: one pose of the sensor, site frame.
         """
         sweep = Sweep.snapshot(beams.columns, beams.channels)
@@ -101,22 +104,22 @@ class ExpectedPoints:
 
 
 def one_pose(site_SE3_sensor: Pose) -> SensorPoses:
-    """Return the pose of a sensor that stands still, as casting takes it."""
+    """Return the pose of a fixed sensor in the form of ray casting."""
     rotation, translation = site_SE3_sensor.rotation, site_SE3_sensor.translation
     return SensorPoses(np.array(rotation[None], order="C"), np.array(translation[None]))
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """N beams of a sensor, and what they meet of the static world.
+    """N beams of a sensor, and their static layers.
 
     Attributes:
         mounted: the sensor.
-        model: what it makes of echoes.
-        beams: of the turn.
+        model: its return model.
+        beams: beams of the turn.
         poses: its pose, site frame.
-        static: layers along the beams.
-        tracer: what casts.
+        static: static layers along the beams.
+        tracer: ray tracer.
     """
 
     mounted: MountedSensor
@@ -133,7 +136,7 @@ class Turn:
 
     @cached_property
     def points(self) -> StaticPoints:
-        """What the static world returns without actors."""
+        """Returns of the static world without actors."""
         share, returns = self.beams.footprint.share, self.mounted.returns
         echoes = static_echoes(self.static, share, self.model, returns)
         echo, beam, chance = _reported(echoes, dual=returns == "dual")
@@ -144,24 +147,24 @@ class Turn:
         return StaticPoints(beam, place, range_m, chance, is_ground)
 
     def panes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where beams (N,) meet their first pane of glass, metres, and what passes, 0..1.
+        """Return the range of the first pane (N,) of each beam, metres, and its transmission, 0..1.
 
-        Where there is none: ``inf`` and 1.
+        ``inf`` and 1 without one.
         """
         layer = np.flatnonzero(self.static.through > 0)
         layer = layer[np.argsort(-self.static.range_m[layer], kind="stable")]
         beam = self.static.beam[layer]
         range_m, passes = np.full(len(self.aims), np.inf), np.ones(len(self.aims))
-        # The nearest is written last.
+        # The nearest pane is written last.
         range_m[beam], passes[beam] = self.static.range_m[layer], self.static.through[layer]
         return range_m, passes
 
     def on_actors(self, actors: PresentActors, sweep: Sweep) -> ActorPoints | None:
-        """Return what actors return; ``None`` where no beam touches any.
+        """Return the expected points on actors; ``None`` if no beam touches any.
 
         Args:
             actors: A actors.
-            sweep: when the beams fire.
+            sweep: firing times.
         """
         met = cast_actors(
             self.tracer,
@@ -181,18 +184,18 @@ class Turn:
         points = np.bincount(echoes.owner[echo[own]], chance[own], minlength=count)
         alone = np.bincount(lone.actor, lone.level / LEVELS, minlength=count)
         blocker, taken = _blockers(echoes, lone, self.static, count)
-        kept = np.float64(1.0 - self.mounted.missing)
+        working = np.float64(1.0 - self.mounted.missing)
         return ActorPoints(
-            np.asarray(kept * points), np.asarray(kept * alone), blocker, kept * taken
+            np.asarray(working * points), np.asarray(working * alone), blocker, working * taken
         )
 
 
 def _reported(
     echoes: Echoes, *, dual: bool
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return the echoes (K,) that may be reported, the beam of each, and its chance.
+    """Return the echoes (K,) that may be reported, the beam of each, and its probability.
 
-    A second echo is reported besides the first (``dual``), or where the first was missed.
+    A second echo is reported besides the first (``dual``), or if the first was missed.
     """
     chance = echoes.level / LEVELS
     first = np.flatnonzero(echoes.first >= 0)
@@ -207,7 +210,7 @@ def _reported(
 def _blockers(
     echoes: Echoes, alone: Alone, static: StaticLayers, count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return what takes most points from each actor (A,), as `ActorPoints` has it."""
+    """Return what hides most points of each actor (A,), as in `ActorPoints`."""
     blocker, most = np.full(count, NOBODY, np.int64), np.zeros(count)
     place = echoes.place[alone.beam]
     first = np.where(place >= 0, echoes.first[np.maximum(place, 0)], -1)
@@ -218,7 +221,7 @@ def _blockers(
     code = np.where(owner >= 0, owner % BESIDE, -1 - semantic)
     pairs, which = np.unique(np.stack([actor, code]), axis=1, return_inverse=True)
     taken = np.bincount(which.ravel(), alone.level[lost] / LEVELS, minlength=pairs.shape[1])
-    # The largest is written last; of equal ones the first code.
+    # The largest is written last; of equals the first code.
     order = np.lexsort((-np.arange(len(taken)), taken))
     order = order[taken[order] > 0]
     blocker[pairs[0, order]], most[pairs[0, order]] = pairs[1, order], taken[order]

@@ -1,4 +1,4 @@
-"""The directions and distances that a sensor sees, taken from its beams."""
+"""Field of view and range of a sensor, from its beams."""
 
 from __future__ import annotations
 
@@ -14,35 +14,36 @@ from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["FieldOfView", "turns_of"]
 
-#: Sectors of azimuth at most, and rays of a channel in each at least: no sector is without beams.
+#: Most sectors of azimuth, and least rays of a channel in each, so that no sector is empty.
 _MOST_SECTORS, _RAYS_PER_SECTOR = 720, 2
-#: Sectors of a coarse field of view: every sensor of the catalogue has beams in each.
+#: Sectors of a coarse field of view: every catalogue sensor has beams in each.
 _COARSE = 120
-#: Number of beams that represent all of them where a share of the points is estimated.
+#: Number of beams in the sample.
 _SAMPLE = 900
-#: Margin above and below a sensor with one channel, radians.
+#: Vertical margin of a sensor with one channel, radians.
 _MARGIN = np.radians(0.25)
-#: Maximum number of frames of a pattern that does not repeat with the frame.
+#: Most frames of a non-repeating pattern.
 _FRAMES = 20
 
 
 class FieldOfView:
-    """What lies between the lowest and the highest beam of every sector of azimuth.
+    """The elevations between the lowest and the highest beam, by sector of azimuth.
 
-    Directions are unit vectors in the sensor frame (x forward, y left, z up). Sectors in which no
-    beam works are not part of it.
+    Directions are unit vectors in the sensor frame (x forward, y left, z up). Sectors without a
+    working beam
+    are outside.
 
     Args:
-        beams: (N, 3) beams that work.
-        range_m: nearest and farthest distance that is measured, metres.
+        beams: (N, 3) working beams.
+        range_m: minimum and maximum range, metres.
         sectors: number of sectors of azimuth.
-        margin: whether it extends half a channel's spacing beyond the outermost beams, as a pixel
-            extends beyond its middle.
+        margin: extend it by half a channel spacing beyond the outermost beams.
 
     Attributes:
-        range_m: nearest and farthest distance, metres.
-        all_around: lowest and highest elevation that is seen in every direction, radians; the
-            first is above the second where a sector is blind.
+        range_m: minimum and maximum range, metres.
+        all_around: lowest and highest elevation seen in every direction, radians; the first is
+            above the
+            second if a sector is empty.
         sample: (S, 3) some of the beams, evenly spread.
         per_steradian: mean number of beams per steradian of the field.
     """
@@ -76,12 +77,11 @@ class FieldOfView:
 
     @classmethod
     def of(cls, mounted: MountedSensor, dead: NDArray[np.bool_] | None = None) -> FieldOfView:
-        """Return what a sensor sees, in fine sectors.
+        """Return the field of view of a sensor, in fine sectors.
 
         Args:
             mounted: the sensor.
-            dead: (C, K) beams that do not work; of a pattern that does not repeat with the frame
-                all beams count.
+            dead: (C, K) beams in an outage; ignored for a non-repeating pattern.
         """
         sensor, columns = mounted.sensor, mounted.columns
         turns = [_beams(sensor, columns, mounted.rate_hz, turn) for turn in _turns(mounted)]
@@ -91,20 +91,20 @@ class FieldOfView:
 
     @classmethod
     def coarse(cls, sensor: Sensor, columns: int) -> FieldOfView:
-        """Return what one turn of a sensor sees, in coarse sectors."""
+        """Return the field of view of one turn, in coarse sectors."""
         beams = _beams(sensor, columns, sensor.rate_hz, 0)
-        # Channels before columns, so that the sample has beams of all azimuths.
+        # Channels vary fastest, so that the sample has all azimuths.
         return cls(beams.transpose(1, 0, 2).reshape(-1, 3), _range_m(sensor))
 
     def holds(self, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Return which unit vectors (..., 3) lie within, whatever their distance."""
+        """Return which unit vectors (..., 3) are inside, at any range."""
         elevation, sector = _elevation(directions), self._sector(directions)
         return np.asarray((elevation >= self._low[sector]) & (elevation <= self._high[sector]))
 
     def sees(
         self, directions: NDArray[np.floating], range_m: NDArray[np.floating]
     ) -> NDArray[np.bool_]:
-        """Return which places (N,) are seen, given by unit vectors (N, 3) and distances (N,)."""
+        """Return which unit vectors (N, 3) at ranges (N,) are inside and in range."""
         near, far = self.range_m
         return np.asarray(self.holds(directions) & (range_m >= near) & (range_m <= far))
 
@@ -117,7 +117,7 @@ class FieldOfView:
 def turns_of(
     mounted: MountedSensor,
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.bool_]]]:
-    """Yield the turns of a sensor that differ: number, beams (N, 3), which of them (N,) work."""
+    """Yield the distinct turns of a sensor: number, beams (N, 3), and which of them (N,) work."""
     for turn in _turns(mounted):
         beams = _beams(mounted.sensor, mounted.columns, mounted.rate_hz, turn)
         dead = dead_beams(mounted, turn / mounted.rate_hz)

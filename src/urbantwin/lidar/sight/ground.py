@@ -1,4 +1,4 @@
-"""The ground of a junction: the squares that sensors are to see, and where poles can stand."""
+"""The ground of a junction as squares to be seen, and positions for poles."""
 
 from __future__ import annotations
 
@@ -19,45 +19,47 @@ __all__ = ["CELL_M", "JunctionGround", "ground_in_plan", "ground_of_network", "p
 
 #: Side of the squares of a junction's ground, metres.
 CELL_M = 2.0
-#: Poles: nearest and farthest distance from the middle of the junction, step of the grid, metres.
+#: Poles: least and largest distance from the centre of the junction, and grid spacing, metres.
 _NEAREST_M, _FARTHEST_M, _GRID_M = 8.0, 45.0, 1.5
-#: Nearest and farthest distance of a pole from a carriageway: clear of mirrors, beside the street.
+#: Least and largest distance of a pole from a carriageway, metres: clear of mirrors, beside the
+#: street.
 _KERB_M, _BESIDE_M = 0.6, 8.0
-#: Distance of a pole from the middle of a footway, metres.
+#: Least distance of a pole from the centre line of a footway, metres.
 _FOOTWAY_M = 0.7
-#: Classes of ground that a pole can be set in.
+#: Ground classes on which a pole can stand.
 _FOOTING = ("sidewalk", "terrain", "other-ground")
 
 
 @dataclass(frozen=True, eq=False)
 class JunctionGround:
-    """Lanes and crossings around the middle of a junction, in squares of `CELL_M`.
+    """Lanes and crossings around the centre of a junction, in squares of `CELL_M`.
 
     Attributes:
-        points: (M, 3) the middle of each square, `LEVEL_M` above the road: where the body of a car
-            or of a person would be. Site frame, metres.
-        middle: (2,) of the junction.
+        points: (M, 3) centre of each square, `LEVEL_M` above the road, at the height of a car's or
+            person's
+            body. Site frame, metres.
+        middle: (2,) centre of the junction.
     """
 
     points: NDArray[np.float64]
     middle: NDArray[np.float64]
 
     def numbers(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the square (N,) that holds each of places (N, 2); -1 where none does."""
-        found = np.full(len(places), -1)
+        """Return the square (N,) that contains each of places (N, 2); -1 for none."""
+        square = np.full(len(places), -1)
         if not len(self.points):
-            return found
+            return square
         cell = np.floor(self.points[:, :2] / CELL_M).astype(np.int64)
         low = cell.min(axis=0)
         table = np.full(cell.max(axis=0) - low + 1, -1)
         table[tuple((cell - low).T)] = np.arange(len(cell))
-        own = np.floor(places / CELL_M).astype(np.int64) - low
-        inside = ((own >= 0) & (own < table.shape)).all(axis=1)
-        found[inside] = table[tuple(own[inside].T)]
-        return found
+        place_cell = np.floor(places / CELL_M).astype(np.int64) - low
+        inside = ((place_cell >= 0) & (place_cell < table.shape)).all(axis=1)
+        square[inside] = table[tuple(place_cell[inside].T)]
+        return square
 
     def on_crossings(self, network: RoadNetwork) -> NDArray[np.bool_]:
-        """Return which squares (M,) lie on a crossing of a network."""
+        """Return which squares (M,) are on a crossing of a network."""
         areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
         if not areas or not len(self.points):
             return np.zeros(len(self.points), np.bool_)
@@ -67,21 +69,21 @@ class JunctionGround:
 
 
 def ground_in_plan(area: shapely.Geometry) -> JunctionGround:
-    """Return the ground of an area in plan about the origin, where the heights are not known."""
+    """Return the ground of an area about the origin, without heights."""
     return JunctionGround(_above(_squares(area), 0.0), np.zeros(2))
 
 
 def ground_of_network(
     network: RoadNetwork, region: shapely.Polygon, middle: NDArray[np.float64]
 ) -> JunctionGround:
-    """Return the ground within `JUNCTION_M` of the middle of a junction.
+    """Return the ground within `JUNCTION_M` of the centre of a junction.
 
-    Where roads cross on several levels, that of the lane nearest to the middle counts.
+    Where roads cross on several levels, the level of the lane nearest to the centre counts.
 
     Args:
         network: the lanes, with heights.
         region: the region of interest.
-        middle: (2,) of the junction, site frame.
+        middle: (2,) centre of the junction, site frame.
     """
     lanes = [lane for lane in network.lanes if lane.kind != "sidewalk" and len(lane.centre)]
     if not lanes:
@@ -97,7 +99,7 @@ def ground_of_network(
 
 
 def _squares(area: shapely.Geometry) -> NDArray[np.float64]:
-    """Return the middles (M, 2) of the squares of a fixed grid that an area holds."""
+    """Return the centres (M, 2) of the squares of a fixed grid inside an area."""
     if area.is_empty:
         return np.zeros((0, 2))
     west, south, east, north = area.bounds
@@ -117,19 +119,20 @@ def _above(
 def pole_places(
     network: RoadNetwork, region: shapely.Polygon, mesh: LabelledMesh, middle: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where a pole could stand around the middle of a junction.
+    """Return positions for a pole around the centre of a junction.
 
-    On a sidewalk's side or on open ground, beside a carriageway and not on it, under no deck, in
-    no water; whatever buildings and trees are there.
+    At the side of a sidewalk or on open ground, beside a carriageway, not under a deck and not in
+    water;
+    buildings and trees are ignored.
 
     Args:
         network: the lanes.
-        region: no pole stands outside.
+        region: poles are inside.
         mesh: the static world around.
-        middle: (2,) of the junction.
+        middle: (2,) centre of the junction.
 
     Returns:
-        (N, 3) the foot of each pole, site frame, and (N,) how far it is from the carriageway.
+        (N, 3) foot of each pole, site frame, and (N,) its distance from the carriageway.
     """
     steps = np.arange(-_FARTHEST_M, _FARTHEST_M + _GRID_M / 2, _GRID_M)
     places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -152,7 +155,7 @@ def pole_places(
 
 
 def _on_footing(places: NDArray[np.float64], mesh: LabelledMesh) -> NDArray[np.float64]:
-    """Return the places (N, 2) that are on ground which a pole can be set in, with its height."""
+    """Return the places (N, 2) on ground on which a pole can stand, with its height."""
     ground = mesh.select(mesh.is_ground)
     if not len(places) or not len(ground.faces):
         return np.zeros((0, 3))

@@ -1,12 +1,13 @@
-"""Areas in plan where labels are not to be counted, because a rig cannot see there.
+"""Areas where labels do not count, because a rig cannot see there.
 
-What KITTI's ``DontCare`` boxes are to an image: a detector's score leaves out what it finds
-there, and what it does not find. Reasons:
+The counterpart of KITTI's ``DontCare`` boxes: detections and missed objects there are not scored.
+Reasons:
 
-- ``outside`` of the region that the twin was built for: its traffic ends there.
-- ``far``: farther than any sensor of the rig reports.
-- ``unseen``: a surface that faces the sensor there would get less than `LEAST_POINTS` points per
-  square metre and frame, as behind buildings (`coverage`, "facing").
+- ``outside`` of the region of the twin: its traffic ends there.
+- ``far``: beyond the range of every sensor.
+- ``unseen``: a surface that faces the sensor would get less than `LEAST_POINTS` points per square
+  metre
+  and frame, as behind buildings (`coverage`, "facing").
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ __all__ = ["LEAST_POINTS", "IgnoreArea", "ignore_areas"]
 #: Points per square metre and frame, on a surface that faces the sensor.
 LEAST_POINTS = 1.0
 
-#: Side of a cell, and of the square (the size of a car) over which points are averaged, metres.
+#: Side of a cell, and of the square (of a car's size) over which points are averaged, metres.
 _CELL_M, _SQUARE_M = 1.0, 3.0
-#: How far beyond the region ``outside`` goes for a rig that rides, metres.
+#: Extent of ``outside`` beyond the region for a rig on an actor, metres.
 _AROUND_M = 250.0
-#: Smaller areas do not matter, square metres.
+#: Smaller areas are dropped, square metres.
 _LEAST_M2 = 2.0
 
 
 class IgnoreArea(NamedTuple):
-    """One area.
+    """An area with its reason.
 
     Attributes:
         reason: ``outside``, ``far`` or ``unseen``.
@@ -55,26 +56,27 @@ def ignore_areas(
     region: shapely.Polygon,
     progress: Callable[[float, str], None] | None = None,
 ) -> list[IgnoreArea]:
-    """Return where labels are not to be counted, one area for each reason that there is.
+    """Return the areas where labels do not count, one for each reason that occurs.
 
-    Areas of different reasons do not overlap. A rig that rides sees every place at some time: for
-    it only ``outside`` is known.
+    Areas of different reasons do not overlap. A rig on an actor sees every place at some time: it
+    has
+    ``outside`` only.
 
     Args:
         rig: the sensors.
         mesh: the static world, site frame.
-        region: where the twin has traffic, site frame.
-        progress: called with the share that is done and what is being done.
+        region: area of the twin's traffic, site frame.
+        progress: called with the fraction done and a description.
     """
-    if any(one.carrier_SE3_sensor is not None for one in rig.sensors):
+    if any(mounted.carrier_SE3_sensor is not None for mounted in rig.sensors):
         around = shapely.box(*region.buffer(_AROUND_M).bounds)
         return _kept({"outside": around.difference(region)})
     discs = shapely.union_all(
         [
-            shapely.Point(one.site_SE3_sensor.translation[:2]).buffer(
-                min(one.sensor.assumed_range_max_m, rig.label_range_m or np.inf)
+            shapely.Point(mounted.site_SE3_sensor.translation[:2]).buffer(
+                min(mounted.sensor.assumed_range_max_m, rig.label_range_m or np.inf)
             )
-            for one in rig.sensors
+            for mounted in rig.sensors
         ]
     )
     cells, facing = facing_per_frame(rig, mesh, region.bounds, cell_m=_CELL_M, progress=progress)
@@ -90,7 +92,7 @@ def ignore_areas(
 
 
 def _area_of(chosen: NDArray[np.bool_], cells: Cells) -> shapely.Geometry:
-    """Return the cells (ny, nx) that are chosen as an area; rows are joined run by run."""
+    """Return the area of chosen cells (ny, nx), merged run by run."""
     edge = np.diff(np.pad(chosen, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, first = np.nonzero(edge == 1)
     _, last = np.nonzero(edge == -1)
@@ -105,9 +107,9 @@ def _area_of(chosen: NDArray[np.bool_], cells: Cells) -> shapely.Geometry:
     )
 
 
-def _kept(found: dict[str, shapely.Geometry]) -> list[IgnoreArea]:
+def _kept(area_of_reason: dict[str, shapely.Geometry]) -> list[IgnoreArea]:
     areas = []
-    for reason, area in found.items():
+    for reason, area in area_of_reason.items():
         parts = [
             part
             for part in shapely.get_parts(area)

@@ -1,4 +1,4 @@
-"""What a sensor sees of its junction, and from which place on a pole it would see most."""
+"""What a sensor sees of its junction, and the best position for it on a pole."""
 
 from __future__ import annotations
 
@@ -34,34 +34,34 @@ __all__ = [
     "visible",
 ]
 
-#: Heights at which roadside sensors are mounted, metres above the ground.
+#: Mounting heights of roadside sensors, metres above the ground.
 HEIGHTS_M = (5.5, 6.5, 7.5)
-#: Usual pitches of them, degrees; positive looks down.
+#: Usual pitches, degrees; positive is down.
 PITCHES_DEG = (5.0, 10.0, 15.0)
-#: Points of things closer to the sensor than this are lost for the junction, metres.
+#: Points on objects closer than this are lost for the junction, metres.
 NEAR_M = 10.0
-#: Nothing but its own pole is closer to a sensor, metres.
+#: Least distance of objects other than the sensor's pole, metres.
 CLEAR_M = 3.0
-#: A sensor within this of the anchor stands at the anchor's junction, else at the nearest one,
-#: which is no farther than the second, metres.
+#: A sensor within the first distance of the anchor belongs to the anchor's junction, any other to
+#: the nearest junction within the second, metres.
 _ANCHOR_M, _NEAREST_M = 80.0, 60.0
 _LOOKING = "standing the sensors"
-#: Places are first judged by every third point; the best of them by all points.
+#: Positions are first rated by every third point; the best of them by all points.
 _ROUGHLY, _FINALISTS = 3, 300
-#: What a place loses, as a share of the junction: per share of its points that is near, for a thing
-#: that is too close, and per metre that it is farther from the carriageway than usual.
+#: Cost of a position, as a share of the junction: per share of near points, for an object that is
+#: too close, and per metre beyond the usual distance from the carriageway.
 _NEAR_COST, _CLOSE_COST, _OFF_COST, _USUAL_OFF_M = 1.0, 0.5, 0.01, 3.0
 
 
 class Candidates(NamedTuple):
-    """Places where a sensor could hang, and how.
+    """Candidate positions and orientations of a sensor.
 
     Attributes:
-        ground: (N, 3) the foot of each pole, site frame.
-        off_m: (N,) how far each is from the carriageway.
-        heights_m: to try at each.
-        pitches: to try at each, radians.
-        roll: of the sensor, radians.
+        ground: (N, 3) foot of each pole, site frame.
+        off_m: (N,) distance of each from the carriageway.
+        heights_m: heights to try at each.
+        pitches: pitches to try at each, radians.
+        roll: roll of the sensor, radians.
     """
 
     ground: NDArray[np.float64]
@@ -76,9 +76,9 @@ class Stance(NamedTuple):
 
     Attributes:
         place: (3,) site frame.
-        height_m: above the foot of its pole.
-        yaw: its heading, radians; as the next, REP-103.
-        pitch: positive looks down, radians.
+        height_m: height above the foot of its pole.
+        yaw: heading, radians; REP-103, as the next two.
+        pitch: positive is down, radians.
         roll: radians.
     """
 
@@ -96,7 +96,7 @@ class Stance(NamedTuple):
         return cls(pose.translation, mounted.sway_height_m, yaw, pitch, roll)
 
     def written(self) -> dict[str, float]:
-        """Return it as a rig has it, but for its roll: metres and degrees."""
+        """Return the fields of a rig's sensor, without roll: metres and degrees."""
         return {
             "east_m": round(float(self.place[0]), 2),
             "north_m": round(float(self.place[1]), 2),
@@ -111,11 +111,11 @@ class View:
     """What a sensor sees.
 
     Attributes:
-        stance: from where.
-        sees: (M,) which points of the junction's ground.
-        near: share (0..1) of its points that are of things, not of ground, within `NEAR_M`.
-        nearest_m: to the nearest thing that is not ground.
-        score: how good it is, among others at the junction.
+        stance: pose of the sensor.
+        sees: (M,) visible points of the junction's ground.
+        near: share (0..1) of its points on objects, not ground, within `NEAR_M`.
+        nearest_m: distance to the nearest object.
+        score: rating among positions at the junction.
     """
 
     stance: Stance
@@ -126,7 +126,7 @@ class View:
 
     @property
     def seen(self) -> float:
-        """Share (0..1) of the junction that is seen."""
+        """Visible share (0..1) of the junction."""
         return float(self.sees.mean()) if len(self.sees) else 0.0
 
 
@@ -137,16 +137,16 @@ def best_view(
     field: FieldOfView,
     tell: Progress = untold,
 ) -> View:
-    """Return the best of all places, heights and pitches; the first of equals.
+    """Return the best of all positions, heights and pitches; the first of equals.
 
     Args:
         candidates: at least one.
-        ground: what is to be seen.
-        around: what stands in the way.
-        field: of view of the sensor.
-        tell: called with the fraction done (0..1) and what is being done.
+        ground: ground to be seen.
+        around: obstacles.
+        field: field of view of the sensor.
+        tell: called with the fraction done (0..1) and a description.
     """
-    found: list[tuple[float, Stance, float]] = []
+    rated: list[tuple[float, Stance, float]] = []
     rough = replace(ground, points=ground.points[::_ROUGHLY])
     costs = _OFF_COST * np.maximum(0.0, candidates.off_m - _USUAL_OFF_M)
     places = list(zip(candidates.ground, costs.tolist(), strict=True))
@@ -159,12 +159,12 @@ def best_view(
             for pitch in candidates.pitches:
                 stance = Stance(place, height_m, yaw, pitch, candidates.roll)
                 lit = _lit(stance, free & _within(stance, rough, field), rough, field)
-                found.append((round(lit - cost, 6), stance, cost))
-    # A stable order, so that the choice does not hang on the last bit.
-    found.sort(key=lambda one: -one[0])
+                rated.append((round(lit - cost, 6), stance, cost))
+    # Rounded, so that the order does not depend on the last bit.
+    rated.sort(key=lambda one: -one[0])
     views = [
         judged(stance, ground, around, field, cost=cost)
-        for _, stance, cost in each(found[:_FINALISTS], between(tell, 0.8, 1.0), _LOOKING)
+        for _, stance, cost in each(rated[:_FINALISTS], between(tell, 0.8, 1.0), _LOOKING)
     ]
     return max(views, key=lambda one: round(one.score, 6))
 
@@ -177,14 +177,14 @@ def judged(
     *,
     cost: float = 0.0,
 ) -> View:
-    """Return what a sensor sees.
+    """Rate a pose of a sensor.
 
     Args:
-        stance: its pose.
-        ground: what is to be seen.
-        around: what stands in the way.
-        field: of view of the sensor.
-        cost: what it loses for its place, as a share of the junction.
+        stance: the pose.
+        ground: ground to be seen.
+        around: obstacles.
+        field: field of view of the sensor.
+        cost: cost of the position, as a share of the junction.
     """
     sees = visible(stance, ground, around, field)
     beams = field.sample @ rotation_from_ypr(*stance[2:]).T
@@ -201,7 +201,7 @@ def judged(
 def visible(
     stance: Stance, ground: JunctionGround, around: LineOfSight, field: FieldOfView
 ) -> NDArray[np.bool_]:
-    """Return which points (M,) of the ground are in range, in sight and within the field."""
+    """Return which points (M,) of the ground are in range, in sight and in the field of view."""
     free = around.sees(stance.place, ground.points) & _in_range(stance.place, ground, field)
     return np.asarray(free & _within(stance, ground, field))
 
@@ -213,7 +213,7 @@ def _in_range(
 
 
 def _within(stance: Stance, ground: JunctionGround, field: FieldOfView) -> NDArray[np.bool_]:
-    """Return which points (M,) of the ground are within the field of view."""
+    """Return which points (M,) of the ground are in the field of view."""
     offset = (ground.points - stance.place) @ rotation_from_ypr(*stance[2:])
     away = np.linalg.norm(offset, axis=1)
     return field.holds(offset / np.maximum(away, 1e-6)[:, None])
@@ -222,10 +222,11 @@ def _within(stance: Stance, ground: JunctionGround, field: FieldOfView) -> NDArr
 def _lit(
     stance: Stance, sees: NDArray[np.bool_], ground: JunctionGround, field: FieldOfView
 ) -> float:
-    """Return the share of the ground that is seen, less where points on it would be sparse.
+    """Return the visible share of the ground, weighted down where points would be sparse.
 
-    Beams lie on level ground, as points per square metre, as dense as ``per_steradian`` h / r^3,
-    with h the height above it and r the range. Where that is less than one, it counts less.
+    The density of points on level ground is ``per_steradian`` h / r^3, with h the height above it
+    and r the
+    range. Squares with less than one point per square metre count proportionally.
     """
     if not len(ground.points):
         return 0.0
@@ -236,7 +237,7 @@ def _lit(
 
 
 class Junction:
-    """The ground around a point of the road network, and what stands there.
+    """The ground around a point of the road network, and the obstacles there.
 
     Args:
         middle: (2,) site frame.
@@ -257,7 +258,7 @@ class Junction:
         self.around = LineOfSight(mesh, middle)
 
     def view_of(self, mounted: MountedSensor) -> View:
-        """Return what a sensor sees from its place."""
+        """Return what a sensor sees from its position."""
         field = FieldOfView.coarse(mounted.sensor, mounted.columns)
         return judged(Stance.of(mounted), self.ground, self.around, field)
 
@@ -268,13 +269,13 @@ class Junction:
     def best_view(
         self, field: FieldOfView, *, pitch: float, roll: float, tell: Progress = untold
     ) -> View | None:
-        """Return the place on a pole from which a sensor sees most; ``None``: no pole can stand.
+        """Return the best position on a pole for a sensor; ``None`` if no pole can stand.
 
         Args:
-            field: of view of the sensor.
-            pitch: the sensor's, radians, which is tried beside the usual ones.
-            roll: the sensor's, radians.
-            tell: called with the fraction done (0..1) and what is being done.
+            field: field of view of the sensor.
+            pitch: the sensor's own pitch, radians, tried in addition to the usual ones.
+            roll: the sensor's roll, radians.
+            tell: called with the fraction done (0..1) and a description.
         """
         places, off_m = self._places
         if not len(places) or not len(self.ground.points):
@@ -285,14 +286,14 @@ class Junction:
 
 
 class Junctions:
-    """The junctions of a site that sensors stand at, each looked at once."""
+    """The junctions of a site's sensors, each prepared once."""
 
     def __init__(self, network: RoadNetwork, region: shapely.Polygon, mesh: LabelledMesh) -> None:
         self._made_of = (network, region, mesh)
         self._found: dict[tuple[float, float], Junction] = {}
 
     def at(self, east_m: float, north_m: float) -> Junction:
-        """Return the junction of a sensor: the anchor's, or the nearest of one that is far."""
+        """Return the junction of a sensor: the anchor's, or the nearest to a distant sensor."""
         middle = self._middle(np.array([east_m, north_m]))
         key = (round(float(middle[0]), 3), round(float(middle[1]), 3))
         if key not in self._found:
@@ -302,9 +303,11 @@ class Junctions:
     def _middle(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         if np.linalg.norm(place) <= _ANCHOR_M:
             return np.zeros(2)
-        outlines = [one.polygon for one in self._made_of[0].junctions]
-        middles = [shapely.get_coordinates(one.centroid)[0] for one in outlines if not one.is_empty]
-        away = [float(np.linalg.norm(one - place)) for one in middles]
+        outlines = [shape.polygon for shape in self._made_of[0].junctions]
+        middles = [
+            shapely.get_coordinates(shape.centroid)[0] for shape in outlines if not shape.is_empty
+        ]
+        away = [float(np.linalg.norm(shape - place)) for shape in middles]
         if not away or min(away) > _NEAREST_M:
             return place
         return np.asarray(middles[int(np.argmin(away))])

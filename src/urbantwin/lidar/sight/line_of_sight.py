@@ -1,4 +1,4 @@
-"""Straight lines of sight through the static world or past boxes, and what ends them."""
+"""Straight lines of sight through the static world or past boxes."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from urbantwin.geometry.rays import Hits, RayScene
 
 __all__ = ["LineOfSight"]
 
-#: What is farther than this from a junction's middle hides nothing of it, metres.
+#: Triangles beyond this distance of a junction's centre are ignored, metres.
 _REACH_M = 130.0
-#: Directions in which the nearest thing is searched, as steps of azimuth and of elevation, degrees:
-#: rings, so close that no pole is missed, and fans, so close that no edge of a wall or roof is.
+#: Steps of azimuth and elevation of the directions in which the nearest object is searched,
+#: degrees: rings that miss no pole, and fans that miss no edge of a wall or roof.
 _RINGS, _FANS = (2.0, 25.0), (10.0, 5.0)
-#: Highest and lowest elevation of these directions, degrees.
+#: Largest elevation of these directions, up and down, degrees.
 _STEEPEST_DEG = 75.0
-#: A place is seen though its line of sight ends this far before it, metres.
+#: A line of sight may end this far before its target, metres.
 _SLACK_M = 0.3
-#: Corners of a box of edge 1 about the origin, and its triangles.
+#: Corners of a unit cube about the origin, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
 _TRIANGLES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -31,9 +31,9 @@ class LineOfSight:
     """Lines of sight around a place.
 
     Args:
-        mesh: what can stand in the way.
-        middle: (2,) of the place, in the frame of the mesh, metres.
-        reach_m: triangles farther than this from the middle, along x or y, are left out.
+        mesh: obstacles.
+        middle: (2,) the place, in the frame of the mesh, metres.
+        reach_m: triangles farther from the place along x or y are left out.
 
     Attributes:
         mesh: the part of it near the place; hits number its faces.
@@ -45,9 +45,9 @@ class LineOfSight:
         corners = mesh.triangles()[:, :, :2] - middle
         apart = (corners.min(axis=1) > reach_m) | (corners.max(axis=1) < -reach_m)
         self.mesh = mesh.select(np.asarray(~apart.any(axis=1)))
-        # The last one is for rays that hit nothing.
+        # The last element is for rays without a hit.
         self._is_thing = np.append(~self.mesh.is_ground, False)
-        # Moved to the place before it becomes float32.
+        # Relative to the place, because rays are float32.
         self._shift = np.array([*middle, 0.0])
         self._scene = RayScene(self.mesh.vertices - self._shift, self.mesh.faces)
 
@@ -63,7 +63,7 @@ class LineOfSight:
         return cls(LabelledMesh.build(corners.reshape(-1, 3), faces, 0, 0, part), middle, np.inf)
 
     def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits:
-        """Return what rays from origins (..., 3) along unit vectors (..., 3) hit first."""
+        """Return the first hits of rays from origins (..., 3) along unit vectors (..., 3)."""
         starts, aims = np.broadcast_arrays(origins - self._shift, directions)
         shape = aims.shape[:-1]
         found = self._scene.cast_single(starts.reshape(-1, 3), aims.reshape(-1, 3))
@@ -72,7 +72,7 @@ class LineOfSight:
     def towards(
         self, place: NDArray[np.float64], targets: NDArray[np.float64]
     ) -> tuple[Hits, NDArray[np.float64]]:
-        """Return what rays from a place (3,) to targets (N, 3) hit, and how far these are (N,)."""
+        """Return the hits of rays from a place (3,) to targets (N, 3), and the distances (N,)."""
         offset = targets - place
         away = np.linalg.norm(offset, axis=1)
         return self.cast(place[None, :], offset / np.maximum(away, 1e-6)[:, None]), away
@@ -83,13 +83,13 @@ class LineOfSight:
         return np.asarray(hits.range_m >= away - _SLACK_M)
 
     def is_thing(self, hits: Hits) -> NDArray[np.bool_]:
-        """Return which rays (...) hit something that is not ground."""
+        """Return which rays (...) hit an object that is not ground."""
         return np.asarray(self._is_thing[hits.face])
 
     def nearest_thing(self, place: NDArray[np.float64]) -> tuple[float, int]:
-        """Return distance and face of the nearest thing around a place (3,) that is not ground.
+        """Return distance and face of the nearest object around a place (3,) that is not ground.
 
-        The face is -1 where there is none.
+        The face is -1 without one.
         """
         hits = self.cast(place[None, :], np.vstack([_all_around(*_RINGS), _all_around(*_FANS)]))
         away = np.where(self.is_thing(hits), hits.range_m, np.inf)

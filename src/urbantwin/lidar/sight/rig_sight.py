@@ -1,4 +1,4 @@
-"""What the sensors of a rig see of the junctions that they stand at, and what hides the rest."""
+"""What the sensors of a rig see of their junctions, and what hides the rest."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["LITTLE", "MUCH_NEAR", "Hiding", "RigSight", "SensorSight", "sight_of_rig"]
 
-#: Limits of warnings: least share of a junction that is seen, largest share of near points.
+#: Limits of warnings: least visible share of a junction, largest share of near points.
 LITTLE, MUCH_NEAR = 0.5, 0.3
-#: Least share of the junction that something hides to be reported; how many a warning names.
+#: Least hidden share that is reported; number of obstacles that a warning names.
 _LEAST, _NAMED = 0.01, 3
 
 _POLES = "poles and signs"
@@ -39,12 +39,12 @@ _OTHER, _BESIDE = "other things", "the edge of its field of view"
 
 
 class Hiding(NamedTuple):
-    """What hides a part of the junction.
+    """An obstacle that hides a part of the junction.
 
     Attributes:
-        what: in words.
-        share: of the junction (0..1).
-        nearest_m: from the sensor to the nearest of it; ``None`` for what no beam looks at.
+        what: description.
+        share: hidden share of the junction (0..1).
+        nearest_m: distance of the sensor to the nearest of it; ``None`` outside the field of view.
     """
 
     what: str
@@ -52,7 +52,7 @@ class Hiding(NamedTuple):
     nearest_m: float | None
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return a description."""
         away = "" if self.nearest_m is None else f" ({self.nearest_m:.0f} m away)"
         return f"{100 * self.share:.0f} % behind {self.what}{away}"
 
@@ -62,11 +62,11 @@ class SensorSight:
     """What one sensor sees.
 
     Attributes:
-        name: of the sensor.
-        view: what it sees of its junction from its place.
-        hiding: what hides the rest, most first.
-        nearest: what is nearest to it, in words.
-        better: the best place at the junction, where its own is not good.
+        name: name of the sensor.
+        view: what it sees of its junction.
+        hiding: obstacles, largest first.
+        nearest: description of the nearest object.
+        better: best position at the junction, if its own is not good.
     """
 
     name: str
@@ -76,10 +76,10 @@ class SensorSight:
     better: View | None
 
     def problems(self, *, little: bool) -> Iterator[str]:
-        """Yield what is wrong with its place, in words.
+        """Yield problems of its position.
 
         Args:
-            little: whether little of the junction is seen.
+            little: whether all sensors together see too little of the junction.
         """
         if little:
             yield f"sees {100 * self.view.seen:.0f} % of the junction's lanes and crossings"
@@ -91,42 +91,44 @@ class SensorSight:
             yield f"{self.nearest} are {self.view.nearest_m:.1f} m away"
 
     def remedy(self) -> str:
-        """Return where it would see more, in words; nothing where no place is known."""
+        """Return a better position in words; empty if none is known."""
         if self.better is None:
             return ""
-        at = ", ".join(f"{name} {value:g}" for name, value in self.better.stance.written().items())
-        return f"at {at} it would see {100 * self.better.seen:.0f} %"
+        fields = ", ".join(
+            f"{name} {value:g}" for name, value in self.better.stance.written().items()
+        )
+        return f"at {fields} it would see {100 * self.better.seen:.0f} %"
 
     def notes(self) -> dict[str, Any]:
-        """Return what can stand in JSON."""
-        found: dict[str, Any] = {
+        """Return a summary for JSON."""
+        notes: dict[str, Any] = {
             "seen": round(self.view.seen, 3),
             f"points_of_things_within_{NEAR_M:g}_m": round(self.view.near, 3),
         }
         if np.isfinite(self.view.nearest_m):
-            found["nearest"] = {"what": self.nearest, "m": round(self.view.nearest_m, 2)}
-        found["hidden"] = {
-            one.what: {
-                "share": round(one.share, 3),
-                **({} if one.nearest_m is None else {"nearest_m": round(one.nearest_m, 1)}),
+            notes["nearest"] = {"what": self.nearest, "m": round(self.view.nearest_m, 2)}
+        notes["hidden"] = {
+            hiding.what: {
+                "share": round(hiding.share, 3),
+                **({} if hiding.nearest_m is None else {"nearest_m": round(hiding.nearest_m, 1)}),
             }
-            for one in self.hiding
+            for hiding in self.hiding
         }
         if self.better is not None:
-            found["better"] = {
+            notes["better"] = {
                 **self.better.stance.written(),
                 "seen": round(self.better.seen, 3),
             }
-        return found
+        return notes
 
 
 @dataclass(frozen=True)
 class RigSight:
-    """What all sensors of a rig see together of the junctions that they stand at.
+    """What all sensors of a rig see together of their junctions.
 
     Attributes:
-        points: (M, 3) above lanes and crossings, one for each `CELL_M` square, site frame, metres.
-        sees: (S, M) by which sensor each is seen.
+        points: (M, 3) above lanes and crossings, one per `CELL_M` square, site frame, metres.
+        sees: (S, M) whether each sensor sees each point.
         sensors: what each sees of its own junction, in the order of ``sees``.
     """
 
@@ -140,26 +142,28 @@ class RigSight:
         return float(self.sees.any(axis=0).mean()) if self.sees.size else 0.0
 
     def notes(self) -> dict[str, Any]:
-        """Return what can stand in JSON."""
+        """Return a summary for JSON."""
         return {
             "junction_m2": round(len(self.points) * CELL_M**2, 1),
             "seen": round(self.seen, 3),
-            "by_sensor": {one.name: one.notes() for one in self.sensors},
+            "by_sensor": {sight.name: sight.notes() for sight in self.sensors},
         }
 
     def warnings(self) -> Iterator[ResultWarning]:
-        """Yield what is wrong with where the sensors stand."""
-        for one in self.sensors:
-            problems = list(one.problems(little=self.seen < LITTLE))
+        """Yield warnings about the sensors' positions."""
+        for sight in self.sensors:
+            problems = list(sight.problems(little=self.seen < LITTLE))
             if problems:
-                hidden = ", ".join(str(hiding) for hiding in one.hiding[:_NAMED])
-                yield ResultWarning(f"sensor {one.name}", ", ".join(problems), hidden, one.remedy())
+                hidden = ", ".join(str(hiding) for hiding in sight.hiding[:_NAMED])
+                yield ResultWarning(
+                    f"sensor {sight.name}", ", ".join(problems), hidden, sight.remedy()
+                )
 
 
 def sight_of_rig(
     rig: Rig, network: RoadNetwork, region: shapely.Polygon, mesh: LabelledMesh
 ) -> RigSight | None:
-    """Return what a rig sees; ``None`` of one that rides, and where nothing drives.
+    """Return what a rig sees; ``None`` for a rig on an actor, and without lanes.
 
     Args:
         rig: the sensors.
@@ -202,11 +206,11 @@ def _sensor_sight(mounted: MountedSensor, junction: Junction) -> SensorSight:
 
 
 def _hiding(view: View, junction: Junction) -> tuple[Hiding, ...]:
-    """Return what hides the points of the ground that are not seen."""
+    """Return the obstacles that hide points of the ground."""
     hits, away = junction.around.towards(view.stance.place, junction.ground.points[~view.sees])
     blocked = (hits.face >= 0) & (hits.range_m < away)
     what = np.where(blocked, _words(junction)[hits.face], _BESIDE)
-    found = [
+    obstacles = [
         Hiding(
             str(name),
             float((what == name).sum() / len(view.sees)),
@@ -214,14 +218,14 @@ def _hiding(view: View, junction: Junction) -> tuple[Hiding, ...]:
         )
         for name in np.unique(what)
     ]
-    large = [one for one in found if one.share >= _LEAST]
-    return tuple(sorted(large, key=lambda one: (-one.share, one.what)))
+    large = [obstacle for obstacle in obstacles if obstacle.share >= _LEAST]
+    return tuple(sorted(large, key=lambda obstacle: (-obstacle.share, obstacle.what)))
 
 
 def _words(junction: Junction) -> NDArray[np.str_]:
-    """Return what each face (F + 1,) of the surroundings is of."""
+    """Return the description of each face (F + 1,) of the surroundings."""
     names = {entry.id: _WORDS.get(entry.name, _OTHER) for entry in semantic_classes().values()}
     kinds, which = np.unique(junction.around.mesh.semantic, return_inverse=True)
     words = [*(names.get(int(kind), _OTHER) for kind in kinds), _OTHER]
-    # With a last one for rays that hit nothing.
+    # The last element is for rays without a hit.
     return np.asarray(np.array(words)[np.append(which, len(kinds))])

@@ -1,4 +1,4 @@
-"""Choosing places of sensors: on a map alone, or on a built scene."""
+"""Choice of sensor positions: from a map alone, or in a built scene."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ from urbantwin.twin.standing_rig import StandingRig
 
 __all__ = ["place_in_sight", "stand_in_sight", "standing_rig", "warnings_of_place"]
 
-#: Share of the junction that a sensor must see more from elsewhere to be moved.
+#: A sensor is moved if it then sees at least this much more, as a share of the junction.
 _WORTH = 0.05
-#: The map is built within this distance of the anchor, metres.
+#: Radius around the anchor in which the map is built, metres.
 _AROUND_M = 100.0
 
 
@@ -55,17 +55,17 @@ def standing_rig(
     anchor_height_m: float | None,
     tell: Progress = untold,
 ) -> StandingRig:
-    """Stand a site's rig on its scene, and look at what it sees.
+    """Place a site's rig in its scene, and rate what it sees.
 
     Args:
         site: the site.
         network: its lanes.
         mesh: the static world, site frame.
-        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
-        tell: called with the fraction done (0..1) and what is being done.
+        anchor_height_m: height of the anchor's ground in the datum of altitudes, if known.
+        tell: called with the fraction done (0..1) and a description.
 
     Raises:
-        InputError: a sensor cannot stand where somebody put it.
+        InputError: a sensor's given position is invalid.
     """
     spec = stand_in_sight(site.rig, network, site.region, mesh, file=site.rig_file, tell=tell)
     rig = place_rig(spec, mesh, file=site.rig_file, anchor_height_m=anchor_height_m)
@@ -86,10 +86,11 @@ def stand_in_sight(
     file: str | Path | None = None,
     tell: Progress = untold,
 ) -> RigSpec:
-    """Return a rig in which every sensor has its place, and no place is a proposal.
+    """Return a rig with final positions of all sensors.
 
-    A sensor whose place is ``proposed`` stays there unless it sees clearly more from elsewhere,
-    stands close to something, or cannot stand there at all.
+    A sensor whose position is ``proposed`` stays unless it sees clearly more from elsewhere, is
+    close to an
+    object, or cannot be there.
 
     Args:
         spec: the rig as written.
@@ -97,59 +98,61 @@ def stand_in_sight(
         region: the region of interest.
         mesh: the static world, site frame.
         file: the rig's file, for errors.
-        tell: called with the fraction done (0..1) and what is being done.
+        tell: called with the fraction done (0..1) and a description.
 
     Raises:
-        InputError: a sensor's model is not known.
+        InputError: a sensor's model is unknown.
     """
     junctions = Junctions(network, region, mesh)
     sensors = []
     models = check_models(spec, file=file)
-    for n, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
-        if one.proposed and not one.rides:
-            assert one.east_m is not None
-            assert one.north_m is not None
-            junction = junctions.at(one.east_m, one.north_m)
-            field = FieldOfView.coarse(model, columns_of(model, one, spec.rate_hz))
-            pitch, roll = np.radians([one.pitch_deg, one.roll_deg]).tolist()
+    for n, (written, model) in enumerate(zip(spec.sensors, models, strict=True)):
+        if written.proposed and not written.rides:
+            assert written.east_m is not None
+            assert written.north_m is not None
+            junction = junctions.at(written.east_m, written.north_m)
+            field = FieldOfView.coarse(model, columns_of(model, written, spec.rate_hz))
+            pitch, roll = np.radians([written.pitch_deg, written.roll_deg]).tolist()
             telling = between(tell, n / len(models), (n + 1) / len(models))
             best = junction.best_view(field, pitch=pitch, roll=roll, tell=telling)
-            if best is not None and not _stays(one, best, spec, junction, mesh):
-                sensors.append(_moved(one, best))
+            if best is not None and not _stays(written, best, spec, junction, mesh):
+                sensors.append(_moved(written, best))
                 continue
-        sensors.append(one.model_copy(update={"proposed": None}))
+        sensors.append(written.model_copy(update={"proposed": None}))
     return spec.model_copy(update={"sensors": sensors})
 
 
 def _stays(
-    one: SensorSpec, best: View, spec: RigSpec, junction: Junction, mesh: LabelledMesh
+    written: SensorSpec, best: View, spec: RigSpec, junction: Junction, mesh: LabelledMesh
 ) -> bool:
-    """Return whether a sensor stays where it was proposed, though there is a best place."""
+    """Return whether a sensor keeps its proposed position rather than the best one."""
     try:
-        mounted = place_rig(spec.model_copy(update={"sensors": [one]}), mesh).sensors[0]
-    except InputError:  # It cannot stand there.
+        mounted = place_rig(spec.model_copy(update={"sensors": [written]}), mesh).sensors[0]
+    except InputError:  # invalid position
         return False
     now = junction.view_of(mounted)
     return now.nearest_m >= CLEAR_M and best.score <= now.score + _WORTH
 
 
 def _moves(written: RigSpec, standing: RigSpec) -> dict[str, float]:
-    """Return how far each sensor that moved stands from where it was proposed, metres."""
+    """Return the distance between proposed and final position of each moved sensor, metres."""
     away = {
-        one.name: float(np.linalg.norm(_place(now) - _place(one)))
-        for one, now in zip(written.sensors, standing.sensors, strict=True)
-        if one.proposed
+        before.name: float(np.linalg.norm(_place(now) - _place(before)))
+        for before, now in zip(written.sensors, standing.sensors, strict=True)
+        if before.proposed
     }
     return {name: round(metres, 1) for name, metres in away.items() if metres > 0.05}
 
 
-def _place(one: SensorSpec) -> NDArray[np.float64]:
-    """Return east, north and height above the ground (3,), metres; 0 where none is given."""
-    return np.nan_to_num(np.array([one.east_m, one.north_m, one.height_m], dtype=np.float64))
+def _place(written: SensorSpec) -> NDArray[np.float64]:
+    """Return east, north and height above the ground (3,), metres; 0 if not given."""
+    return np.nan_to_num(
+        np.array([written.east_m, written.north_m, written.height_m], dtype=np.float64)
+    )
 
 
-def _moved(one: SensorSpec, best: View) -> SensorSpec:
-    return one.model_copy(
+def _moved(written: SensorSpec, best: View) -> SensorSpec:
+    return written.model_copy(
         update={
             **best.stance.written(),
             "up_m": None,
@@ -160,9 +163,9 @@ def _moved(one: SensorSpec, best: View) -> SensorSpec:
 
 
 def place_in_sight(ground: PoleGround) -> PolePosition:
-    """Return the place and height from which the sensor of a first site sees most of the junction.
+    """Return the best position and height for the sensor of a first site.
 
-    Buildings, trees and all else that is mapped are built as a twin has them, on level ground.
+    Buildings, trees and other objects of the map are built as in a twin, on level ground.
     """
     seen = ground_in_plan(ground.junction)
     if not len(seen.points):
@@ -182,7 +185,7 @@ def place_in_sight(ground: PoleGround) -> PolePosition:
 
 
 def warnings_of_place(pole: PolePosition) -> Iterator[ResultWarning]:
-    """Yield what is wrong with a place that was chosen from the map."""
+    """Yield warnings about a position chosen from the map."""
     if pole.seen is not None and pole.seen < LITTLE:
         yield ResultWarning(
             "sensor",
