@@ -1,4 +1,4 @@
-"""Reading datasets and fleets: frames, tables, selections; nothing else opens their files."""
+"""Readers of datasets and fleets; the only code that opens their files."""
 
 from typing import TYPE_CHECKING
 

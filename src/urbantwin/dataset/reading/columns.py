@@ -1,8 +1,9 @@
-"""The columns of every table of a data set and of a fleet, each named once, with its Arrow type.
+"""Columns of every table of a dataset and of a fleet, with their Arrow types.
 
-A type with ``?`` belongs to a column that a reader does not rely on: it may be missing, and rows
-may lack a value. Lengths are in metres, angles in radians, times in seconds from the start of the
-motion, velocities in metres per second.
+A type with ``?`` marks an optional column: it may be missing, and rows may lack a value. Lengths
+are in
+metres, angles in radians, times in seconds from the start of the motion, velocities in metres per
+second.
 """
 
 from __future__ import annotations
@@ -40,20 +41,19 @@ PLACE = ("x", "y", "z")
 ANGLES = ("yaw", "pitch", "roll")
 SIZE = ("length", "width", "height")
 VELOCITY = ("vx", "vy", "vz")
-#: A pose: place and attitude.
+#: A pose: position and attitude.
 POSE = (*PLACE, *ANGLES)
-#: A box: its middle, its size, and its heading from the x axis.
+#: A box: centre, size, and heading from the x axis.
 BOX = (*PLACE, *SIZE, "yaw")
-#: A point: its place, and its intensity from 0 to 1.
+#: A point: position, and intensity from 0 to 1.
 POINT = (*PLACE, "intensity")
 
 _TRUE_AND_REPORTED = {f"{kind}_{name}": "float64" for kind in ("true", "reported") for name in POSE}
 
-#: One row for each frame and box, in the frame of the points. The actor is in its box
-#: ``observed_s`` after the time of the frame, when the rays meet it. ``occlusion`` and
-#: ``visibility`` are null for an actor that no ray reaches even when it is alone in the world; one
-#: of ``difficulty`` and ``ignored`` is null (``docs/reference/labels.md``). ``towed_by`` is the
-#: track of the towing actor, null for most.
+#: One row per frame and box, in the frame of the points. The actor is in its box ``observed_s``
+#: after the time of the frame, when the rays hit it. ``occlusion`` and ``visibility`` are null for
+#: an actor that no ray reaches even without occlusion; one of ``difficulty`` and ``ignored`` is
+#: null (``docs/labels.md``). ``towed_by`` is the track of the towing actor, null for most.
 BOXES = {
     "frame": "string",
     "time_s": "float64",
@@ -69,9 +69,9 @@ BOXES = {
     "parked": "bool_?",
     "towed_by": "int32?",
 }
-#: One row for each frame, sensor and turn. Times are true, except ``clock_start_s``, the reading of
-#: the sensor's clock at ``start_s``. Poses are ``site_SE3_sensor`` at ``start_s``: the true one,
-#: and the one that points are computed with.
+#: One row per frame, sensor and turn. Times are true, except ``clock_start_s``, the sensor's clock
+#: at ``start_s``. Poses are ``site_SE3_sensor`` at ``start_s``: the true one, and the one with
+#: which points are computed.
 SWEEPS = {
     **dict.fromkeys(("frame", "sensor"), "string"),
     "turn": "int32",
@@ -82,16 +82,16 @@ SWEEPS = {
     "lost": "bool_?",
     **_TRUE_AND_REPORTED,
 }
-#: One row for each frame and the vehicle that carries the sensors (of a rig that stands: the frame
-#: of the points), and for each turn of a sensor: poses in the site at ``time_s``.
+#: One row per frame and vehicle that carries the sensors (for a fixed rig: the frame of the
+#: points), and one per turn of a sensor: poses in the site at ``time_s``.
 POSES = {
     **dict.fromkeys(("frame", "name"), "string"),
     "turn": "int32",
     "time_s": "float64",
     **_TRUE_AND_REPORTED,
 }
-#: One row for each track and step of the motion: middle of the track's box and attitude of its
-#: body in the site, speed along the heading, lane of the twin.
+#: One row per track and step of the motion: centre of the track's box and attitude of its body in
+#: the site, speed along the heading, lane of the twin.
 TRAJECTORIES = {
     "time_s": "float64",
     "track": "int32",
@@ -100,8 +100,8 @@ TRAJECTORIES = {
     "speed": "float64?",
     "lane": "string?",
 }
-#: One row for each lane of the twin; ``x``, ``y`` and ``z`` are its middle from start to end in the
-#: site, ``allowed`` the classes that may use it, ``successors`` the lanes that follow.
+#: One row per lane of the twin; ``x``, ``y`` and ``z`` are its centre line from start to end in the
+#: site, ``allowed`` the classes that may use it, ``successors`` the following lanes.
 LANES = {
     **dict.fromkeys(("id", "road", "junction", "kind"), "string"),
     **dict.fromkeys(("width", "speed_limit"), "float64"),
@@ -120,9 +120,9 @@ _TRACKLETS = {
     **{name: BOXES[name] for name in ("occlusion", "visibility", "truncation")},
     **{name: BOXES[name] for name in ("difficulty", "ignored")},
 }
-#: One row for each frame and node of a fleet. Times are true, except ``clock_s``, the reading of
-#: the node's clock at ``time_s``. Poses in the site: ``true_*`` and ``reported_*`` of the frame of
-#: its points; ``node_*``, where the vehicle truly is, or the first sensor of a pole, made upright.
+#: One row per frame and node of a fleet. Times are true, except ``clock_s``, the node's clock at
+#: ``time_s``. Poses in the site: ``true_*`` and ``reported_*`` of the frame of its points;
+#: ``node_*``, true pose of the vehicle, or of the first sensor of a pole, made upright.
 NODES = {
     "frame": "string",
     "time_s": "float64",
@@ -134,7 +134,7 @@ NODES = {
     "arrival_s": "float64?",
     **{f"{kind}_{name}": "float64?" for kind in ("true", "reported", "node") for name in POSE},
 }
-#: One row for each frame and actor of a fleet, in the site, at ``time_s`` exactly.
+#: One row per frame and actor of a fleet, in the site, at ``time_s`` exactly.
 FLEET_BOXES = {
     "frame": "string",
     "time_s": "float64",
@@ -148,7 +148,7 @@ FLEET_BOXES = {
     "towed_by": "int32?",
     "carries": "string?",
 }
-#: The columns of each node, as ``NAME.NODE``; null where the node is absent, or rides on the actor.
+#: Columns of each node, named ``NAME.NODE``; null if the node is absent, or mounted on the actor.
 FLEET_BOXES_OF_NODE = {
     **dict.fromkeys(("num_points", "num_points_alone"), "int32?"),
     **dict.fromkeys(("occlusion", "visibility", "truncation"), "float64?"),
@@ -157,11 +157,11 @@ FLEET_BOXES_OF_NODE = {
 
 TRAJECTORIES_FILE = "trajectories.parquet"
 LANES_FILE = "lanes.parquet"
-#: The tables that follow actors and sensors through the frames.
+#: Tables of actors and sensors over the frames.
 SEQUENCE_TABLES = (
     "tracks.parquet", "tracklets.parquet", TRAJECTORIES_FILE, "poses.parquet", LANES_FILE
 )  # fmt: skip
-#: Columns of each table of a data set by the name of its file.
+#: Columns of each table of a dataset, by file name.
 TABLES: Mapping[str, Mapping[str, str]] = {
     "boxes.parquet": BOXES,
     "sweeps.parquet": SWEEPS,
@@ -179,7 +179,9 @@ def arrow_schema(columns: Mapping[str, str]) -> pa.Schema:
 
     def kind(name: str) -> pa.DataType:
         inner = name.removeprefix("list of ")
-        found = getattr(pa, inner)()
-        return found if inner == name else pa.list_(found)
+        arrow_type = getattr(pa, inner)()
+        return arrow_type if inner == name else pa.list_(arrow_type)
 
-    return pa.schema([(name, kind(one.removesuffix("?"))) for name, one in columns.items()])
+    return pa.schema(
+        [(name, kind(column_type.removesuffix("?"))) for name, column_type in columns.items()]
+    )

@@ -1,4 +1,4 @@
-"""A dataset on disk: its frames in the order of time, and the tables that follow its actors."""
+"""A dataset on disk: its frames in order of time, and the tables of its actors and sensors."""
 
 from __future__ import annotations
 
@@ -47,35 +47,35 @@ class Dataset(Frames):
         """Open a dataset's folder.
 
         Raises:
-            InputError: it is not a dataset, or its manifest is damaged.
+            InputError: not a dataset, or its manifest is damaged.
         """
         return cls(folder)
 
     @cached_property
     def parts(self) -> dict[str, Self]:
-        """The dataset of each sensor by its name; empty where the sensors are fused."""
+        """Dataset of each sensor by name; empty if the sensors are fused."""
         names: list[str] = self.manifest.get("datasets", [])
         return {name: type(self)(self.folder / name) for name in names}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the frames."""
-        return tuple(one["name"] for one in self._frames)
+        return tuple(entry["name"] for entry in self._frames)
 
     @cached_property
     def times_s(self) -> NDArray[np.float64]:
         """Times (F,) of the frames, seconds from the start of the motion."""
-        return np.array([one["time_s"] for one in self._frames], np.float64)
+        return np.array([entry["time_s"] for entry in self._frames], np.float64)
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """``boxes.parquet``: one row per frame and box; columns in docs/reference/labels.md."""
+        """``boxes.parquet``: one row per frame and box; see docs/labels.md for its columns."""
         self.check_single()
         return read_table(self.folder / "boxes.parquet")
 
     @cached_property
     def sweeps(self) -> pa.Table:
-        """``sweeps.parquet``: one row for each turn of a sensor."""
+        """``sweeps.parquet``: one row per turn of a sensor."""
         self.check_single()
         return read_table(self.folder / "sweeps.parquet")
 
@@ -95,21 +95,21 @@ class Dataset(Frames):
 
     @cached_property
     def class_names(self) -> dict[int, str]:
-        """Name of each number in `Frame.semantic`."""
+        """Class name of each value of `Frame.semantic`."""
         from urbantwin.taxonomy import semantic_classes
 
-        return {one.id: one.name for one in semantic_classes().values()}
+        return {entry.id: entry.name for entry in semantic_classes().values()}
 
     @cached_property
     def tracks(self) -> pa.Table:
-        """One row for each track: class, size, first and last frame, how well it was seen."""
+        """One row per track: class, size, first and last frame, visibility."""
         from urbantwin.dataset.tracklets import track_table
 
         return self._table("tracks.parquet") or track_table(self.tracklets, self.boxes)
 
     @cached_property
     def tracklets(self) -> pa.Table:
-        """One row for each track and frame that labels it, by track: its box in the site."""
+        """One row per track and labelled frame, by track: its box in the site."""
         from urbantwin.dataset.pose_table import frame_poses
         from urbantwin.dataset.tracklets import tracklet_table
 
@@ -118,10 +118,10 @@ class Dataset(Frames):
 
     @cached_property
     def trajectories(self) -> pa.Table:
-        """One row for each track and step of the motion, also before and after the frames.
+        """One row per track and step of the motion, also before and after the frames.
 
         Raises:
-            InputError: the dataset is of a version that did not write them.
+            InputError: the dataset's version did not write them.
         """
         table = self._table("trajectories.parquet")
         if table is None:
@@ -135,17 +135,17 @@ class Dataset(Frames):
 
     @cached_property
     def poses(self) -> pa.Table:
-        """One row for each frame and the ego, and for each turn of a sensor: where it was."""
+        """One row per frame for the ego, and one per turn of a sensor: poses."""
         from urbantwin.dataset.pose_table import pose_table
 
         return self._table("poses.parquet") or pose_table(self.manifest, self.sweeps)
 
     @cached_property
     def lanes(self) -> pa.Table:
-        """One row for each lane of the twin: its middle (lists ``x``, ``y``, ``z``) in the site.
+        """One row per lane of the twin: its centre line (lists ``x``, ``y``, ``z``) in the site.
 
         Raises:
-            InputError: the twin had none, or the dataset is of a version that did not write them.
+            InputError: the twin had none, or the dataset's version did not write them.
         """
         table = self._table("lanes.parquet")
         if table is None:
@@ -158,7 +158,7 @@ class Dataset(Frames):
 
     @cached_property
     def paths(self) -> TrackPaths:
-        """Where the body of a track is at any time: as it was driven, else from box to box."""
+        """Poses of the tracks at any time: from trajectories, else interpolated between boxes."""
         from urbantwin.dataset.track_paths import paths_of_boxes
         from urbantwin.dataset.trajectories import paths_of_trajectories
 
@@ -169,24 +169,26 @@ class Dataset(Frames):
 
     @cached_property
     def box_range_m(self) -> NDArray[np.float64]:
-        """Distance (B,) in plan from the middle of each row of `boxes` to the nearest sensor."""
+        """Horizontal distance (B,) from the centre of each row of `boxes` to the nearest sensor."""
         poses = frame_poses(self.manifest)
-        rides = self.manifest["dataset_SE3_site"] is None
-        fixed = [one["site_SE3_sensor"] for one in self.manifest["rig"]["sensors"]]
-        sensors = np.array([pose_of_matrix(one).translation for one in fixed])
-        found = np.zeros(len(self.objects))
+        is_mounted = self.manifest["dataset_SE3_site"] is None
+        fixed = [
+            rows_of_pose["site_SE3_sensor"] for rows_of_pose in self.manifest["rig"]["sensors"]
+        ]
+        sensors = np.array([pose_of_matrix(rows_of_pose).translation for rows_of_pose in fixed])
+        range_m = np.zeros(len(self.objects))
         for name in self.objects.frame_names:
             rows, pose = self.objects.rows_of(name), pose_of_frame(poses, name)
-            if rides:
+            if is_mounted:
                 turns = self.turns.of_frame(name)
                 sensors = self.turns.reported[turns, :3] if len(turns) else pose.translation[None]
             away = pose.apply(self.objects.box[rows, :3])[:, None, :2] - sensors[None, :, :2]
-            found[rows] = np.linalg.norm(away, axis=2).min(axis=1)
-        return found
+            range_m[rows] = np.linalg.norm(away, axis=2).min(axis=1)
+        return range_m
 
     @cached_property
     def box_classes(self) -> tuple[str, ...]:
-        """The classes that boxes may have."""
+        """Classes that boxes may have."""
         from urbantwin.taxonomy import ACTOR_CLASSES
 
         own = self.manifest.get("class_names", [])
@@ -197,17 +199,17 @@ class Dataset(Frames):
         return rows_by_frame(self.boxes)
 
     def box_rows(self, frame: str) -> NDArray[np.int64]:
-        """Return the numbers of the rows of `boxes` that a frame has."""
+        """Return the row numbers of a frame in `boxes`."""
         return self._rows_of_frames.get(frame, np.zeros(0, np.int64))
 
     @cached_property
     def numbers(self) -> dict[str, int]:
-        """Number of each frame by its name."""
+        """Index of each frame by name."""
         return {name: number for number, name in enumerate(self.names)}
 
     @cached_property
     def clock_ahead_s(self) -> dict[tuple[str, str], float]:
-        """How far a sensor's clock is ahead, seconds, by frame and name of the sensor."""
+        """Offset of a sensor's clock from true time, seconds, by frame and name of the sensor."""
         table = self.sweeps
         ahead = table["clock_start_s"].to_numpy() - table["start_s"].to_numpy()
         names = (table[name].to_pylist() for name in ("frame", "sensor"))
@@ -215,43 +217,43 @@ class Dataset(Frames):
 
     @cached_property
     def splits(self) -> dict[str, tuple[str, ...]]:
-        """Names of the frames of each part: ``train``, ``val``, ``test``, and others by name.
+        """Names of the frames of each split: ``train``, ``val``, ``test``, and others by name.
 
         Raises:
-            InputError: a list is damaged, or names a frame that is not there.
+            InputError: a list is damaged, or names a missing frame.
         """
-        found = image_sets(self.folder)
-        for part, names in found.items():
-            for number, one in enumerate(names, start=1):
-                if one not in self.numbers:
+        lists = image_sets(self.folder)
+        for part, names in lists.items():
+            for number, frame in enumerate(names, start=1):
+                if frame not in self.numbers:
                     raise InputError(
-                        f"names frame {one[:40]}, which is not there",
+                        f"names frame {frame[:40]}, which is not there",
                         file=self.folder / "ImageSets" / f"{part}.txt",
                         place=f"line {number}",
                         expected="frames of the dataset",
                     )
-        return {part: tuple(names) for part, names in sorted(found.items())}
+        return {part: tuple(names) for part, names in sorted(lists.items())}
 
     def split(self, name: str) -> tuple[str, ...]:
-        """Return the names of the frames of a split: those of ``ImageSets/NAME.txt``.
+        """Return the names of the frames of a split, from ``ImageSets/NAME.txt``.
 
         Raises:
-            InputError: there is no such split, or a list is damaged.
+            InputError: no such split, or a damaged list.
         """
         if name not in self.splits:
-            there = ", ".join(self.splits) or "splits"
-            raise InputError(f"has no split {name!r}", file=self.folder, expected=there)
+            available = ", ".join(self.splits) or "splits"
+            raise InputError(f"has no split {name!r}", file=self.folder, expected=available)
         return self.splits[name]
 
     def _table(self, name: str) -> pa.Table | None:
-        """Return a table; ``None``: the dataset is of a version that did not write it."""
+        """Return a table; ``None`` if the dataset's version did not write it."""
         path = self.folder / name
         return read_table(path) if path.is_file() else None
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it, and with the dataset of each sensor."""
-        of_parts = (one for part in self.parts.values() for one in part.warnings)
+        """Warnings of the dataset, and of the dataset of each sensor."""
+        of_parts = (warning for part in self.parts.values() for warning in part.warnings)
         return (*warnings_of(self.manifest), *of_parts)
 
     @property
@@ -260,10 +262,10 @@ class Dataset(Frames):
         return frames
 
     def check_single(self) -> None:
-        """Refuse a folder with a dataset for each sensor.
+        """Raise an error for a folder with one dataset per sensor.
 
         Raises:
-            InputError: it is one.
+            InputError: it is such a folder.
         """
         if self.parts:
             raise InputError(
@@ -274,7 +276,7 @@ class Dataset(Frames):
 
     @property
     def datasets(self) -> tuple[Dataset, ...]:
-        """Itself: see `Frames`."""
+        """The dataset itself: see `Frames`."""
         return (self,)
 
     @cached_property
@@ -284,7 +286,7 @@ class Dataset(Frames):
         return [(self, name, number) for number in range(len(self._frames))]
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self._frames)
 
     def __fspath__(self) -> str:
@@ -297,7 +299,7 @@ class Dataset(Frames):
             return f"Dataset for each of {', '.join(self.parts)} ({self.folder})"
         counts = self.manifest["counts"]
         sensors = ", ".join(
-            f"{one['name']} ({one['model']})" for one in self.manifest["rig"]["sensors"]
+            f"{entry['name']} ({entry['model']})" for entry in self.manifest["rig"]["sensors"]
         )
         return (
             f"Dataset of {len(self)} frames from {self.times_s[0]:g} to {self.times_s[-1]:g} s: "
@@ -306,17 +308,18 @@ class Dataset(Frames):
         )
 
     def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
-        """Draw a frame, or how many points and boxes of each class there are.
+        """Draw a frame, or the number of points and boxes per class.
 
         Drawing is defined in `urbantwin.interface.dataset`: `urbantwin.open` returns datasets that
         can be drawn.
 
         Args:
-            frame: number or name of the frame; without it, the frame with the most labelled actors.
-            picture: ``birdseye``, from above with boxes; ``range_image``, as seen by the sensor
-                nearest to the middle of the points; or ``histogram``, of all frames.
+            frame: index or name of the frame; by default the frame with the most labelled actors.
+            picture: ``birdseye``, top view with boxes; ``range_image``, view of the sensor nearest
+                to the
+                centre of the points; or ``histogram``, of all frames.
 
         Raises:
-            InputError: there is no such frame or picture.
+            InputError: no such frame or picture.
         """
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""Several datasets as one: the frames of one after those of the other."""
+"""Several datasets as one sequence of frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["Datasets", "datasets_inside", "short_names"]
 
-#: So many folders down a dataset is looked for.
+#: Depth of the search for datasets, in folders.
 _DEEP = 3
 
 
@@ -27,21 +27,21 @@ class Datasets(Frames):
         paths: folders of datasets.
 
     Raises:
-        InputError: one is none, or there are none.
+        InputError: a folder is not a dataset, or there are none.
     """
 
-    #: What a folder is opened as.
+    #: Class of the opened datasets.
     dataset_type: ClassVar[type[Dataset]] = Dataset
 
     def __init__(self, paths: Iterable[str | os.PathLike[str]]) -> None:
-        found: list[Dataset] = []
+        datasets: list[Dataset] = []
         for path in paths:
-            one = path if isinstance(path, Dataset) else self.dataset_type(path)
-            found += one.parts.values() or [one]
-        if not found:
+            dataset = path if isinstance(path, Dataset) else self.dataset_type(path)
+            datasets += dataset.parts.values() or [dataset]
+        if not datasets:
             raise InputError("there are no datasets", expected="folders of datasets")
-        self._datasets = tuple(found)
-        places = [Path(os.path.realpath(one.folder)) for one in found]
+        self._datasets = tuple(datasets)
+        places = [Path(os.path.realpath(dataset.folder)) for dataset in datasets]
         if len(set(places)) < len(places):
             raise InputError("a dataset is given twice", expected="each dataset once")
         self._names = short_names(places)
@@ -49,22 +49,22 @@ class Datasets(Frames):
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> Self:
-        """Open all datasets in a folder, in the order of their names, or of a split by scenario.
+        """Open all datasets in a folder, by name, or those of a split by scenario.
 
         Raises:
-            InputError: there are none, or one is damaged.
+            InputError: none there, or one is damaged.
         """
         if says_split(Path(folder)):
             document = read_split_document(Path(folder))
             divided = cls(path for path, _, _ in document.rows)
             divided._divided = document
             return divided
-        found = datasets_inside(Path(folder))
-        if not found:
+        folders = datasets_inside(Path(folder))
+        if not folders:
             raise InputError(
                 "holds no dataset", file=Path(folder), expected="a folder with datasets in it"
             )
-        return cls(found)
+        return cls(folders)
 
     @property
     def datasets(self) -> tuple[Dataset, ...]:
@@ -74,9 +74,9 @@ class Datasets(Frames):
     @cached_property
     def _located(self) -> list[Located]:
         return [
-            (one, name, number)
-            for one, name in zip(self.datasets, self._names, strict=True)
-            for number in range(len(one.names))
+            (dataset, name, number)
+            for dataset, name in zip(self.datasets, self._names, strict=True)
+            for number in range(len(dataset.names))
         ]
 
     def _part(self, dataset: Dataset, split: str) -> Collection[str]:
@@ -84,34 +84,34 @@ class Datasets(Frames):
             return super()._part(dataset, split)
         if dataset.folder not in (chosen := self._divided.datasets(split)):
             return ()
-        kept = chosen[dataset.folder]
-        return dataset.names if kept is None else kept
+        frames = chosen[dataset.folder]
+        return dataset.names if frames is None else frames
 
     def __repr__(self) -> str:
-        """Return how many there are, and their names."""
+        """Return the number of datasets and frames, and the names."""
         return f"{len(self.datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
 
 
 def datasets_inside(folder: Path) -> list[Path]:
-    """Return the folders of datasets in a folder, not far below it, by name."""
-    found: list[Path] = []
+    """Return the folders of datasets in a folder, at most a few levels deep, by name."""
+    datasets: list[Path] = []
     below = [folder]
     for _ in range(_DEEP):
         inside: list[Path] = []
         for place in below:
             try:
-                inside += sorted(one for one in place.iterdir() if one.is_dir())
+                inside += sorted(entry for entry in place.iterdir() if entry.is_dir())
             except OSError:
                 continue
-        inside = [one for one in inside if not one.name.startswith(".")]
-        own = [one for one in inside if kind_of(one) == "dataset"]
-        found += own
-        below = [one for one in inside if one not in own]
-    return sorted(found)
+        inside = [entry for entry in inside if not entry.name.startswith(".")]
+        own = [entry for entry in inside if kind_of(entry) == "dataset"]
+        datasets += own
+        below = [entry for entry in inside if entry not in own]
+    return sorted(datasets)
 
 
 def short_names(places: list[Path]) -> list[str]:
-    """Return the ends of paths, as long as they must be to differ."""
+    """Return the shortest ends of paths that differ."""
     longest = max(len(place.parts) for place in places)
     for parts in range(1, longest + 1):
         names = ["/".join(place.parts[-parts:]) for place in places]

@@ -1,4 +1,4 @@
-"""Which boxes of a dataset, and which of its frames, somebody asks for."""
+"""Filters of boxes and frames."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["BoxFilter", "FrameFilter"]
 
-#: Labels have 16 bits for a track (`lidar.annotated.LAST_TRACK`, which loads scipy).
+#: Highest track id: labels store it in 16 bits (`lidar.annotated.LAST_TRACK`, which imports scipy).
 _LAST_TRACK = 0xFFFF
 
 
 @dataclass(frozen=True)
 class BoxFilter:
-    """What boxes must meet; see `Frames.where`."""
+    """Conditions on boxes; see `Frames.where`."""
 
     classes: tuple[str, ...] = ()
     within_m: float | None = None
@@ -39,10 +39,10 @@ class BoxFilter:
     tracks: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no box can meet.
+        """Validate the conditions.
 
         Raises:
-            InputError: a number is negative or none, or there is no such level.
+            InputError: a value is negative or not a number, or a difficulty is unknown.
         """
         for name in ("within_m", "beyond_m", "min_points", "max_occlusion", "max_truncation"):
             value = getattr(self, name)
@@ -53,7 +53,7 @@ class BoxFilter:
                 raise InputError(
                     f"{track!r} is no track", place="tracks", expected=f"1 to {_LAST_TRACK}"
                 )
-        levels = [one.name for one in LEVELS]
+        levels = [level.name for level in LEVELS]
         for name in self.difficulty:
             if name not in levels:
                 raise InputError(
@@ -62,14 +62,14 @@ class BoxFilter:
 
     @property
     def is_open(self) -> bool:
-        """Whether it takes every box."""
+        """Whether it accepts every box."""
         return self == BoxFilter()
 
     def check(self, known: Collection[str]) -> None:
-        """Refuse a class that no dataset has.
+        """Raise an error for a class that no dataset has.
 
         Raises:
-            InputError: it names those that there are.
+            InputError: the error lists the classes.
         """
         for name in self.classes:
             if name not in known:
@@ -80,40 +80,40 @@ class BoxFilter:
                 )
 
     def kept(self, dataset: Dataset) -> NDArray[np.bool_]:
-        """Return which rows (B,) of ``boxes.parquet`` are taken.
+        """Return which rows (B,) of ``boxes.parquet`` are accepted.
 
-        A box whose occlusion nobody knows, as it has no point even alone, meets no bound of it.
+        A box of unknown occlusion, without points even unoccluded, meets no bound of it.
         """
         import pyarrow as pa
         import pyarrow.compute as pc
 
         table = dataset.boxes
-        found = np.ones(table.num_rows, np.bool_)
+        accepted = np.ones(table.num_rows, np.bool_)
         if self.classes:
-            found &= _plain(pc.is_in(table["class"], pa.array(self.classes)))
+            accepted &= _plain(pc.is_in(table["class"], pa.array(self.classes)))
         if self.difficulty:
-            found &= _plain(pc.is_in(_column(dataset, "difficulty"), pa.array(self.difficulty)))
+            accepted &= _plain(pc.is_in(_column(dataset, "difficulty"), pa.array(self.difficulty)))
         if self.counted:
-            found &= _plain(pc.is_null(_column(dataset, "ignored")))
+            accepted &= _plain(pc.is_null(_column(dataset, "ignored")))
         if self.tracks is not None:
-            found &= np.isin(table["track"].to_numpy(), np.array(self.tracks, np.int64))
+            accepted &= np.isin(table["track"].to_numpy(), np.array(self.tracks, np.int64))
         if self.min_points is not None:
-            found &= table["num_points"].to_numpy() >= self.min_points
+            accepted &= table["num_points"].to_numpy() >= self.min_points
         for name, most in (("occlusion", self.max_occlusion), ("truncation", self.max_truncation)):
             if most is not None:
-                found &= _plain(
+                accepted &= _plain(
                     pc.fill_null(pc.less_equal(_column(dataset, name), float(most)), False)
                 )
         if self.within_m is not None:
-            found &= dataset.box_range_m <= self.within_m
+            accepted &= dataset.box_range_m <= self.within_m
         if self.beyond_m is not None:
-            found &= dataset.box_range_m >= self.beyond_m
-        return found
+            accepted &= dataset.box_range_m >= self.beyond_m
+        return accepted
 
 
 @dataclass(frozen=True)
 class FrameFilter:
-    """What frames must meet; see `Frames.where`."""
+    """Conditions on frames; see `Frames.where`."""
 
     split: str | None = None
     sequences: tuple[str, ...] | None = None
@@ -123,10 +123,10 @@ class FrameFilter:
     every: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what is no span and no step.
+        """Validate the conditions.
 
         Raises:
-            InputError: a time is none, or ``every`` is below 1.
+            InputError: a time is not a number, or ``every`` is below 1.
         """
         for name in ("start", "stop"):
             value = getattr(self, name)
@@ -141,15 +141,15 @@ class FrameFilter:
         sequences: Collection[str],
         part: Callable[[Dataset, str], Collection[str]],
     ) -> list[int]:
-        """Return which of some frames are taken, by their number among them.
+        """Return the indices of the accepted frames.
 
         Args:
-            frames: of each its dataset, the name of its sequence, and its number in the dataset.
-            sequences: names that there are.
-            part: from a dataset and the name of a split to the names of its frames.
+            frames: dataset, name of the sequence, and index within the dataset of each frame.
+            sequences: existing names of sequences.
+            part: returns the names of a dataset's frames in a split.
 
         Raises:
-            InputError: there is no such sequence, split or frame.
+            InputError: no such sequence, split or frame.
         """
         for name in self.sequences or ():
             if name not in sequences:
@@ -158,10 +158,10 @@ class FrameFilter:
                     place="sequences",
                     expected=", ".join(sorted(sequences)),
                 )
-        found, seen = [], set()
+        accepted, seen = [], set()
         splits: dict[int, frozenset[str]] = {}
-        for number, (dataset, sequence, own) in enumerate(frames):
-            name, time_s = dataset.names[own], float(dataset.times_s[own])
+        for number, (dataset, sequence, index) in enumerate(frames):
+            name, time_s = dataset.names[index], float(dataset.times_s[index])
             if self.sequences is not None and sequence not in self.sequences:
                 continue
             if self.start is not None and time_s < self.start - 1e-6:
@@ -175,13 +175,13 @@ class FrameFilter:
                     continue
             seen.add(name)
             if self.frames is None or name in self.frames:
-                found.append(number)
+                accepted.append(number)
         for name in self.frames or ():
             if name not in seen:
                 raise InputError(
                     f"there is no frame {name!r}", place="frames", expected="names of frames"
                 )
-        return found[:: self.every]
+        return accepted[:: self.every]
 
 
 def _column(dataset: Dataset, name: str) -> pa.ChunkedArray:

@@ -1,4 +1,4 @@
-"""A fleet on disk: nodes that stand and nodes that ride, recorded together from one motion."""
+"""A fleet on disk: fixed and mounted nodes, recorded together from one motion."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.reading.columns import BOX, FLEET_BOXES, NODES, POSE
+from urbantwin.dataset.reading.columns import FLEET_BOXES, NODES, POSE
 from urbantwin.dataset.reading.dataset import Dataset
 from urbantwin.dataset.reading.frame import Frame
 from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.dataset.reading.fused import Alignment, FusedCloud, Knowledge, fused_cloud
 from urbantwin.dataset.reading.manifest import read_fleet_manifest
 from urbantwin.dataset.reading.objects import LabelledObjects
-from urbantwin.dataset.reading.tables import read_table
+from urbantwin.dataset.reading.tables import box_array, read_table
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 from urbantwin.result_warning import ResultWarning, warnings_of
@@ -37,18 +36,19 @@ _EXPECTED = "a fleet of urbantwin record --nodes"
 
 @dataclass(frozen=True, eq=False)
 class NodeState:
-    """A node in a frame.
+    """State of a node in a frame.
 
     Attributes:
-        present: whether it was there: all else is ``None`` where it was not.
-        points: how many it has.
-        clock_s: what its clock said at the frame's time.
-        sent_s: when its frame was complete, true time of the motion.
-        lost: whether nobody else has it.
-        arrival_s: when the others have it; ``None`` where it was lost.
-        true: ``site_SE3_points``: takes its points to the site.
-        reported: the same as it believes.
-        place: ``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright.
+        present: whether it was present; if not, all else is ``None``.
+        points: number of points.
+        clock_s: its clock at the frame's time.
+        sent_s: time at which its frame was complete, true time of the motion.
+        lost: whether its frame was lost in transmission.
+        arrival_s: time at which other nodes have it; ``None`` if it was lost.
+        true: ``site_SE3_points``: true pose of the frame of its points.
+        reported: the same pose as the node reports it.
+        place: ``site_SE3_node``: true pose of its vehicle, or of its pole's first sensor, made
+            upright.
     """
 
     present: bool
@@ -63,7 +63,7 @@ class NodeState:
 
     @property
     def believed(self) -> Pose | None:
-        """Where it believes itself to be: ``place`` as it reports it."""
+        """Pose ``place`` as the node reports it."""
         if self.true is None or self.reported is None or self.place is None:
             return None
         return self.reported @ self.true.inverse() @ self.place
@@ -71,17 +71,17 @@ class NodeState:
 
 @dataclass(frozen=True, eq=False)
 class NodeFrame:
-    """What one node has of a frame.
+    """One node in one frame.
 
     Attributes:
-        node: its name.
-        dataset: of the node.
-        name: of the frame.
-        state: where and when it was, and whether the others have its frame.
+        node: name of the node.
+        dataset: dataset of the node.
+        name: name of the frame.
+        state: pose, clock and transmission.
 
     Example:
         >>> bus = fleet.frame(3).node("bus")
-        >>> bus.reported.apply(bus.points[:, :3])  # in the site, as it believes
+        >>> bus.reported.apply(bus.points[:, :3])  # in the site frame, by its reported pose
     """
 
     node: str
@@ -91,45 +91,45 @@ class NodeFrame:
 
     @property
     def present(self) -> bool:
-        """Whether it was there; without it, there is nothing else."""
+        """Whether it was present; if not, it has no data."""
         return self.state.present
 
     @property
     def lost(self) -> bool:
-        """Whether its frame was lost on its way to the others."""
+        """Whether its frame was lost in transmission."""
         return self.state.lost
 
     @property
     def clock_s(self) -> float | None:
-        """What its own clock said at the frame's time: the stamp of the frame."""
+        """Its clock at the frame's time: the time stamp of the frame."""
         return self.state.clock_s
 
     @property
     def arrival_s(self) -> float | None:
-        """When the others have its frame, true time of the motion; ``None`` where it is lost."""
+        """Time at which other nodes have its frame, true; ``None`` if it was lost."""
         return self.state.arrival_s
 
     @property
     def true(self) -> Pose | None:
-        """``site_SE3_points``: takes its points to the site."""
+        """``site_SE3_points``: true pose of the frame of its points."""
         return self.state.true
 
     @property
     def reported(self) -> Pose | None:
-        """The same as the node believes."""
+        """The same pose as the node reports it."""
         return self.state.reported
 
     @property
     def place(self) -> Pose | None:
-        """``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright."""
+        """``site_SE3_node``: true pose of its vehicle, or of its pole's first sensor, upright."""
         return self.state.place
 
     @cached_property
     def frame(self) -> Frame:
-        """The frame of its own dataset, with its own labels.
+        """The frame in its own dataset, with its own labels.
 
         Raises:
-            InputError: it was not there.
+            InputError: it was not present.
         """
         if not self.present:
             raise InputError(
@@ -155,8 +155,8 @@ class FleetFrame:
     """One frame of a fleet.
 
     Attributes:
-        fleet: that it is of.
-        name: of the frame, in every node's dataset.
+        fleet: the fleet.
+        name: name of the frame in every node's dataset.
         time_s: seconds from the start of the motion.
     """
 
@@ -165,19 +165,19 @@ class FleetFrame:
     time_s: float
 
     def node(self, name: str) -> NodeFrame:
-        """Return what a node has of it.
+        """Return a node in this frame.
 
         Raises:
-            InputError: there is no such node.
+            InputError: no such node.
         """
         state = self.fleet.state(self.name, name)
         return NodeFrame(name, self.fleet.nodes[name], self.name, state)
 
     @property
     def nodes(self) -> dict[str, NodeFrame]:
-        """All nodes that are there, by name."""
-        every = {name: self.node(name) for name in self.fleet.nodes}
-        return {name: one for name, one in every.items() if one.present}
+        """All present nodes, by name."""
+        all_nodes = {name: self.node(name) for name in self.fleet.nodes}
+        return {name: node for name, node in all_nodes.items() if node.present}
 
     @cached_property
     def boxes(self) -> pa.Table:
@@ -187,7 +187,7 @@ class FleetFrame:
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
         """Boxes (B, 7) in the site: centre x, y, z, length, width, height in metres, yaw."""
-        return np.column_stack([self.boxes[name].to_numpy() for name in BOX]).reshape(-1, 7)
+        return box_array(self.boxes)
 
     def fused(
         self,
@@ -196,26 +196,23 @@ class FleetFrame:
         at: Alignment = "same",
         nodes: Sequence[str] | None = None,
     ) -> FusedCloud:
-        """Return the points of all nodes in one frame of reference.
+        """Return the points of all nodes in one frame of reference; see `fused_cloud`.
 
         Args:
-            frame_of: the node in whose frame they are to be and which receives those of the
-                others; the site if not given.
-            using: poses and times as nodes have ``reported`` them, or the ``true`` ones.
-            at: ``same``: everybody's frame of that name. ``nearest``: of those that had arrived
-                when the receiver's own was complete, the one nearest in time. ``extrapolated``:
-                the same, and points on actors go on as the actor's label moves.
-            nodes: names of some nodes; all if not given.
+            frame_of: receiving node, whose frame is used; the site if not given.
+            using: ``reported`` or ``true`` poses and times.
+            at: ``same``, ``nearest`` or ``extrapolated`` frames of the other nodes.
+            nodes: names of the nodes; all if not given.
 
         Raises:
-            InputError: there is no such node, or the receiver is not there.
+            InputError: no such node, or the receiver is not present.
         """
         return fused_cloud(
             self.fleet, self.name, frame_of=frame_of, using=using, at=at, nodes=nodes
         )
 
     def __repr__(self) -> str:
-        """Return name, time and who is there."""
+        """Return name, time and present nodes."""
         return f"FleetFrame {self.name} at {self.time_s:g} s: {', '.join(self.nodes)}"
 
 
@@ -226,41 +223,43 @@ class Fleet(Sequence[FleetFrame]):
         folder: its folder.
         manifest: content of ``fleet.json``.
         node_names: names of the nodes.
-        names: names of the frames, in the order of time.
-        times_s: (F,) their times, seconds from the motion's start.
+        names: names of the frames, in order of time.
+        times_s: (F,) times of the frames, seconds from the motion's start.
 
     Raises:
-        InputError: it is no fleet.
+        InputError: not a fleet.
     """
 
-    #: What the dataset of a node is opened as.
+    #: Class of the nodes' datasets.
     dataset_type: ClassVar[type[Dataset]] = Dataset
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
         self.manifest: dict[str, Any] = read_fleet_manifest(self.folder)
-        self.node_names: tuple[str, ...] = tuple(one["name"] for one in self.manifest["nodes"])
+        self.node_names: tuple[str, ...] = tuple(entry["name"] for entry in self.manifest["nodes"])
         frames = self.manifest["frames"]
-        self.names: tuple[str, ...] = tuple(one["name"] for one in frames)
-        self.times_s: NDArray[np.float64] = np.array([one["time_s"] for one in frames], np.float64)
+        self.names: tuple[str, ...] = tuple(entry["name"] for entry in frames)
+        self.times_s: NDArray[np.float64] = np.array(
+            [entry["time_s"] for entry in frames], np.float64
+        )
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> Self:
         """Open a fleet's folder.
 
         Raises:
-            InputError: it is not a fleet, or its manifest is damaged.
+            InputError: not a fleet, or its manifest is damaged.
         """
         return cls(folder)
 
     @cached_property
     def nodes(self) -> dict[str, Dataset]:
-        """The dataset of each node by its name."""
+        """Dataset of each node by name."""
         return {name: self.dataset_type(self.folder / name) for name in self.node_names}
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """``boxes.parquet``: one row per frame and actor, in the site; see docs/howto/nodes.md."""
+        """``boxes.parquet``: one row per frame and actor, in the site; see docs/nodes.md."""
         return read_table(self.folder / "boxes.parquet", FLEET_BOXES)
 
     @cached_property
@@ -270,19 +269,18 @@ class Fleet(Sequence[FleetFrame]):
 
     @cached_property
     def states(self) -> pa.Table:
-        """``nodes.parquet``: one row for each frame and node: poses, clock, radio."""
+        """``nodes.parquet``: one row per frame and node: poses, clock, radio."""
         return read_table(self.folder / NODES_FILE, NODES)
 
     def boxes_of(self, frame: str) -> pa.Table:
         """Return the common labels of a frame."""
-        first, last = self._rows.get(frame, (0, 0))
-        return self.boxes.slice(first, last - first)
+        return self.boxes.take(self.objects.rows_of(frame))
 
     def folder_of(self, node: str) -> Path:
         """Return the folder of a node's dataset.
 
         Raises:
-            InputError: there is no such node.
+            InputError: no such node.
         """
         if node not in self.node_names:
             raise InputError(
@@ -293,10 +291,10 @@ class Fleet(Sequence[FleetFrame]):
         return self.folder / node
 
     def state(self, frame: str, node: str) -> NodeState:
-        """Return where a node was in a frame, and when.
+        """Return the state of a node in a frame.
 
         Raises:
-            InputError: there is no such node or frame.
+            InputError: no such node or frame.
         """
         self.folder_of(node)
         if (frame, node) not in self._states:
@@ -311,7 +309,7 @@ class Fleet(Sequence[FleetFrame]):
         """Return the points of a node in a frame, in its own frame of reference.
 
         Raises:
-            InputError: there is no such node or frame, or it was not there.
+            InputError: no such node or frame, or the node is not present.
         """
         if not self.state(frame, node).present:
             raise InputError(
@@ -322,15 +320,6 @@ class Fleet(Sequence[FleetFrame]):
         return FrameFiles(self.folder_of(node), frame)
 
     @cached_property
-    def _rows(self) -> dict[str, tuple[int, int]]:
-        """First row of the boxes of each frame, and the row after the last."""
-        names = np.asarray(self.boxes["frame"].to_pylist(), object)
-        cuts = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
-        if len(names) == 0:
-            return {}
-        return {str(names[a]): (a, b) for a, b in pairwise(cuts)}
-
-    @cached_property
     def _states(self) -> dict[tuple[str, str], NodeState]:
         file = self.folder / NODES_FILE
         rows = self.states.to_pylist()
@@ -338,22 +327,28 @@ class Fleet(Sequence[FleetFrame]):
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it, and with the dataset of each node."""
-        found = list(warnings_of(self.manifest))
-        of_nodes = [(name, one) for name, dataset in self.nodes.items() for one in dataset.warnings]
-        for name, one in of_nodes:
-            if sum(one == other for _, other in of_nodes) == len(self.nodes):  # of all: once
-                found += [one] if one not in found else []
+        """Warnings of the fleet, and of the dataset of each node."""
+        warnings = list(warnings_of(self.manifest))
+        of_nodes = [
+            (name, warning) for name, dataset in self.nodes.items() for warning in dataset.warnings
+        ]
+        for name, warning in of_nodes:
+            if sum(warning == other for _, other in of_nodes) == len(
+                self.nodes
+            ):  # common to all nodes: once
+                warnings += [warning] if warning not in warnings else []
             else:
-                about = f"{name}: {one.about}"
-                found.append(ResultWarning(about, one.problem, one.reason, one.remedy))
-        return tuple(found)
+                about = f"{name}: {warning.about}"
+                warnings.append(
+                    ResultWarning(about, warning.problem, warning.reason, warning.remedy)
+                )
+        return tuple(warnings)
 
     def frame(self, frame: int | str) -> FleetFrame:
-        """Return a frame by its place in the order of time, or by its name.
+        """Return a frame by index or name.
 
         Raises:
-            InputError: there is no such frame.
+            InputError: no such frame.
         """
         if isinstance(frame, str):
             if frame not in self.names:
@@ -371,15 +366,15 @@ class Fleet(Sequence[FleetFrame]):
             ) from None
 
     def __getitem__(self, frame: int) -> FleetFrame:  # type: ignore[override]
-        """Return the frame of a number."""
+        """Return a frame by index."""
         return FleetFrame(self, self.names[frame], float(self.times_s[frame]))
 
     def __iter__(self) -> Iterator[FleetFrame]:
-        """Return the frames in the order of time."""
+        """Return the frames in order of time."""
         return (self[number] for number in range(len(self)))
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self.names)
 
     def __fspath__(self) -> str:

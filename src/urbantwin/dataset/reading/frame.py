@@ -1,4 +1,4 @@
-"""One labelled frame of a dataset: its points, its boxes, and what the other frames say of it."""
+"""One labelled frame of a dataset: points, boxes, poses, flow and trajectories."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.reading.columns import BOX, POINT
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.dataset.reading.frame_files import FrameFiles, ray_place
 from urbantwin.dataset.reading.manifest import pose_of_matrix
+from urbantwin.dataset.reading.tables import box_array
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,13 +29,13 @@ __all__ = ["Frame"]
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One labelled frame of a dataset; each array is read when it is first asked for.
+    """One labelled frame of a dataset; arrays are read at first use.
 
     Attributes:
-        dataset: that it is of.
-        name: of the frame, which its files have.
+        dataset: the dataset.
+        name: name of the frame, also of its files.
         time_s: seconds from the start of the motion.
-        chosen: tells which rows of the dataset's boxes somebody asked for (`Dataset.where`).
+        chosen: returns a mask of the dataset's boxes that a filter selects (`Dataset.where`).
 
     Example:
         >>> frame = dataset[3]
@@ -53,17 +54,17 @@ class Frame:
 
     @cached_property
     def labels(self) -> NDArray[np.uint32]:
-        """Labels (N,) as they are in the file: class in the low 16 bits, track in the high."""
+        """Labels (N,) as in the file: class in the low 16 bits, track in the high."""
         return self._files.labels
 
     @cached_property
     def semantic(self) -> NDArray[np.uint16]:
-        """Number (N,) of each point's class; `Dataset.class_names` has their names."""
+        """Class id (N,) of each point; `Dataset.class_names` has the names."""
         return (self.labels & 0xFFFF).astype(np.uint16)
 
     @cached_property
     def instance(self) -> NDArray[np.uint16]:
-        """Track (N,) of the actor that each point is on; 0 for the static world."""
+        """Track (N,) of the actor of each point; 0 for the static world."""
         return (self.labels >> 16).astype(np.uint16)
 
     @cached_property
@@ -77,36 +78,36 @@ class Frame:
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes` that were asked for."""
+        """Labelled boxes, one row each: the frame's selected rows of `Dataset.boxes`."""
         rows = self.dataset.box_rows(self.name)
-        kept = None if self.chosen is None else self.chosen()
-        return self.dataset.boxes.take(rows if kept is None else rows[kept[rows]])
+        selected = None if self.chosen is None else self.chosen()
+        return self.dataset.boxes.take(rows if selected is None else rows[selected[rows]])
 
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
         """Boxes (B, 7): centre x, y, z, length, width, height in metres, yaw in radians."""
-        return np.column_stack([self.boxes[name].to_numpy() for name in BOX]).reshape(-1, 7)
+        return box_array(self.boxes)
 
     @cached_property
     def objects(self) -> LabelledObjects:
-        """Labelled boxes as arrays: all of the frame, as they are in the table."""
+        """All labelled boxes of the frame as arrays, ignoring filters."""
         return self.dataset.objects.of_frame(self.name)
 
     @property
     def number(self) -> int:
-        """Number of the frame in the data set, from 0."""
+        """Index of the frame in the dataset, from 0."""
         return self.dataset.numbers[self.name]
 
     @cached_property
     def site_SE3_dataset(self) -> Pose:  # noqa: N802
-        """The pose that takes the frame's points to the site.
+        """Pose of the frame of the points in the site.
 
         Raises:
-            InputError: the manifest does not say it.
+            InputError: the manifest lacks it.
         """
         manifest = self.dataset.manifest
-        told = manifest["frames"][self.number]
-        rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
+        entry = manifest["frames"][self.number]
+        rows = entry.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
         if rows is None:
             raise InputError(
                 "does not say where the points are",
@@ -118,7 +119,7 @@ class Frame:
 
     @property
     def xyz(self) -> NDArray[np.float32]:
-        """Places (N, 3) of the points, metres."""
+        """Positions (N, 3) of the points, metres."""
         return self.points[:, :3]
 
     @property
@@ -143,36 +144,36 @@ class Frame:
 
     @property
     def sensor(self) -> NDArray[np.uint8]:
-        """Number (N,) of the sensor in the rig that saw each point."""
+        """Index (N,) of the sensor in the rig."""
         return self._of_rays("sensor")
 
     @property
     def ring(self) -> NDArray[np.uint16]:
-        """Channel (N,) of each point, as the maker numbers them."""
+        """Channel (N,) of each point, in the maker's numbering."""
         return self._of_rays("ring")
 
     @property
     def column(self) -> NDArray[np.uint16]:
-        """Firing (N,) within the turn of each point."""
+        """Firing (N,) of each point within the turn."""
         return self._of_rays("column")
 
     @property
     def time(self) -> NDArray[np.float32]:
-        """When each point (N,) was measured by its sensor's clock, seconds from the frame's."""
+        """Time (N,) of each point by its sensor's clock, seconds relative to the frame's."""
         return self._of_rays("time")
 
     @property
     def echo(self) -> NDArray[np.uint8]:
-        """Which echo (N,) of its beam each point is: 0, the first that is reported, or 1."""
+        """Number (N,) of each point's return within its beam: 0, the first reported, or 1."""
         return self._of_rays("echo")
 
     @cached_property
     def cloud(self) -> NDArray[np.void]:
-        """All of it (N,) as one structured array: ``cloud["ring"]``, ``cloud[cloud["x"] > 3]``.
+        """All point data (N,) as a structured array: ``cloud["ring"]``, ``cloud[cloud["x"] > 3]``.
 
-        Its fields are ``x``, ``y``, ``z``, ``intensity``, those of the rays (``sensor``, ``ring``,
-        ``column``, ``time``, ``echo``; datasets of older versions lack some), ``semantic`` and
-        ``instance``.
+        Fields are ``x``, ``y``, ``z``, ``intensity``, those of the rays (``sensor``, ``ring``,
+        ``column``,
+        ``time``, ``echo``; datasets of older versions lack some), ``semantic`` and ``instance``.
         """
         rays = self.rays
         kinds: list[tuple[str, Any]] = [(name, "<f4") for name in POINT]
@@ -187,14 +188,14 @@ class Frame:
         return cloud
 
     def rays_of(self, *fields: str, sensors: int = 256) -> NDArray[np.void]:
-        """Return the ray (N,) of each point, checked.
+        """Return the ray (N,) of each point, validated.
 
         Args:
-            fields: what they must say.
+            fields: required fields.
             sensors: number of sensors of the rig.
 
         Raises:
-            InputError: a field is missing, or a ray is of a sensor that there is not.
+            InputError: a field is missing, or a sensor's index is out of range.
         """
         file = self._files.rays_file
         for name in fields:
@@ -220,7 +221,7 @@ class Frame:
 
     @property
     def next(self) -> Frame | None:
-        """The frame after it in the dataset; ``None`` of the last one."""
+        """The next frame of the dataset; ``None`` for the last one."""
         number = self.number + 1
         return self.dataset[number] if number < len(self.dataset.names) else None
 
@@ -231,33 +232,38 @@ class Frame:
         return np.isin(self.instance, tracks[tracks > 0])
 
     def measured_s(self) -> NDArray[np.float64]:
-        """Return when each point (N,) was measured, true, seconds from the motion's start."""
+        """Return the true time of each point (N,), seconds from the motion's start."""
         ahead = np.zeros(256)
-        for number, one in enumerate(self.dataset.manifest["rig"]["sensors"]):
-            key = (self.name, one["name"])
-            ahead[one.get("number", number)] = self.dataset.clock_ahead_s.get(key, 0.0)
+        for number, entry in enumerate(self.dataset.manifest["rig"]["sensors"]):
+            key = (self.name, entry["name"])
+            ahead[entry.get("number", number)] = self.dataset.clock_ahead_s.get(key, 0.0)
         return self.time_s + self.time.astype(np.float64) - ahead[self.sensor]
 
     def flow(self, *, ego: bool = False) -> NDArray[np.float32]:
-        """Return where each point (N, 3) goes until the next frame sees it, metres.
+        """Return the scene flow (N, 3) of each point to the next frame, metres.
 
-        A point goes with the body that it is on, rigidly, from where the body was when the point
-        was measured to where the next frame's box has it; the static world stays. It is ``nan``
-        where nobody knows it: of points beside actors (class ``outlier``), of an actor that is not
-        in the next frame, and of all points of the last frame. See docs/reference/labels.md.
+        A point moves rigidly with its actor, from the actor's pose when the point was measured to
+        its box in the
+        next frame; the static world does not move. ``nan`` where unknown: points beside actors
+        (class
+        ``outlier``), on an actor that is not in the next frame, and all points of the last frame.
+        See
+        docs/sequences.md.
 
         Args:
-            ego: with the motion of who looks: the flow goes from where a point is in this frame's
-                coordinates to where it will be in the next one's (Argoverse 2). Without it, both
-                are in this frame's (Waymo). Of a rig that stands, they are the same.
+            ego: include the sensor's own motion: the flow is from a point's coordinates in this
+                frame to those
+                in the next one (Argoverse 2); otherwise both are in this frame's coordinates
+                (Waymo). For a
+                fixed rig they are the same.
         """
         from urbantwin.dataset.point_flow import flow_of
 
-        then = self.next
-        if then is None:
+        following = self.next
+        if following is None:
             return np.full((len(self.points), 3), np.nan, np.float32)
-        rows = self.dataset.boxes.take(self.dataset.box_rows(then.name))
-        seen_s = then.time_s + rows["observed_s"].to_numpy()
+        rows = self.dataset.boxes.take(self.dataset.box_rows(following.name))
+        seen_s = following.time_s + rows["observed_s"].to_numpy()
         return flow_of(
             self.points[:, :3],
             self.semantic,
@@ -266,11 +272,11 @@ class Frame:
             self.dataset.paths,
             dict(zip(rows["track"].to_pylist(), seen_s.tolist(), strict=True)),
             self.site_SE3_dataset,
-            then.site_SE3_dataset.inverse() if ego else None,
+            following.site_SE3_dataset.inverse() if ego else None,
         )
 
     def trajectories(self, past: float = 2.0, future: float = 6.0) -> pa.Table:
-        """Return where the actors of `boxes` were before this frame and will be after it.
+        """Return the trajectories of the actors of `boxes` before and after this frame.
 
         Args:
             past: seconds before the frame.
@@ -280,7 +286,7 @@ class Frame:
             The rows of `Dataset.trajectories` between these times, by time, then track.
 
         Raises:
-            InputError: a time is negative, or the dataset is of a version without trajectories.
+            InputError: a time is negative, or the dataset's version has no trajectories.
         """
         import pyarrow as pa
 
@@ -292,14 +298,14 @@ class Frame:
         first = int(np.searchsorted(times, self.time_s - past - 1e-6))
         last = int(np.searchsorted(times, self.time_s + future + 1e-6, side="right"))
         some = table.slice(first, last - first)
-        mine = np.isin(some["track"].to_numpy(), self.boxes["track"].to_numpy())
-        return some.filter(pa.array(mine))
+        of_boxes = np.isin(some["track"].to_numpy(), self.boxes["track"].to_numpy())
+        return some.filter(pa.array(of_boxes))
 
     @property
     def site_SE3_ego(self) -> Pose:  # noqa: N802
-        """Where the vehicle was that carries the sensors; of a rig that stands, `site_SE3_dataset`.
+        """Pose of the vehicle that carries the sensors; for a fixed rig, `site_SE3_dataset`.
 
-        It is the true pose at the beginning of the first turn in the frame.
+        The true pose at the start of the first turn in the frame.
         """
         from urbantwin.dataset.pose_table import EGO
 
@@ -308,16 +314,16 @@ class Frame:
     def site_SE3_sensor(  # noqa: N802
         self, sensor: str | None = None, *, reported: bool = False
     ) -> Pose:
-        """Return where a sensor was at the beginning of its first turn in the frame.
+        """Return the pose of a sensor at the start of its first turn in the frame.
 
         Args:
             sensor: its name in the rig; the first one if not given.
-            reported: where points were computed from, as far as the sensor knew; else where it was.
+            reported: the reported pose, with which points are computed, rather than the true one.
 
         Raises:
-            InputError: there is no such sensor in this frame.
+            InputError: no such sensor in this frame.
         """
-        names = [one["name"] for one in self.dataset.manifest["rig"]["sensors"]]
+        names = [entry["name"] for entry in self.dataset.manifest["rig"]["sensors"]]
         name = names[0] if sensor is None else sensor
         if name not in names:
             raise InputError(
@@ -327,12 +333,12 @@ class Frame:
 
     @cached_property
     def site_SE3_sensors(self) -> dict[str, Pose]:  # noqa: N802
-        """Pose of every sensor by name: reported at its first turn; without a turn, at rest."""
-        found = self.dataset.turns.first_poses(self.name, "reported")
-        for one in self.dataset.manifest["rig"]["sensors"]:
-            if one["name"] not in found:
-                found[one["name"]] = pose_of_matrix(one["site_SE3_sensor"])
-        return found
+        """Reported pose of every sensor at its first turn, by name; without a turn, at rest."""
+        poses = self.dataset.turns.first_poses(self.name, "reported")
+        for entry in self.dataset.manifest["rig"]["sensors"]:
+            if entry["name"] not in poses:
+                poses[entry["name"]] = pose_of_matrix(entry["site_SE3_sensor"])
+        return poses
 
     def _pose(self, name: str, *, reported: bool) -> Pose:
         import pyarrow.compute as pc
@@ -340,8 +346,8 @@ class Frame:
         from urbantwin.dataset.pose_table import true_and_reported
 
         table = self.dataset.poses
-        mine = pc.and_(pc.equal(table["frame"], self.name), pc.equal(table["name"], name))
-        rows = table.filter(mine).slice(0, 1).to_pylist()
+        selected = pc.and_(pc.equal(table["frame"], self.name), pc.equal(table["name"], name))
+        rows = table.filter(selected).slice(0, 1).to_pylist()
         if not rows:
             raise InputError(
                 f"has no pose of {name}",

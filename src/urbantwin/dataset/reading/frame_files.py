@@ -1,4 +1,4 @@
-"""The files of one frame, read again, whatever their storage: what ``layout.write_frame`` wrote."""
+"""Files of one frame in any storage: the reader of what ``layout.write_frame`` writes."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ from urbantwin.errors import InputError
 __all__ = ["FOLDERS", "RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
 __all__ += ["stored_frames"]
 
-#: Those of a dataset that hold the files of its frames.
+#: Folders of a dataset with files of its frames.
 FOLDERS = ("points", "labels", "semantic", "rays")
-#: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
-#: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
-#: beam (0, the first that is reported, or 1).
+#: One ray: index of the sensor in the rig, channel, firing within the turn, firing time (seconds
+#: relative to the frame's, by the sensor's clock), and number of the return within its beam (0, the
+#: first reported, or 1).
 RAY_TYPE = np.dtype(
     [("sensor", "u1"), ("ring", "<u2"), ("column", "<u2"), ("time", "<f4"), ("echo", "u1")]
 )
-#: How points are kept, and how their files in ``points/`` end.
+#: Storage formats of points, and the suffix of their files in ``points/``.
 STORED = {"npy": ".npy", "zstd": ".parquet", "laz": ".laz"}
 
 _POINTS, _RAYS = "the points of a frame", "a table of rays, one for each point"
-#: No sensor has more channels.
+#: Limit of channels; no sensor has as many.
 _MOST_RINGS = 4096
 
 
 class FrameFiles:
-    """The arrays of one frame; each is read when it is first asked for.
+    """Arrays of one frame, read at first use.
 
     Args:
-        dataset: its folder.
-        name: of the frame.
-        storage: of the dataset, one of `STORED`; found by the files when not given.
+        dataset: folder of the dataset.
+        name: name of the frame.
+        storage: format of the dataset, one of `STORED`; detected if not given.
 
     Attributes:
-        file: of its points; with a storage in columns, of all.
+        file: file of its points; in column formats, of all arrays.
     """
 
     def __init__(self, dataset: Path, name: str, storage: str | None = None) -> None:
         self.dataset, self.name = dataset, name
         endings = STORED.values() if storage is None else [STORED.get(storage, STORED["npy"])]
         files = [dataset / "points" / f"{name}{ending}" for ending in endings]
-        self.file = next((one for one in files if one.is_file()), files[0])
+        self.file = next((file for file in files if file.is_file()), files[0])
 
     def __str__(self) -> str:
-        """Return the name of the file of the points in the dataset."""
+        """Return the file of the points, relative to the dataset."""
         return f"points/{self.file.name}"
 
     def problem_of_sizes(self) -> str | None:
-        """Return what is wrong with the sizes of plain files; their contents are not read."""
+        """Return a problem with the sizes of plain files, without reading their contents."""
         rows: int | None = None
         for folder in ("points", "rays"):
             file = self.dataset / folder / f"{self.name}.npy"
@@ -66,7 +66,7 @@ class FrameFiles:
             try:
                 with file.open("rb") as stream:
                     _, whole, shape = array_header(stream)
-            except Exception:  # a header is Python's syntax: its parser raises what it likes
+            except Exception:  # the header is Python syntax: its parser raises anything
                 return f"{folder}/{file.name}: is no array"
             size = file.stat().st_size
             if size != whole:
@@ -85,7 +85,7 @@ class FrameFiles:
         """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1.
 
         Raises:
-            InputError: missing, or damaged.
+            InputError: missing or damaged.
         """
         if self.is_plain:
             return read_array(self.file, _POINTS, ArrayOf("f4", ("N", 4)))
@@ -102,7 +102,7 @@ class FrameFiles:
         """Labels (N,) of the points: class in the low 16 bits, track in the high.
 
         Raises:
-            InputError: missing, or not a label for each point.
+            InputError: missing, or of another length.
         """
         if self.is_plain:
             return read_labels(self.labels_file, len(self.points))
@@ -114,10 +114,10 @@ class FrameFiles:
 
     @cached_property
     def rays(self) -> NDArray[np.void]:
-        """What is known of the ray (N,) of each point; datasets of older versions lack some fields.
+        """Ray (N,) of each point; datasets of older versions lack some fields.
 
         Raises:
-            InputError: missing, or not such a table: whole numbers, and finite times.
+            InputError: missing, or invalid: integers, and finite times.
         """
         if self.is_plain:
             return read_rays(self.rays_file, len(self.points))
@@ -131,7 +131,7 @@ class FrameFiles:
 
     @property
     def known_rays(self) -> NDArray[np.void] | None:
-        """`rays`, where there is a file of them; not compared with the points.
+        """`rays` if the file exists; the length is not compared with the points.
 
         Raises:
             InputError: the file is damaged.
@@ -142,7 +142,7 @@ class FrameFiles:
 
     @property
     def known_labels(self) -> NDArray[np.uint32] | None:
-        """`labels`, where there is a file of them; not compared with the points.
+        """`labels` if the file exists; the length is not compared with the points.
 
         Raises:
             InputError: the file is damaged.
@@ -153,19 +153,19 @@ class FrameFiles:
 
     @property
     def labels_file(self) -> Path:
-        """The file that says which class and track each point is of."""
+        """File of the labels."""
         plain = self.dataset / "semantic" / f"{self.name}.label"
         return plain if self.is_plain else self.file
 
     @property
     def rays_file(self) -> Path:
-        """The file that says which ray each point is of."""
+        """File of the rays."""
         plain = self.dataset / "rays" / f"{self.name}.npy"
         return plain if self.is_plain else self.file
 
     @property
     def is_plain(self) -> bool:
-        """Whether points, labels and rays are files of their own."""
+        """Whether points, labels and rays are separate files."""
         return self.file.suffix == STORED["npy"]
 
     @property
@@ -184,24 +184,26 @@ class FrameFiles:
 
 
 def stored_frames(dataset: Path) -> list[str]:
-    """Return the names of the frames whose points a dataset has in columns, in no order."""
+    """Return the names of the frames with points in a column format, unordered."""
     endings = (STORED["zstd"], STORED["laz"])
     try:
         inside = list((dataset / "points").iterdir())
     except OSError:
         return []
-    return [one.stem for one in inside if one.suffix in endings and not one.name.startswith(".")]
+    return [
+        file.stem for file in inside if file.suffix in endings and not file.name.startswith(".")
+    ]
 
 
 def read_labels(path: Path, points: int | None = None) -> NDArray[np.uint32]:
     """Return the labels (N,) of a frame's points: class in the low 16 bits, track in the high.
 
     Args:
-        path: the ``.label``.
-        points: how many points the frame has; not checked if not given.
+        path: the ``.label`` file.
+        points: number of points; not checked if not given.
 
     Raises:
-        InputError: missing, or not a label for each point.
+        InputError: missing, or of another length.
     """
     expected = "4 bytes for each point" if points is None else f"{4 * points} bytes"
     expected += ", a label for each point" if points is not None else ", its label"
@@ -220,14 +222,14 @@ def read_labels(path: Path, points: int | None = None) -> NDArray[np.uint32]:
 
 
 def read_rays(path: Path, points: int | None = None) -> NDArray[np.void]:
-    """Return what ``rays/`` says of each point; datasets of older versions lack some fields.
+    """Return the rays of a frame's points; datasets of older versions lack some fields.
 
     Args:
-        path: the ``.npy``.
-        points: how many points the frame has; not checked if not given.
+        path: the ``.npy`` file.
+        points: number of points; not checked if not given.
 
     Raises:
-        InputError: missing, or not such a table: whole numbers, and finite times.
+        InputError: missing, or invalid: integers, and finite times.
     """
     table: NDArray[np.void] = read_array(path, _RAYS)
     if not table.dtype.names or table.ndim != 1 or (points is not None and len(table) != points):
@@ -251,7 +253,7 @@ def read_rays(path: Path, points: int | None = None) -> NDArray[np.void]:
 
 
 def ray_place(path: Path, table: NDArray[np.void], name: str, row: int) -> str:
-    """Return the name of a value in a frame's table of rays, and the byte where it begins."""
+    """Describe a value in a frame's table of rays: field, row and byte offset."""
     fields = table.dtype.fields
     assert fields is not None
     begin = path.stat().st_size - table.nbytes

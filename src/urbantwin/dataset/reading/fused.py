@@ -1,4 +1,4 @@
-"""Clouds of all nodes in the frame of one: as they were, or as that node can know them."""
+"""Point clouds of several nodes in one frame: true, or as one node receives them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Alignment", "FusedCloud", "Knowledge", "fused_cloud"]
 
-#: What is used of poses and times: as they were, or as nodes report them.
+#: Poses and times that are used: true, or reported by the nodes.
 Knowledge = Literal["true", "reported"]
-#: Which frame of another node is taken, see `fused_cloud`.
+#: Frame of the other nodes, see `fused_cloud`.
 Alignment = Literal["same", "nearest", "extrapolated"]
 
 
@@ -29,14 +29,15 @@ class FusedCloud:
     """N points of several nodes.
 
     Attributes:
-        points: (N, 4) float32: x, y, z in metres, in the frame of one node's points or of the
-            site, and intensity 0..1.
+        points: (N, 4) float32: x, y, z in metres, in the frame of one node's points or of the site,
+            and
+            intensity 0..1.
         labels: (N,) uint32: class in the low 16 bits, track in the high.
-        node: (N,) uint8: number of the node in ``nodes``.
-        nodes: names of all nodes that were asked for.
-        frames: name of each node -> the frame of it that is in; ``None``: none is.
-        age_s: name of each node that is in -> how much older than the frame its cloud is, by the
-            times that were used.
+        node: (N,) uint8: index of the node in ``nodes``.
+        nodes: names of all requested nodes.
+        frames: name of each node -> its frame that is included; ``None`` for none.
+        age_s: name of each included node -> age of its cloud relative to the frame, by the times
+            used.
     """
 
     points: NDArray[np.float32]
@@ -48,12 +49,12 @@ class FusedCloud:
 
     @property
     def semantic(self) -> NDArray[np.uint16]:
-        """Number (N,) of each point's class."""
+        """Class id (N,) of each point."""
         return (self.labels & 0xFFFF).astype(np.uint16)
 
     @property
     def instance(self) -> NDArray[np.uint16]:
-        """Track (N,) of the actor that each point is on; 0 for the static world."""
+        """Track (N,) of the actor of each point; 0 for the static world."""
         return (self.labels >> 16).astype(np.uint16)
 
 
@@ -71,18 +72,17 @@ def fused_cloud(
     Args:
         fleet: the fleet.
         frame: name of the frame.
-        frame_of: the node in whose frame the points are to be, and which receives those of the
-            others; ``None``: the site, where all is received.
-        using: poses and times as nodes report them, or as they were.
-        at: ``same``: everybody's frame of that name, also where it was lost on the air.
-            ``nearest``: of the frames that had arrived when the receiver's own was complete, the
-            one whose time is nearest to that of its own; none of who has sent none.
-            ``extrapolated``: the same, and points on actors go on with the actor's labelled
-            velocity for as long as they are old.
-        nodes: which ones; all if not given.
+        frame_of: receiving node, whose frame is used; ``None``: the site, which receives all.
+        using: ``reported`` or ``true`` poses and times.
+        at: ``same``: the frame of that name of all nodes, even if lost. ``nearest``: of the frames
+            that had
+            arrived when the receiver's own was complete, the nearest in time. ``extrapolated``: the
+            same,
+            with points on actors moved at the actor's labelled velocity over the age of the frame.
+        nodes: names of the nodes; all if not given.
 
     Raises:
-        InputError: there is no such frame or node, or the receiver is not there in that frame.
+        InputError: no such frame or node, or the receiver is not present in that frame.
     """
     for value, kind, place in ((using, Knowledge, "using"), (at, Alignment, "at")):
         if value not in get_args(kind):
@@ -126,7 +126,7 @@ def fused_cloud(
             _time(fleet, frame, receiver, using) - _time(fleet, taken, state, using)
         )  # fmt: skip
         xyz = files.points[:, :3].astype(np.float64)
-        if at == "extrapolated" and name != frame_of:  # by wrong clocks, wrongly
+        if at == "extrapolated" and name != frame_of:  # with errors of the clocks
             xyz += _velocities(fleet, name, taken, files.labels) * age_s[name]
         if name != frame_of:
             xyz = (own.inverse() @ _pose(state, using)).apply(xyz)
@@ -150,7 +150,7 @@ def _pose(state: NodeState, using: Knowledge) -> Pose:
 
 
 def _time(fleet: Fleet, frame: str, state: NodeState, using: Knowledge) -> float:
-    """Return the time of a node's frame, by its own clock or as it was."""
+    """Return the time of a node's frame, true or by its own clock."""
     if using == "true":
         return float(fleet.times_s[fleet.names.index(frame)])
     assert state.clock_s is not None
@@ -160,31 +160,31 @@ def _time(fleet: Fleet, frame: str, state: NodeState, using: Knowledge) -> float
 def _nearest(
     fleet: Fleet, name: str, frame: str, receiver: NodeState, using: Knowledge
 ) -> str | None:
-    """Return the frame of a node that is nearest in time, of those that have arrived."""
+    """Return the nearest frame in time of a node among those that have arrived."""
     assert receiver.sent_s is not None
     wanted_s = _time(fleet, frame, receiver, using)
     best, least = None, np.inf
-    for one in fleet.names:
-        state = fleet.state(one, name)
+    for candidate in fleet.names:
+        state = fleet.state(candidate, name)
         if state.arrival_s is None or state.arrival_s > receiver.sent_s:
             continue
-        apart = abs(_time(fleet, one, state, using) - wanted_s)
-        if apart <= least:  # of two, the later
-            best, least = one, apart
+        apart = abs(_time(fleet, candidate, state, using) - wanted_s)
+        if apart <= least:  # of equals the later
+            best, least = candidate, apart
     return best
 
 
 def _velocities(
     fleet: Fleet, node: str, frame: str, labels: NDArray[np.uint32]
 ) -> NDArray[np.float64]:
-    """Return how the actor under each point (N, 3) moves, by the node's labels, in its frame."""
+    """Return the labelled velocity of the actor under each point (N, 3), in the node's frame."""
     table = fleet.nodes[node].boxes
-    mine = np.flatnonzero(np.asarray(table["frame"].to_pylist(), object) == frame)
-    rows = table.take(mine)
+    in_frame = np.flatnonzero(np.asarray(table["frame"].to_pylist(), object) == frame)
+    rows = table.take(in_frame)
     tracks = rows["track"].to_numpy()
     speed = np.column_stack([rows[axis].to_numpy() for axis in VELOCITY])
     track = labels >> 16
-    found = np.zeros((len(track), 3))
+    velocity_of_point = np.zeros((len(track), 3))
     for number, velocity in zip(tracks.tolist(), speed, strict=True):
-        found[track == number] = velocity
-    return found
+        velocity_of_point[track == number] = velocity
+    return velocity_of_point

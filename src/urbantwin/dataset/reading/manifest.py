@@ -1,4 +1,4 @@
-"""The schema of ``dataset.json`` that every reader of a dataset relies on."""
+"""Schemas of ``dataset.json`` and ``fleet.json``."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ class _Fleet(Part):
 
 
 def read_fleet_manifest(folder: Path) -> dict[str, Any]:
-    """Read and check the manifest of a fleet.
+    """Read and validate the manifest of a fleet.
 
     Raises:
-        InputError: there is none, or a field is missing or wrong; it is named.
+        InputError: missing, or an invalid field, which is named.
     """
     file = folder / f"{FLEET}.json"
     manifest = read_json(file, kind=FLEET)
@@ -74,7 +74,7 @@ def read_fleet_manifest(folder: Path) -> dict[str, Any]:
 
 
 _EXPECTED = "a dataset's manifest"
-#: How far a rotation may be from one, and a place from the origin, metres.
+#: Tolerance of rotations, and largest distance from the origin, metres.
 _ROUND, _FURTHEST_M = 1e-4, 1e7
 
 
@@ -105,7 +105,7 @@ class _FramePose(Part):
 
 
 class FramePoses(Part):
-    """What the points of a frame need of a manifest: where they are in the site."""
+    """The part of a manifest that gives the pose of each frame's points in the site."""
 
     dataset_SE3_site: Matrix | None = None  # noqa: N815
     frames: list[_FramePose] = Field(default_factory=list)
@@ -172,14 +172,14 @@ class _Datasets(Part):
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read and check the manifest of a dataset, or of a folder with one for each sensor.
+    """Read and validate the manifest of a dataset, or of a folder with one per sensor.
 
     Raises:
-        InputError: there is none, or a field is missing or wrong; it is named.
+        InputError: missing, or an invalid field, which is named.
     """
     file = folder / "dataset.json"
     if not file.is_file() and (folder / "fleet.json").is_file():
-        nodes = sorted(one.parent.name for one in folder.glob("*/dataset.json"))
+        nodes = sorted(file_of_node.parent.name for file_of_node in folder.glob("*/dataset.json"))
         raise InputError(
             "is a fleet", file=folder, expected=f"the dataset of one node: {', '.join(nodes)}"
         )
@@ -196,7 +196,7 @@ def pose_of_matrix(rows: Any) -> Pose:  # noqa: ANN401
     """Return the pose of the rows of a 4x4 matrix.
 
     Raises:
-        ValueError: they are not a pose.
+        ValueError: not a rigid transformation.
     """
     matrix = np.array(rows, np.float64).reshape(4, 4)
     _rigid(matrix.tolist())

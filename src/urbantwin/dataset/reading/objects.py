@@ -1,4 +1,4 @@
-"""The labelled actors of a data set or of a fleet as arrays, one row for each frame and box."""
+"""Labelled actors of a dataset or a fleet as arrays, one row per frame and box."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.reading.columns import BOX, VELOCITY
-from urbantwin.dataset.reading.tables import rows_by_frame
+from urbantwin.dataset.reading.tables import rows_by_name
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ __all__ = ["LabelledObjects"]
 FILE = "boxes.parquet"
 _EXPECTED = "boxes of urbantwin record"
 _REQUIRED = {"frame": "text", "track": "whole", "class": "text", **dict.fromkeys(BOX, "number")}
-#: Columns that a table may lack, and the value of rows without one.
+#: Optional columns, with their default values.
 _OPTIONAL: dict[str, Any] = {
     **dict.fromkeys(("time_s", "observed_s", *VELOCITY), 0.0),
     **dict.fromkeys(("num_points", "num_points_alone", "towed_by"), -1),
@@ -35,22 +35,23 @@ _OPTIONAL: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class LabelledObjects:
-    """Labelled actors; of a data set in the frame of the points, of a fleet in the site.
+    """Labelled actors; of a dataset in the frame of the points, of a fleet in the site.
 
     Attributes:
         frame: (B,) names of the frames.
         time_s: (B,) time of the frame, seconds from the start of the motion.
-        track: (B,) number of the actor, the same in every frame.
+        track: (B,) track id, the same in every frame.
         class_name: (B,) names of ``taxonomy.ACTOR_CLASSES``.
         box: (B, 7) centre x, y, z, length, width, height in metres, yaw in radians.
-        velocity: (B, 3) over the ground, along the axes of the frame, metres per second.
+        velocity: (B, 3) over ground, along the axes of the frame, metres per second.
         num_points: (B,) points on the actor; -1 where unknown.
-        num_points_alone: (B,) points on the actor if it were alone in the world; -1 where unknown.
-        occlusion, visibility: (B,) 0..1; NaN for an actor that no ray reaches even when alone.
+        num_points_alone: (B,) points on the actor without occlusion; -1 where unknown.
+        occlusion, visibility: (B,) 0..1; NaN for an actor that no ray reaches even without
+            occlusion.
         truncation: (B,) 0..1.
-        difficulty: (B,) ``easy``, ``moderate``, ``hard``; empty where the box does not count.
-        ignored: (B,) why a box does not count (docs/reference/labels.md); empty where it does.
-        observed_s: (B,) when the actor is in its box, seconds from the time of the frame.
+        difficulty: (B,) ``easy``, ``moderate``, ``hard``; empty if the box does not count.
+        ignored: (B,) why a box does not count (docs/labels.md); empty if it does.
+        observed_s: (B,) time of the box, seconds relative to the frame's.
         parked: (B,) whether the actor is a parked vehicle.
         towed_by: (B,) track of the towing actor, -1 for none.
         file: the table, for errors.
@@ -76,15 +77,15 @@ class LabelledObjects:
 
     @staticmethod
     def is_in(folder: Path) -> bool:
-        """Return whether a folder has them."""
+        """Return whether a folder has a table of labels."""
         return (folder / FILE).is_file()
 
     @classmethod
     def in_folder(cls, folder: Path) -> Self:
-        """Read the labels of a data set or of a fleet.
+        """Read the labels of a dataset or of a fleet.
 
         Raises:
-            InputError: there are none, or they are damaged.
+            InputError: missing or damaged.
         """
         return cls.of_table(read_parquet(folder / FILE, _EXPECTED), folder)
 
@@ -94,18 +95,18 @@ class LabelledObjects:
 
         Args:
             table: `Dataset.boxes`, or `Fleet.boxes`.
-            folder: of the data set or of the fleet, for errors.
+            folder: folder of the dataset or fleet, for errors.
 
         Raises:
-            InputError: a column is missing, of another kind, or not finite.
+            InputError: a column is missing, of another type, or not finite.
         """
         file = folder / FILE
-        found = columns_of(table, _REQUIRED, file, _EXPECTED)
-        found |= {name: _filled(table, name, file) for name in _OPTIONAL}
-        rows: dict[str, Any] = {one.name: found.get(one.name) for one in fields(cls)}
-        rows |= {"class_name": found["class"].astype(str), "file": file}
-        for name, columns in (("box", BOX), ("velocity", VELOCITY)):
-            rows[name] = np.column_stack([found[one] for one in columns]).reshape(-1, len(columns))
+        columns = columns_of(table, _REQUIRED, file, _EXPECTED)
+        columns |= {name: _filled(table, name, file) for name in _OPTIONAL}
+        rows: dict[str, Any] = {field.name: columns.get(field.name) for field in fields(cls)}
+        rows |= {"class_name": columns["class"].astype(str), "file": file}
+        for name, parts in (("box", BOX), ("velocity", VELOCITY)):
+            rows[name] = np.column_stack([columns[part] for part in parts]).reshape(-1, len(parts))
         return cls(**rows)
 
     def __len__(self) -> int:
@@ -113,13 +114,13 @@ class LabelledObjects:
         return len(self.track)
 
     def take(self, rows: Any) -> Self:  # noqa: ANN401 - whatever selects rows of an array
-        """Return some rows: numbers, a mask or a slice."""
-        arrays: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        """Return some rows: indices, a mask or a slice."""
+        arrays: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         del arrays["file"]
         return replace(self, **{name: values[rows] for name, values in arrays.items()})
 
     def rows_of(self, frame: str) -> NDArray[np.int64]:
-        """Return the numbers of the rows of a frame."""
+        """Return the row numbers of a frame."""
         return self._rows_of_frames.get(frame, np.zeros(0, np.int64))
 
     def of_frame(self, frame: str) -> Self:
@@ -128,18 +129,16 @@ class LabelledObjects:
 
     @cached_property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of the frames that have a box."""
+        """Names of the frames with boxes."""
         return tuple(self._rows_of_frames)
 
     @cached_property
     def _rows_of_frames(self) -> dict[str, NDArray[np.int64]]:
-        import pyarrow as pa
-
-        return rows_by_frame(pa.table({"frame": pa.array(self.frame, pa.string())}))
+        return rows_by_name(self.frame)
 
 
 def _filled(table: pa.Table, name: str, file: Path) -> NDArray[Any]:
-    """Return a column, with the value of `_OPTIONAL` where it has none."""
+    """Return a column, with the default of `_OPTIONAL` for missing values."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -1,4 +1,4 @@
-"""Frames in a row that can be filtered: a dataset, several of them, and what was selected."""
+"""Sequences of frames with filters: a dataset, several of them, and selections."""
 
 from __future__ import annotations
 
@@ -24,34 +24,33 @@ if TYPE_CHECKING:
 
 __all__ = ["Frames", "Located", "Selection"]
 
-#: A frame: its dataset, the name of its sequence, and its number in the dataset.
+#: A frame: dataset, name of the sequence, and index in the dataset.
 Located = tuple["Dataset", str, int]
 
 
 class Frames(Sequence[Frame]):
-    """Frames in the order of time, of one dataset or of several, one after the other.
+    """Frames in order of time, of one dataset or of several in sequence.
 
-    Nothing of a frame is read before it is asked for. It can be pickled: what was read is not
-    part of that.
+    Frames are read at first use. Instances can be pickled, without what was read.
     """
 
     @property
     @abstractmethod
     def datasets(self) -> tuple[Dataset, ...]:
-        """The datasets that its frames are of."""
+        """Datasets of the frames."""
 
     @property
     @abstractmethod
     def _located(self) -> Sequence[Located]:
-        """Its frames."""
+        """The frames."""
 
     def _kept(self, dataset: Dataset) -> NDArray[np.bool_] | None:
-        """Return which boxes (B,) of a dataset it shows; ``None``: all."""
+        """Return the selected boxes (B,) of a dataset; ``None``: all."""
         del dataset
         return None
 
     def _part(self, dataset: Dataset, split: str) -> Collection[str]:
-        """Return the names of a dataset's frames that are of a split."""
+        """Return the names of a dataset's frames in a split."""
         return dataset.split(split)
 
     @property
@@ -62,15 +61,17 @@ class Frames(Sequence[Frame]):
     @property
     def times_s(self) -> NDArray[np.float64]:
         """Times (F,) of the frames, seconds from the start of the motion."""
-        return np.array([one.times_s[number] for one, _, number in self._located], np.float64)
+        return np.array(
+            [dataset.times_s[number] for dataset, _, number in self._located], np.float64
+        )
 
     @property
     def sequences(self) -> tuple[str, ...]:
-        """Name of each frame's sequence: that of the folder of its dataset."""
+        """Name of each frame's sequence: the folder of its dataset."""
         return tuple(name for _, name, _ in self._located)
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self._located)
 
     @overload
@@ -78,13 +79,13 @@ class Frames(Sequence[Frame]):
     @overload
     def __getitem__(self, index: slice) -> list[Frame]: ...
     def __getitem__(self, index: int | str | slice) -> Frame | list[Frame]:
-        """Return the frame of a number, from 0, or of a name; of a slice, a list of frames.
+        """Return a frame by index, from 0, or by name; for a slice, a list of frames.
 
         Raises:
-            IndexError: there is no such number.
-            InputError: there is no such name, or several frames have it.
+            IndexError: index out of range.
+            InputError: no such name, or several frames have it.
         """
-        located = self._located  # refuses a dataset for each sensor
+        located = self._located  # raises an error for one dataset per sensor
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
         if isinstance(index, str):
@@ -100,20 +101,24 @@ class Frames(Sequence[Frame]):
         )
 
     def __iter__(self) -> Iterator[Frame]:
-        """Return the frames one after the other; nothing of one is kept for the next."""
+        """Return the frames in sequence, without caching."""
         return (self[number] for number in range(len(self)))
 
     def _number_of(self, name: str) -> int:
-        found = [k for k, (one, _, number) in enumerate(self._located) if one.names[number] == name]
-        if len(found) != 1:
+        matches = [
+            k
+            for k, (dataset, _, number) in enumerate(self._located)
+            if dataset.names[number] == name
+        ]
+        if len(matches) != 1:
             raise InputError(
-                f"has {len(found) or 'no'} frame{'s' * (len(found) > 1)} {name}",
+                f"has {len(matches) or 'no'} frame{'s' * (len(matches) > 1)} {name}",
                 file=self.datasets[0].folder if len(self.datasets) == 1 else None,
                 expected="the name of one frame, or its number",
             )
-        return found[0]
+        return matches[0]
 
-    def where(  # noqa: PLR0913 - a filter each
+    def where(  # noqa: PLR0913 - one parameter per filter
         self,
         *,
         classes: str | Iterable[str] = (),
@@ -133,35 +138,38 @@ class Frames(Sequence[Frame]):
         every: int = 1,
         with_boxes: bool = False,
     ) -> Selection:
-        """Return the same frames with some of their boxes, or some of the frames.
+        """Select boxes or frames.
 
-        Boxes are filtered by what is said of them: classes, range, points, occlusion, truncation,
-        difficulty, tracks. All frames stay then, those too that have no box left, unless
-        ``with_boxes`` is given. Points are never taken away; `Frame.on_boxes` tells those on boxes
-        that are left. Frames are filtered by split, sequence, name and time. What is selected can
-        be filtered again, and both must hold then.
+        Boxes are filtered by class, range, points, occlusion, truncation, difficulty or track;
+        frames without a
+        remaining box stay, unless ``with_boxes`` is given. Points are never removed;
+        `Frame.on_boxes` gives those
+        on remaining boxes. Frames are filtered by split, sequence, name and time. A selection can
+        be filtered
+        again: both conditions then hold.
 
         Args:
-            classes: of boxes.
-            within_m: no box whose middle is farther from the nearest sensor, in plan, metres.
-            beyond_m: none that is nearer.
-            min_points: so many points or more.
-            max_occlusion: so much hidden or less, 0..1.
-            max_truncation: so much outside of what the rig sees or less, 0..1.
-            difficulty: one of these levels.
-            counted: none that is to be ignored (``ignored`` says why).
-            tracks: of these tracks.
-            split: frames of ``ImageSets/NAME.txt``: ``train``, ``val``, ``test``; of a split by
-                scenario, those of its datasets of that part.
-            sequences: frames of these datasets, by the names of their folders.
-            frames: frames of these names.
-            start: no frame before this time of the motion, seconds.
-            stop: no frame after it.
-            every: only each N-th of the frames that are left.
-            with_boxes: only frames with a box that is left.
+            classes: classes of boxes.
+            within_m: largest horizontal distance of a box's centre to the nearest sensor, metres.
+            beyond_m: smallest such distance, metres.
+            min_points: smallest number of points.
+            max_occlusion: largest occlusion, 0..1.
+            max_truncation: largest truncation, 0..1.
+            difficulty: difficulty levels.
+            counted: leave out ignored boxes (``ignored`` gives the reason).
+            tracks: track ids.
+            split: frames of ``ImageSets/NAME.txt``: ``train``, ``val``, ``test``; for a split by
+                scenario,
+                those of its datasets in that part.
+            sequences: frames of these datasets, by folder name.
+            frames: frames by name.
+            start: earliest time of a frame in the motion, seconds.
+            stop: latest time of a frame, seconds.
+            every: keep every N-th of the remaining frames.
+            with_boxes: keep only frames with a remaining box.
 
         Raises:
-            InputError: there is no such class, level, split, sequence or frame.
+            InputError: no such class, level, split, sequence or frame.
 
         Example:
             >>> near = dataset.where(classes=["car"], within_m=40, min_points=5, split="train")
@@ -178,7 +186,7 @@ class Frames(Sequence[Frame]):
             counted=counted,
             tracks=None if tracks is None else _several(tracks),
         )
-        boxes.check({name for one in self.datasets for name in one.box_classes})
+        boxes.check({name for dataset in self.datasets for name in dataset.box_classes})
         chosen = FrameFilter(
             split=split,
             sequences=None if sequences is None else _several(sequences),
@@ -190,21 +198,21 @@ class Frames(Sequence[Frame]):
         return Selection(self, boxes, chosen, with_boxes=with_boxes)
 
     def windows(self, length: int, step: int = 1) -> list[range]:
-        """Return runs of frames that follow each other without a gap, by their numbers.
+        """Return runs of consecutive frames without a gap, as ranges of indices.
 
-        What sequence models learn from: ``[frames[k] for k in frames.windows(5)[0]]``.
+        Input of sequence models: ``[frames[k] for k in frames.windows(5)[0]]``.
 
         Args:
-            length: frames of each.
-            step: frames from one's beginning to the next one's.
+            length: frames per run.
+            step: frames between the starts of two runs.
 
         Raises:
-            InputError: one of them is below 1.
+            InputError: a value is below 1.
         """
         for name, value in (("length", length), ("step", step)):
             if value < 1:
                 raise InputError(f"is {value}", place=name, expected="1 or more")
-        times, owners = self.times_s, [id(one) for one, _, _ in self._located]
+        times, owners = self.times_s, [id(dataset) for dataset, _, _ in self._located]
         gaps = np.diff(times)
         same = np.array([a == b for a, b in pairwise(owners)], np.bool_)
         usual = gaps[same & (gaps > 0)].min(initial=np.inf)
@@ -231,14 +239,14 @@ class Frames(Sequence[Frame]):
 
         Args:
             fields: columns of ``points``, by name; any of `Frame.cloud`.
-            labels: read ``semantic`` and ``instance``, too.
-            flow: tell where each point goes until the next frame, too; see `Frame.flow`.
-            transform: called with a sample and a random generator (of numpy) of its own, returns
-                the sample that is taken.
-            seed: of what transforms draw.
+            labels: include ``semantic`` and ``instance``.
+            flow: include the flow to the next frame; see `Frame.flow`.
+            transform: called with a sample and its own numpy random generator, returns the sample
+                to use.
+            seed: seed of the generators.
 
         Raises:
-            InputError: PyTorch is missing, or there is no such field.
+            InputError: PyTorch is missing, or no such field.
 
         Example:
             >>> samples = dataset.where(split="train", classes=["car"]).torch()
@@ -249,7 +257,9 @@ class Frames(Sequence[Frame]):
 
         return FrameDataset(
             self,
-            classes=tuple(sorted({name for one in self.datasets for name in one.box_classes})),
+            classes=tuple(
+                sorted({name for dataset in self.datasets for name in dataset.box_classes})
+            ),
             fields=fields,
             labels=labels,
             flow=flow,
@@ -258,23 +268,23 @@ class Frames(Sequence[Frame]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was read: every process reads its own."""
-        kept = type(self)
+        """Leave out cached data: every process reads its own."""
+        cls = type(self)
         return {
             name: value
             for name, value in self.__dict__.items()
-            if not isinstance(getattr(kept, name, None), cached_property)
+            if not isinstance(getattr(cls, name, None), cached_property)
         }
 
 
 class Selection(Frames):
-    """Some frames with some of their boxes; see `Frames.where`.
+    """A selection of frames and boxes; see `Frames.where`.
 
     Attributes:
-        source: what was selected from.
-        boxes: what boxes must meet.
-        chosen: what frames must meet.
-        with_boxes: only frames with a box that is left.
+        source: the frames that were filtered.
+        boxes: filter of boxes.
+        chosen: filter of frames.
+        with_boxes: keep only frames with a remaining box.
     """
 
     def __init__(
@@ -282,7 +292,7 @@ class Selection(Frames):
     ) -> None:
         self.source, self.boxes, self.chosen = source, boxes, chosen
         self.with_boxes = with_boxes
-        # What does not exist is told now.
+        # Raise errors of the filter now.
         _ = source._located if chosen == FrameFilter() else self._located
 
     @property
@@ -292,12 +302,12 @@ class Selection(Frames):
 
     @cached_property
     def _located(self) -> list[Located]:
-        all_of_them = self.source._located
-        kept = self.chosen.kept(all_of_them, {name for _, name, _ in all_of_them}, self._part)
-        found = [all_of_them[number] for number in kept]
+        source = self.source._located
+        accepted = self.chosen.kept(source, {name for _, name, _ in source}, self._part)
+        located = [source[number] for number in accepted]
         if self.with_boxes:
-            found = [one for one in found if self._has_boxes(one[0], one[2])]
-        return found
+            located = [entry for entry in located if self._has_boxes(entry[0], entry[2])]
+        return located
 
     @cached_property
     def _masks(self) -> dict[Path, NDArray[np.bool_] | None]:
@@ -320,12 +330,12 @@ class Selection(Frames):
         return bool(len(rows)) if mask is None else bool(mask[rows].any())
 
     def __repr__(self) -> str:
-        """Return how many frames are left of how many."""
+        """Return the number of selected frames."""
         return f"{len(self)} of {len(self.source)} frames of {self.source!r}"
 
 
 def _several(given: Any) -> tuple[Any, ...]:  # noqa: ANN401
-    """Return what was given as a tuple: one value stands for itself."""
+    """Return a value or values as a tuple."""
     if isinstance(given, str | int | np.integer):
         return (given,)
     return tuple(given)

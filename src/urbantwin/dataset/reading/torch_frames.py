@@ -1,4 +1,4 @@
-"""Frames of a dataset as PyTorch takes them: tensors, batches of ragged frames, workers."""
+"""Frames of a dataset for PyTorch: tensors, batches of ragged frames, workers."""
 
 from __future__ import annotations
 
@@ -20,41 +20,44 @@ if TYPE_CHECKING:
 
 __all__ = ["FIELDS", "FrameDataset", "Sample", "Transform", "collated"]
 
-#: Everything that is told of one frame, by name.
+#: All data of one frame, by name.
 Sample = dict[str, Any]
-#: Changes a sample; draws only from the generator that it is given.
+#: Changes a sample; random numbers come from the given generator only.
 Transform = Callable[[Sample, np.random.Generator], Sample]
 
-#: What columns of ``points`` may be.
+#: Possible columns of ``points``.
 FIELDS = (*POINT, *(RAY_TYPE.names or ()), "semantic", "instance")
-#: What has a row for each point, and for each box: put one after the other in a batch.
-_OF_POINTS = ("points", "semantic", "instance", "flow")
-_OF_BOXES = ("boxes", "box_class", "box_track", "box_points", "box_occlusion", "box_velocity")
+#: Arrays with a row per point, and per box: concatenated in a batch.
+_PER_POINT = ("points", "semantic", "instance", "flow")
+_PER_BOX = ("boxes", "box_class", "box_track", "box_points", "box_occlusion", "box_velocity")
 
 
 class FrameDataset(Dataset[Sample]):
     """A map-style dataset: ``samples[3]`` is a dict of tensors.
 
-    - ``points`` (N, F) float32, the fields that were asked for; with ``labels`` also ``semantic``
-      and ``instance`` (N,) int32, with ``flow`` also ``flow`` (N, 3), ``nan`` where unknown;
+    - ``points`` (N, F) float32, the requested fields; with ``labels`` also ``semantic`` and
+      ``instance``
+      (N,) int32, with ``flow`` also ``flow`` (N, 3), ``nan`` where unknown;
     - ``boxes`` (B, 7) float32, x, y, z, length, width, height, yaw; ``box_class`` (B,) int64,
-      numbers in `classes`; ``box_track``, ``box_points`` (B,) int64; ``box_occlusion`` (B,),
-      ``nan`` where unknown; ``box_velocity`` (B, 3), metres per second;
+      indices in
+      `classes`; ``box_track``, ``box_points`` (B,) int64; ``box_occlusion`` (B,), ``nan`` where
+      unknown;
+      ``box_velocity`` (B, 3), metres per second;
     - ``frame`` (its name), ``number`` and ``time_s``.
 
-    The same seed, epoch and number give the same sample, in any process.
+    The same seed, epoch and index give the same sample, in any process.
 
     Args:
-        frames: frames, of which none is kept.
-        classes: of boxes, in the order of their numbers.
+        frames: frames, which are not cached.
+        classes: classes of boxes, in the order of their indices.
         fields: columns of ``points``, of `FIELDS`.
-        labels: tell ``semantic`` and ``instance``.
-        flow: tell ``flow``.
+        labels: include ``semantic`` and ``instance``.
+        flow: include ``flow``.
         transform: changes a sample.
-        seed: of what transforms draw and of the order in which samples are shuffled.
+        seed: seed of transforms and of the shuffled order.
 
     Raises:
-        InputError: there is no such field.
+        InputError: no such field.
     """
 
     def __init__(
@@ -76,21 +79,21 @@ class FrameDataset(Dataset[Sample]):
         self.frames, self.classes, self.fields = frames, tuple(classes), tuple(fields)
         self.labels, self.flow, self.transform, self.seed = labels, flow, transform, seed
         self._number = {name: number for number, name in enumerate(self.classes)}
-        # Shared, so that workers that stay know which epoch it is.
+        # Shared, so that persistent workers know the epoch.
         self._epoch: Tensor = torch.zeros((), dtype=torch.int64)
         self._epoch.share_memory_()
 
     @property
     def epoch(self) -> int:
-        """Which epoch transforms and the order are drawn for."""
+        """Epoch of transforms and order."""
         return int(self._epoch)
 
     def set_epoch(self, epoch: int) -> None:
-        """Say which epoch comes, from 0: transforms and the order are others in each."""
+        """Set the epoch, from 0: transforms and order differ between epochs."""
         self._epoch.fill_(epoch)
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self.frames)
 
     def __getitem__(self, number: int) -> Sample:
@@ -106,12 +109,16 @@ class FrameDataset(Dataset[Sample]):
                     place=f"frame {frame.name}",
                     expected=", ".join(self.classes),
                 )
-        velocity = np.column_stack([boxes[one].to_numpy() for one in VELOCITY])
+        velocity = np.column_stack(
+            [boxes[name_of_column].to_numpy() for name_of_column in VELOCITY]
+        )
         occlusion = boxes["occlusion"].to_numpy(zero_copy_only=False)
         sample: Sample = {
             "points": _tensor(self._points(frame), np.float32),
             "boxes": _tensor(frame.box_array, np.float32),
-            "box_class": torch.tensor([self._number[one] for one in names], dtype=torch.int64),
+            "box_class": torch.tensor(
+                [self._number[name_of_column] for name_of_column in names], dtype=torch.int64
+            ),
             "box_track": _tensor(boxes["track"].to_numpy(), np.int64),
             "box_points": _tensor(boxes["num_points"].to_numpy(), np.int64),
             "box_occlusion": _tensor(occlusion, np.float32),
@@ -147,13 +154,13 @@ class FrameDataset(Dataset[Sample]):
         shuffle: bool = False,
         **more: Any,  # noqa: ANN401
     ) -> DataLoader[Sample]:
-        """Return a loader of batches (see `collated`), the same with any number of workers.
+        """Return a loader of batches (see `collated`), the same for any number of workers.
 
         Args:
-            batch_size: frames of a batch.
-            workers: processes that read; none: this one does.
-            shuffle: in an order that is drawn from the seed and the epoch.
-            more: for ``torch.utils.data.DataLoader``.
+            batch_size: frames per batch.
+            workers: reading processes; 0: this process.
+            shuffle: random order by seed and epoch.
+            more: arguments of ``torch.utils.data.DataLoader``.
         """
         return DataLoader(
             self,
@@ -167,7 +174,7 @@ class FrameDataset(Dataset[Sample]):
 
 
 class _Shuffled(Sampler[int]):
-    """An order that follows from the seed and the epoch of a dataset alone."""
+    """An order determined by seed and epoch of a dataset."""
 
     def __init__(self, samples: FrameDataset) -> None:
         self._samples = samples
@@ -183,31 +190,33 @@ class _Shuffled(Sampler[int]):
 def collated(samples: Sequence[Sample]) -> Sample:
     """Return a batch of frames of different sizes.
 
-    What has a row for each point, or for each box, lies one after the other; ``point_frame`` and
-    ``box_frame`` say which frame of the batch each row is of (the first column of OpenPCDet's and
-    MinkowskiEngine's batches). Everything else, also what a transform adds, is a list of what each
-    sample has.
+    Arrays with a row per point or per box are concatenated; ``point_frame`` and ``box_frame`` give
+    the frame
+    in the batch of each row (the first column of batches in OpenPCDet and MinkowskiEngine).
+    Everything else,
+    including additions of a transform, is a list over the samples.
     """
     batch: Sample = {}
-    for name in dict.fromkeys(name for one in samples for name in one):
-        values = [one[name] for one in samples]
-        batch[name] = _joined(values) if name in (*_OF_POINTS, *_OF_BOXES) else values
+    for name in dict.fromkeys(name for sample in samples for name in sample):
+        values = [sample[name] for sample in samples]
+        batch[name] = _joined(values) if name in (*_PER_POINT, *_PER_BOX) else values
     for index, name in (("point_frame", "points"), ("box_frame", "boxes")):
-        counts = [len(one[name]) for one in samples]
+        counts = [len(sample[name]) for sample in samples]
         batch[index] = torch.from_numpy(np.repeat(np.arange(len(samples), dtype=np.int32), counts))
     return batch
 
 
 def _joined(values: Sequence[Tensor]) -> Tensor:
-    """Return what ``torch.cat`` does, by one thread: several wait for each other on a busy machine.
+    """Concatenate like ``torch.cat``, in a single thread.
 
-    With as many other processes as processors, ``torch.cat`` of four frames took ten times as long.
+    On a busy machine the threads of ``torch.cat`` wait for each other: four frames took ten times
+    as long.
     """
-    if any(one.device.type != "cpu" for one in values):
+    if any(value.device.type != "cpu" for value in values):
         return torch.cat(list(values))
-    return torch.from_numpy(np.concatenate([one.numpy() for one in values]))
+    return torch.from_numpy(np.concatenate([value.numpy() for value in values]))
 
 
 def _tensor(values: NDArray[Any], kind: type[np.generic]) -> Tensor:
-    """Return a tensor of its own memory: files that were read may be read-only."""
+    """Return a tensor with its own memory: arrays of files may be read-only."""
     return torch.from_numpy(np.array(values, kind, order="C"))

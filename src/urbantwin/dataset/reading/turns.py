@@ -1,4 +1,4 @@
-"""The turns of the sensors of a data set as arrays, one row for each frame, sensor and turn."""
+"""Turns of the sensors of a dataset as arrays, one row per frame, sensor and turn."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of
 from urbantwin.dataset.reading.columns import POSE
-from urbantwin.dataset.reading.tables import read_table, rows_by_frame
+from urbantwin.dataset.reading.tables import read_table, rows_by_name
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
@@ -32,9 +32,10 @@ class SensorTurns:
     Attributes:
         frame: (R,) names of the frames.
         sensor: (R,) names of the sensors.
-        lost: (R,) whether the turn never arrived.
+        lost: (R,) whether the turn was lost.
         true, reported: (R, 6) pose ``site_SE3_sensor`` at the start of the turn: x, y, z in metres,
-            yaw, pitch, roll in radians.
+            yaw,
+            pitch, roll in radians.
     """
 
     frame: NDArray[np.object_]
@@ -45,15 +46,15 @@ class SensorTurns:
 
     @staticmethod
     def is_in(folder: Path) -> bool:
-        """Return whether a folder has them."""
+        """Return whether a folder has a table of turns."""
         return (folder / FILE).is_file()
 
     @classmethod
     def in_folder(cls, folder: Path) -> Self:
-        """Read the turns of a data set.
+        """Read the turns of a dataset.
 
         Raises:
-            InputError: there are none, or they are damaged.
+            InputError: missing or damaged.
         """
         return cls.of_table(read_table(folder / FILE), folder)
 
@@ -62,7 +63,7 @@ class SensorTurns:
         """Return the rows of `Dataset.sweeps`; ``folder`` is for errors.
 
         Raises:
-            InputError: a column is missing or of another kind.
+            InputError: a column is missing or of another type.
         """
         import pyarrow as pa
 
@@ -72,7 +73,7 @@ class SensorTurns:
         if "lost" in table.column_names:
             if not pa.types.is_boolean(table["lost"].type):
                 raise InputError(f"holds {table['lost'].type}", file=file, place="lost")
-            lost = np.array([bool(one) for one in table["lost"].to_pylist()], np.bool_)
+            lost = np.array([bool(value) for value in table["lost"].to_pylist()], np.bool_)
         poses = (
             np.column_stack([table[f"{kind}_{name}"].to_numpy() for name in POSE])
             for kind in ("true", "reported")
@@ -80,21 +81,21 @@ class SensorTurns:
         return cls(text["frame"], text["sensor"], lost, *poses)
 
     def of_frame(self, frame: str) -> NDArray[np.int64]:
-        """Return the numbers of the turns of a frame."""
+        """Return the row numbers of the turns of a frame."""
         return self._rows.get(frame, np.zeros(0, np.int64))
 
     def first_poses(self, frame: str, kind: Literal["true", "reported"]) -> dict[str, Pose]:
         """Return the pose of each sensor at its first turn in a frame, by name."""
         poses = getattr(self, kind)
-        found: dict[str, Pose] = {}
+        pose_of: dict[str, Pose] = {}
         for row in self.of_frame(frame):
-            if self.sensor[row] not in found:
-                found[str(self.sensor[row])] = Pose.from_ypr(poses[row, :3], *poses[row, 3:])
-        return found
+            if self.sensor[row] not in pose_of:
+                pose_of[str(self.sensor[row])] = Pose.from_ypr(poses[row, :3], *poses[row, 3:])
+        return pose_of
 
     @cached_property
     def lost_sensors(self) -> dict[str, frozenset[str]]:
-        """Names of the sensors of which no turn of a frame arrived, by frame."""
+        """Names of the sensors without any turn in a frame, by frame."""
         sensors = set(self.sensor.tolist())
         return {
             frame: frozenset(sensors - set(self.sensor[rows[~self.lost[rows]]].tolist()))
@@ -103,6 +104,4 @@ class SensorTurns:
 
     @cached_property
     def _rows(self) -> dict[str, NDArray[np.int64]]:
-        import pyarrow as pa
-
-        return rows_by_frame(pa.table({"frame": pa.array(self.frame, pa.string())}))
+        return rows_by_name(self.frame)
