@@ -1,4 +1,4 @@
-"""Datasets: recording frames with workers and resume; the OpenPCDet and SemanticKITTI layouts."""
+"""Datasets: parallel recording with resume, and the layouts of OpenPCDet and SemanticKITTI."""
 
 from typing import TYPE_CHECKING
 

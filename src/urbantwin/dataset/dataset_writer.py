@@ -1,4 +1,4 @@
-"""Writing one dataset: frames and tables, resumed where an interrupted run stopped."""
+"""Writer of a dataset: frames and tables, resumed after an interruption."""
 
 from __future__ import annotations
 
@@ -49,71 +49,72 @@ def write_boxes(
     entries: Sequence[Mapping[str, Any]],
     motion: Motion,
 ) -> None:
-    """Write the table.
+    """Write ``boxes.parquet``.
 
     Args:
         path: the file.
-        times_s: number of each frame -> its time.
-        entries: what ``layout.write_frame`` returned for each frame, in the same order, with the
-            boxes packed.
-        motion: whose actors these are: who is parked, and who is towed by whom.
+        times_s: frame number -> time.
+        entries: return value of ``layout.write_frame`` for each frame, in the same order, with
+            packed
+            boxes.
+        motion: the motion, for parked and towed actors.
     """
-    # Imported here: workers, which start with this package, have no use for it.
+    # Imported here: workers, which start with this package, do not need it.
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     from urbantwin.traffic.paths.coupling import towed_by
 
     parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.rows)
-    each = [entry["boxes"] for entry in entries]
-    of_frame = np.repeat(np.arange(len(each)), [len(one["track"]) for one in each])
+    boxes = [entry["boxes"] for entry in entries]
+    of_frame = np.repeat(np.arange(len(boxes)), [len(item["track"]) for item in boxes])
     names = np.array([frame_name(index) for index in times_s], object)
     columns: dict[str, Any] = {
         "frame": names[of_frame],
         "time_s": np.array(list(times_s.values()), np.float64)[of_frame],
     }
-    for name in each[0] if each else ():
-        columns[name] = np.concatenate([one[name] for one in each])
+    for name in boxes[0] if boxes else ():
+        columns[name] = np.concatenate([item[name] for item in boxes])
     track = columns["track"].tolist()
-    columns["parked"] = np.array([one in parked for one in track], np.bool_)
+    columns["parked"] = np.array([item in parked for item in track], np.bool_)
     both = zip(track, columns["class"].tolist(), strict=True)
-    columns["towed_by"] = [pulls.get(one, _carries(one, kind)) for one, kind in both]
+    columns["towed_by"] = [pulls.get(item, _carries(item, kind)) for item, kind in both]
     schema = arrow_schema(BOXES)
     arrays = [
-        pa.array(columns[one.name], one.type, from_pandas=one.name in UNKNOWN_IS_NAN)
-        for one in schema
+        pa.array(columns[item.name], item.type, from_pandas=item.name in UNKNOWN_IS_NAN)
+        for item in schema
     ]
     pq.write_table(pa.table(arrays, schema=schema), path, **PARQUET)
 
 
 def _carries(track: int, kind: str) -> int | None:
-    """Return the track of the truck whose load has a track and a class."""
+    """Return the track of the truck whose load has this track and class."""
     return truck_of_load(track) if kind == "trailer" else None
 
 
-#: Changes with what marks hold: a run does not go on from marks that it cannot read.
+#: Version of the marks: a run does not resume from marks of another version.
 MARKS_FORMAT = 2
 TABLES = ("boxes.parquet", "sweeps.parquet")
-#: Of a point: x, y, z and intensity, its label, and the ray that it came from.
+#: Bytes of a point: x, y, z and intensity, label, and ray.
 BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
-#: What of them is left at least, by storage.
+#: Smallest compressed share, by storage.
 LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
-#: So many of the rays come back at least, in a street.
+#: Smallest share of rays that return, in a street.
 LEAST_RETURNED = 0.4
 Entries = list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One dataset that is recorded: its rig, its frames, where it goes.
+    """A dataset in the making.
 
     Attributes:
-        rig: the sensors; one that rides has boarded.
-        seed: of all random numbers.
-        times_s: number of each frame -> its time.
-        folder: where tables and manifest go; made if it is not there.
-        place: where the frames go.
-        recipe: what its manifest says that the frames follow from, see `manifest.recipe_of`.
+        rig: the sensors, with the carrier assigned.
+        seed: random seed.
+        times_s: frame number -> time.
+        folder: folder of tables and manifest, created if missing.
+        place: place of the frames' files.
+        recipe: reproducible description of the frames, see `manifest.recipe_of`.
     """
 
     rig: Rig
@@ -135,33 +136,38 @@ def record_datasets(
     storage: str,
     progress: Callable[[int], None],
 ) -> dict[str, Entries]:
-    """Record the frames that folders do not have yet, and return what all of them hold.
+    """Record missing frames, and return the entries of all frames.
 
     Args:
         twin: the twin.
         motion: a motion on it.
-        parts: the datasets, by name: workers have the world but once.
-        missing: the frames that they do not have, by name.
+        parts: the datasets, by name; workers hold the world once for all.
+        missing: numbers of the missing frames, by name.
         workers: this process and its helpers, or a cluster.
-        backend: what casts the rays, see `lidar.Scanner`.
-        storage: of points, see `layout.write_frame`.
-        progress: called with the number of frames that are there, after each.
+        backend: ray tracer, see `lidar.Scanner`.
+        storage: format of points, see `layout.write_frame`.
+        progress: called with the number of finished frames, after each.
 
     Returns:
-        By name of the dataset what ``layout.write_frame`` returned for each frame, its boxes
-        packed, and its sweeps.
+        By name of the dataset, the return values of ``layout.write_frame`` for each frame, with
+        packed
+        boxes, and the sweeps.
     """
 
     def tasks() -> Iterator[Task]:
         motions = FrameMotions(motion)
-        for part, own in parts.items():
+        for part, recording in parts.items():
             for index in missing[part]:
-                span = span_of(own.rig.sensors, index, own.seed)
-                yield Task(part, index, motions.around(own.times_s[index], *span))
+                span = span_of(recording.rig.sensors, index, recording.seed)
+                yield Task(part, index, motions.around(recording.times_s[index], *span))
 
     recipe = Recipe(
         twin.mesh,
-        {part: Part(own.rig, own.seed, own.place) for part, own in parts.items() if missing[part]},
+        {
+            part: Part(recording.rig, recording.seed, recording.place)
+            for part, recording in parts.items()
+            if missing[part]
+        },
         motion.meshes,
         twin.surface_materials,
         twin.region,
@@ -170,11 +176,11 @@ def record_datasets(
     )
     left = sum(map(len, missing.values()))
     if left:
-        done = sum(len(own.times_s) for own in parts.values()) - left
+        done = sum(len(recording.times_s) for recording in parts.values()) - left
         for number, _ in enumerate(record_frames(recipe, tasks(), left, workers), start=done + 1):
             progress(number)
-    entries = {part: _entries(own) for part, own in parts.items()}
-    if any(entry is None for own in entries.values() for entry in own):
+    entries = {part: _entries(recording) for part, recording in parts.items()}
+    if any(entry is None for recording in entries.values() for entry in recording):
         raise StageError(
             "marks of finished frames are gone: another run writes to the same place; "
             "look whether it is finished there, or give the same command again"
@@ -193,28 +199,28 @@ def write_datasets(
     storage: str,
     progress: Progress,
 ) -> dict[str, Entries]:
-    """Record datasets of one motion, with their tables and manifests; all are cut in time alike.
+    """Record datasets of one motion, with tables and manifests; all are split in time alike.
 
     Args:
         twin: the twin.
         motion: a motion on it.
         parts: the datasets, by name.
-        split: into training, validation and test.
+        split: split into training, validation and test.
         workers: see `record_datasets`.
         backend: see `record_datasets`.
         storage: see `record_datasets`.
-        progress: told the share of the frames that are there, and what is being done.
+        progress: called with the fraction of finished frames and a description.
 
     Returns:
-        What `record_datasets` does.
+        See `record_datasets`.
     """
-    total = sum(len(own.times_s) for own in parts.values())
+    total = sum(len(recording.times_s) for recording in parts.values())
 
     def count(ready: int) -> None:
         progress(ready / total, f"frame {ready} of {total}")
 
-    missing = {name: _missing(own, storage) for name, own in parts.items()}
-    rigs = {name: own.rig for name, own in parts.items()}
+    missing = {name: _missing(recording, storage) for name, recording in parts.items()}
+    rigs = {name: recording.rig for name, recording in parts.items()}
     with (
         _crew(workers, sum(map(len, missing.values()))) as crew,
         areas_of(rigs, twin.mesh, twin.region, crew) as ignored,
@@ -231,31 +237,35 @@ def write_datasets(
         )
         progress(1.0, "tables")
         recorded = [
-            write_tables(own.folder, own.recipe, own.times_s, entries[name], motion, twin)
-            for name, own in parts.items()
+            write_tables(
+                recording.folder, recording.recipe, recording.times_s, entries[name], motion, twin
+            )
+            for name, recording in parts.items()
         ]
         divided = split_in_time(recorded, split)
-        for name, own in parts.items():
-            write_ignore_regions(own.folder / IGNORE_REGIONS, ignored(name))
-    for name, own in parts.items():
-        finish_dataset(own.folder, own.recipe, own.times_s, entries[name], divided)
+        for name, recording in parts.items():
+            write_ignore_regions(recording.folder / IGNORE_REGIONS, ignored(name))
+    for name, recording in parts.items():
+        finish_dataset(
+            recording.folder, recording.recipe, recording.times_s, entries[name], divided
+        )
     return entries
 
 
 def check_room_for(out: Path, parts: Mapping[str, Recording], storage: str) -> None:
-    """Refuse to record what will not fit beside what an interrupted run left.
+    """Check the free disk space, allowing for what an interrupted run left.
 
     Raises:
-        InputError: the disk has less room than the frames will take at least.
+        InputError: the disk has less room than the frames will need at least.
     """
     needed = 0.0
-    for own in parts.values():
-        marks = own.folder / MARKS
+    for recording in parts.values():
+        marks = recording.folder / MARKS
         done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
-        rays = sum(one.sensor.channels * one.columns for one in own.rig.sensors)
+        rays = sum(mounted.sensor.channels * mounted.columns for mounted in recording.rig.sensors)
         least = rays * LEAST_RETURNED * BYTES_PER_POINT * LEAST_LEFT[storage]
-        needed += (len(own.times_s) - done) * least
-    frames = max(len(own.times_s) for own in parts.values())
+        needed += (len(recording.times_s) - done) * least
+    frames = max(len(recording.times_s) for recording in parts.values())
     check_room(out, needed, f"a dataset of {frames} frames")
 
 
@@ -267,7 +277,7 @@ def write_tables(
     motion: Motion,
     twin: Twin,
 ) -> Recorded:
-    """Write the tables of all frames; return what a split needs of them."""
+    """Write the tables of all frames; return the input of the split."""
     boxes, sweeps = (folder / name for name in TABLES)
     write_boxes(boxes, times_s, entries, motion)
     write_sweeps(sweeps, list(times_s), entries)
@@ -289,42 +299,42 @@ def finish_dataset(
     names = (*TABLES, *SEQUENCE_TABLES, IGNORE_REGIONS, *FILES)
     # A twin of meshes alone has no lanes.
     tables = {name: sha256_of(folder / name) for name in names if (folder / name).is_file()}
-    told = split.told_of(frames)
-    write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, told, tables))
+    split_notes = split.told_of(frames)
+    write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, split_notes, tables))
 
 
 def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
     """Return the SHA-256 of every frame's files, by dataset and name."""
     return {
         f"{name}/{file}" if name else file: digest
-        for name, own in entries.items()
-        for entry in own
+        for name, entries_of_dataset in entries.items()
+        for entry in entries_of_dataset
         for file, digest in entry["sha256"].items()
     }
 
 
 def _missing(own: Recording, storage: str) -> list[int]:
-    """Make a dataset's places ready, and return the numbers of the frames that are not there."""
+    """Prepare a dataset's places, and return the numbers of the missing frames."""
     own.folder.mkdir(parents=True, exist_ok=True)
     own.place.prepare(folders_of(storage))
-    there = zip(own.times_s, _entries(own), strict=True)
-    return [index for index, entry in there if entry is None]
+    frames = zip(own.times_s, _entries(own), strict=True)
+    return [index for index, entry in frames if entry is None]
 
 
 def _entries(own: Recording) -> list[Any]:
-    """Return what the marks of its frames hold, ``None`` for those that are not there.
+    """Return the entries of the frames' marks, ``None`` for missing frames.
 
-    There may be ten thousands, so their boxes are packed into little memory.
+    There may be ten thousands, so their boxes are packed.
     """
     return [
-        None if one is None else {**one, "boxes": packed_columns(one["boxes"])}
-        for one in own.place.entries(frame_name(index) for index in own.times_s)
+        None if entry is None else {**entry, "boxes": packed_columns(entry["boxes"])}
+        for entry in own.place.entries(frame_name(index) for index in own.times_s)
     ]
 
 
 @contextmanager
 def _crew(workers: Workers, frames: int) -> Iterator[Helpers | Cluster]:
-    """Yield the workers as given, or processes that end with the block: not more than frames."""
+    """Yield the given workers, or helper processes for the block, at most one per frame."""
     if isinstance(workers, Helpers | Cluster):
         yield workers
         return

@@ -1,4 +1,4 @@
-"""What a dataset holds, in a few lines."""
+"""Summary of a dataset."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["describe", "parts_of"]
 
 
 def parts_of(path: Path) -> list[Path]:
-    """Return the folders of the datasets in a folder: itself, or one for each sensor.
+    """Return the folders of the datasets in a folder: itself, or one per sensor.
 
     Raises:
-        InputError: there is no dataset.
+        InputError: no dataset.
     """
     manifest = read_manifest(path)
     if manifest["kind"] != "datasets":
@@ -24,10 +24,10 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Return what a dataset holds, as can stand in JSON.
+    """Return a summary of a dataset, for JSON.
 
     Raises:
-        InputError: there is no dataset, or its manifest lacks something.
+        InputError: no dataset, or its manifest is incomplete.
     """
     manifest = read_manifest(path)
     if manifest["kind"] == "datasets":
@@ -51,8 +51,8 @@ def describe(path: Path) -> dict[str, Any]:
         "val": counts["val"],
         "test": counts.get("test", 0),
         "sensors": [
-            {key: one[key] for key in ("name", "model", "columns")}
-            for one in manifest["rig"]["sensors"]
+            {key: entry[key] for key in ("name", "model", "columns")}
+            for entry in manifest["rig"]["sensors"]
         ],
         "seeds": manifest["seeds"],
         "points": counts["points"],
@@ -62,7 +62,7 @@ def describe(path: Path) -> dict[str, Any]:
         "boxes_with_points": counts["boxes_with_points"],
         "point_cloud_range": manifest["point_cloud_range"],
         "inputs": [
-            {key: one[key] for key in ("name", "licence", "attribution") if key in one}
-            for one in manifest["inputs"]
+            {key: entry[key] for key in ("name", "licence", "attribution") if key in entry}
+            for entry in manifest["inputs"]
         ],
     }

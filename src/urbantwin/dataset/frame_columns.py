@@ -1,8 +1,10 @@
-"""A frame's points, labels and rays as columns of one Parquet file, packed by Zstandard.
+"""Points, labels and rays of a frame as columns of a Parquet file with Zstandard.
 
-Nothing is lost. How each column is written was measured (``benchmarks/storage.py``): the bytes of
-coordinates stand apart, so that signs and exponents are packed together; intensities are few
-values; columns of the turn count up.
+Lossless. The encodings were chosen by measurement (``benchmarks/storage.py``): bytes of coordinates
+are
+split, so that signs and exponents are compressed together; intensities have few values; columns of
+the
+turn ascend.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ __all__ = [
     "read_columns",
 ]
 
-#: NumPy's type of each column.
+#: NumPy type of each column.
 COLUMNS = {
     **dict.fromkeys(POINT, "f4"),
     **dict.fromkeys(("semantic", "instance"), "u2"),
@@ -39,7 +41,7 @@ COLUMNS = {
     "time": "f4",
     "echo": "u1",
 }
-#: How each is written, but for the one that is few values.
+#: Parquet encodings, except of the dictionary-encoded column.
 ENCODINGS = {
     **dict.fromkeys(COLUMNS, "BYTE_STREAM_SPLIT"),
     "column": "DELTA_BINARY_PACKED",
@@ -52,7 +54,7 @@ LEVEL = 3
 def columns_of_frame(
     points: NDArray[np.float32], labels: NDArray[np.uint32], rays: NDArray[np.void]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns (N,) of a frame; the arrays are those of `frame_files.FrameFiles`."""
+    """Return the columns (N,) of a frame from the arrays of `frame_files.FrameFiles`."""
     return {
         **{name: points[:, k] for k, name in enumerate(POINT)},
         "semantic": (labels & 0xFFFF).astype("u2"),
@@ -62,7 +64,7 @@ def columns_of_frame(
 
 
 def parquet_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
-    """Return the file of the columns `COLUMNS`."""
+    """Return the Parquet file of the columns `COLUMNS`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -74,7 +76,7 @@ def parquet_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
         compression="zstd",
         compression_level=LEVEL,
         use_dictionary=[DICTIONARY],
-        column_encoding={k: one for k, one in ENCODINGS.items() if k != DICTIONARY},
+        column_encoding={k: encoding for k, encoding in ENCODINGS.items() if k != DICTIONARY},
         write_statistics=False,
         row_group_size=1 << 30,
     )
@@ -85,12 +87,12 @@ def read_columns(path: Path, names: Sequence[str], expected: str) -> dict[str, N
     """Read some columns of a file.
 
     Raises:
-        InputError: it is missing or damaged, or a column is missing or of another type.
+        InputError: missing or damaged file, or a column that is missing or of another type.
     """
     import pyarrow as pa
 
     table = read_parquet(path, expected, columns=names)
-    found = {}
+    values = {}
     for name in names:
         if name not in table.column_names:
             raise InputError("is missing", file=path, place=name, expected=expected)
@@ -100,5 +102,5 @@ def read_columns(path: Path, names: Sequence[str], expected: str) -> dict[str, N
                 f"holds {column.type} with {column.null_count} gaps", file=path, place=name,
                 expected=COLUMNS[name],
             )  # fmt: skip
-        found[name] = column.to_numpy()
-    return found
+        values[name] = column.to_numpy()
+    return values

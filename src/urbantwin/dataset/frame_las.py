@@ -1,12 +1,12 @@
-"""A frame as a LAZ file: LAS 1.4, point format 6, that any reader of LAS opens.
+"""A frame as a LAZ file: LAS 1.4, point format 6, readable by any LAS reader.
 
-Coordinates are rounded to `SCALE_M`, so a point is off by half of it at most along each axis, and
-intensities to 1/65535. All else is kept: ring, column, sensor, echo, class and track are extra
-bytes; ``gps_time`` is the ray's time, seconds from the frame's; ``classification`` is the nearest
-class of the standard.
+Coordinates are rounded to `SCALE_M`, so a point moves by half of it at most along each axis, and
+intensities to 1/65535. Everything else is lossless: ring, column, sensor, echo, class and track are
+extra bytes; ``gps_time`` is the ray's time, seconds relative to the frame's; ``classification`` is
+the nearest standard class.
 
-The project's GUID is a digest of the bytes after it: of a damaged file the decoder of points gives
-other numbers, or ends the process.
+The project GUID is a digest of the bytes after it: on a damaged file the decoder would return wrong
+numbers, or abort the process.
 
 Source: ASPRS, LAS Specification 1.4 R15 (2019).
 """
@@ -28,29 +28,29 @@ if TYPE_CHECKING:
 
 __all__ = ["SCALE_M", "laz_bytes", "read_laz"]
 
-#: Coordinates are whole multiples of this, metres.
+#: Resolution of coordinates, metres.
 SCALE_M = 0.001
 _MOST = 65_535
 _EXTRA = {"ring": "u2", "column": "u2", "sensor": "u1", "echo": "u1", "semantic": "u2",
           "instance": "u2"}  # fmt: skip
-#: Classes of the standard (table 17): 1 unclassified, 2 ground, 5 high vegetation, 6 building,
-#: 7 low noise, 11 road surface.
+#: Standard classes (table 17): 1 unclassified, 2 ground, 5 high vegetation, 6 building, 7 low
+#: noise, 11 road surface.
 _STANDARD = {
     "outlier": 7, "road": 11, "parking": 11, "sidewalk": 2, "other-ground": 2, "terrain": 2,
     "building": 6, "vegetation": 5, "trunk": 5,
 }  # fmt: skip
-#: Where the header has the GUID of a project, which is free to use.
+#: Header bytes of the project GUID, which is free to use.
 _GUID = slice(8, 24)
-#: Where the header has the day and the year of its writing: bytes 90 to 93.
+#: Header bytes of the creation day and year.
 _WRITTEN = slice(90, 94)
 _EXPECTED = "a frame as LAZ, as `urbantwin record --storage laz` writes it"
 
 
 def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
-    """Return the file of the columns `frame_columns.COLUMNS`.
+    """Return the LAZ file of the columns `frame_columns.COLUMNS`.
 
     Raises:
-        InputError: a coordinate is farther than the format's numbers reach.
+        InputError: a coordinate exceeds the format's range.
     """
     import laspy
 
@@ -59,7 +59,7 @@ def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, SCALE_M), np.zeros(3)
     header.generating_software = "urbantwin"
-    header.global_encoding.wkt = True  # as the standard has it of this point format
+    header.global_encoding.wkt = True  # required for this point format
     header.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in _EXTRA.items()])
     record = laspy.ScaleAwarePointRecord.zeros(len(columns["x"]), header=header)
     for axis in "xyz":
@@ -72,8 +72,8 @@ def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
     record["intensity"] = np.round(bright * _MOST).astype(np.uint16)
     record["gps_time"] = columns["time"].astype(np.float64)
     standard = np.ones(1 << 16, np.uint8)
-    for one in semantic_classes().values():
-        standard[one.id] = _STANDARD.get(one.name, 1)
+    for entry in semantic_classes().values():
+        standard[entry.id] = _STANDARD.get(entry.name, 1)
     record["classification"] = standard[columns["semantic"]]
     record["return_number"] = columns["echo"] + 1
     record["number_of_returns"] = _returns(columns)
@@ -84,7 +84,7 @@ def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
     cloud.update_header()
     cloud.write(file, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
     written = bytearray(file.getvalue())
-    written[_WRITTEN] = bytes(4)  # the same frame is the same bytes on every day
+    written[_WRITTEN] = bytes(4)  # independent of the date
     written[_GUID] = _digest(written)
     return bytes(written)
 
@@ -94,23 +94,23 @@ def _digest(file: bytes | bytearray) -> bytes:
 
 
 def _returns(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
-    """Return how many echoes (N,) each point's ray has."""
+    """Return the number of returns (N,) of each point's ray."""
     second = columns["echo"] > 0
-    found = np.ones(len(second), np.uint8)
+    returns = np.ones(len(second), np.uint8)
     if second.any():
         key = columns["sensor"].astype(np.uint64) << np.uint64(32)
         key |= columns["ring"].astype(np.uint64) << np.uint64(16)
         key |= columns["column"].astype(np.uint64)
-        found[np.isin(key, key[second])] = 2
-        found = np.maximum(found, columns["echo"] + 1).astype(np.uint8)
-    return found
+        returns[np.isin(key, key[second])] = 2
+        returns = np.maximum(returns, columns["echo"] + 1).astype(np.uint8)
+    return returns
 
 
 def read_laz(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the columns of a file, as `frame_columns.COLUMNS` has them.
+    """Return the columns of a file, as `frame_columns.COLUMNS`.
 
     Raises:
-        InputError: it is missing or damaged, or lacks what `laz_bytes` writes.
+        InputError: missing or damaged file, or without the fields that `laz_bytes` writes.
     """
     fields = _read(path)
     lacking = sorted({*_EXTRA, "gps_time", "intensity"} - set(fields))
@@ -135,7 +135,7 @@ def _read(path: Path) -> dict[str, NDArray[Any]]:
     if not path.is_file():
         raise InputError("not found", file=path, expected=_EXPECTED)
     content = path.read_bytes()
-    if any(content[_GUID]) and content[_GUID] != _digest(content):  # earlier versions wrote none
+    if any(content[_GUID]) and content[_GUID] != _digest(content):  # earlier versions wrote zeros
         problem = "is damaged (its bytes are not those that were written)"
         raise InputError(problem, file=path, expected=_EXPECTED)
     try:

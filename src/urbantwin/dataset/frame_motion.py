@@ -1,7 +1,8 @@
-"""Where every actor goes during a frame: the steps of the motion around it.
+"""Motion of every actor during a frame.
 
-A turning sensor sees each actor where it is when a ray meets it. So a frame needs more than the
-poses at its own time: the steps from the first firing of its sensors to the last.
+A spinning sensor sees each actor at the time of each ray, so a frame needs the motion's steps from
+the
+first firing of its sensors to the last, not only the poses at its own time.
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ from urbantwin.lidar.actor_path import ActorPath
 
 __all__ = ["FrameMotion", "FrameMotions"]
 
-#: Steps that are kept because the next frame needs them too.
+#: Number of cached steps: the next frame needs most of them too.
 _KEPT_STEPS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """The actors at a frame's time, and where they are around it.
+    """Actors at a frame's time, and their poses around it.
 
     Attributes:
         rows: (A,) the actors at the frame's time, as rows of the motion's table.
-        time_s: (S,) float64 ascending, seconds from the frame's time, which is one of them.
+        time_s: (S,) float64 ascending, seconds relative to the frame's time, which is included.
         poses: (S, A, 6) float64, x, y, z, yaw, pitch, roll at these times; NaN where an actor is
-            not there, or was put there without driving.
+            absent, or
+            was relocated without driving.
     """
 
     rows: Rows
@@ -47,12 +49,12 @@ class FrameMotion:
     poses: NDArray[np.float64]
 
     def paths(self) -> list[ActorPath | None]:
-        """Return the path of each actor; ``None`` where only one pose of it is known."""
-        there = ~np.isnan(self.poses[:, :, 0])
-        count, first = there.sum(axis=0), there.argmax(axis=0)
+        """Return the path of each actor; ``None`` with a single known pose."""
+        present = ~np.isnan(self.poses[:, :, 0])
+        count, first = present.sum(axis=0), present.argmax(axis=0)
         spans = list(zip(first.tolist(), (first + count).tolist(), strict=True))
         time_s = {span: self.time_s[slice(*span)] for span in set(spans)}
-        angles = np.where(there[:, :, None], self.poses[:, :, 3:], 0.0)
+        angles = np.where(present[:, :, None], self.poses[:, :, 3:], 0.0)
         turns = rotation_from_ypr(*angles.transpose(2, 1, 0))
         places = np.ascontiguousarray(self.poses[:, :, :3].transpose(1, 0, 2))
         return [
@@ -62,7 +64,7 @@ class FrameMotion:
 
 
 class _Step(NamedTuple):
-    """One step of a motion: its rows, with their tracks (A,) and poses (A, 6) side by side."""
+    """One step of a motion: rows, tracks (A,) and poses (A, 6)."""
 
     rows: Rows
     track: NDArray[np.int32]
@@ -70,7 +72,7 @@ class _Step(NamedTuple):
 
 
 class FrameMotions:
-    """What moves during each frame of a motion; frames taken in order share the steps they need."""
+    """Motion during each frame; consecutive frames share cached steps."""
 
     def __init__(self, motion: MotionTable) -> None:
         self._motion = motion
@@ -78,16 +80,16 @@ class FrameMotions:
         self._steps: OrderedDict[int, _Step] = OrderedDict()
 
     def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> FrameMotion:
-        """Return where the actors of a time go.
+        """Return the motion of actors around a time.
 
-        Between steps they go straight. An actor that is in one of the two steps around the time
-        only is absent. Before the motion's first step and after its last, where nothing is known,
-        the two steps next to it are there to go on from.
+        Linear between steps. An actor in only one of the two steps around the time is absent.
+        Before the first
+        step and after the last, the two nearest steps are returned, for extrapolation.
 
         Args:
-            time_s: the frame's, within the motion's first and last step.
-            start_s: the earliest time that is asked for, seconds from ``time_s``.
-            stop_s: the latest.
+            time_s: the frame's time, within the motion's first and last step.
+            start_s: earliest time needed, seconds relative to ``time_s``.
+            stop_s: latest time needed.
 
         Raises:
             ValueError: the time is outside the motion.
@@ -100,10 +102,10 @@ class FrameMotions:
         before = after if on_step else after - 1
         low, high = self._span(time_s, before, after, min(start_s, 0.0), max(stop_s, 0.0))
 
-        known = np.array(times[low : high + 1]) - time_s
+        known_s = np.array(times[low : high + 1]) - time_s
         if on_step:
             rows = self._step(after).rows
-            known[after - low] = 0.0
+            known_s[after - low] = 0.0
         else:
             step_s = times[after] - times[before]
             share = (time_s - times[before]) / step_s
@@ -111,21 +113,21 @@ class FrameMotions:
         track = rows["track"]
         poses = np.array([_poses_of(track, self._step(n)) for n in range(low, high + 1)])
         if not on_step:
-            known = np.insert(known, after - low, 0.0)
+            known_s = np.insert(known_s, after - low, 0.0)
             poses = np.insert(poses, after - low, _poses(rows), axis=0)
-        _cut_where_put(known, poses)
-        return FrameMotion(rows, known, poses)
+        _cut_where_put(known_s, poses)
+        return FrameMotion(rows, known_s, poses)
 
     def _span(
         self, time_s: float, before: int, after: int, start_s: float, stop_s: float
     ) -> tuple[int, int]:
-        """Return the first and the last step that a `FrameMotion` holds."""
+        """Return the first and the last step of a `FrameMotion`."""
         times = self._times
         if stop_s - start_s <= SAME_TIME_S:
             return before, after
         low = bisect_right(times, time_s + start_s + SAME_TIME_S) - 1
         high = bisect_left(times, time_s + stop_s - SAME_TIME_S)
-        # Beyond the motion's ends: one step more, to know where an actor goes on to.
+        # Beyond the motion's ends: one step more, for extrapolation.
         if high >= len(times):
             low = min(low, len(times) - 2)
         if low < 0:
@@ -146,25 +148,25 @@ def _poses(rows: Rows) -> NDArray[np.float64]:
 
 
 def _poses_of(track: NDArray[np.int32], step: _Step) -> NDArray[np.float64]:
-    """Return the poses (A, 6) that actors have in a step, by their tracks; NaN where absent."""
+    """Return the poses (A, 6) of actors in a step, by track; NaN if absent."""
     if not len(step.track):
         return np.full((len(track), len(POSE)), np.nan)
-    at = np.minimum(step.track.searchsorted(track), len(step.track) - 1)
-    poses = step.poses[at]
-    poses[step.track[at] != track] = np.nan
+    row = np.minimum(step.track.searchsorted(track), len(step.track) - 1)
+    poses = step.poses[row]
+    poses[step.track[row] != track] = np.nan
     return poses
 
 
 def _cut_where_put(time_s: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
-    """Take away the poses that an actor did not drive to from its pose at time 0."""
-    own = int(np.flatnonzero(time_s == 0.0)[0])
+    """Set poses to NaN that an actor did not drive to from its pose at time 0."""
+    now = int(np.flatnonzero(time_s == 0.0)[0])
     step_s = np.diff(time_s)[:, None]
     moved = np.linalg.norm(np.diff(poses[:, :, :3], axis=0), axis=2)
-    # Absent in one of two steps: not a number, so not driven either.
+    # Absent in one of two steps: NaN, so it did not drive.
     drove = moved <= FASTEST_M_S * step_s
     if drove.all():
         return
-    for step in range(own + 1, len(time_s)):
-        poses[step, ~drove[own:step].all(axis=0)] = np.nan
-    for step in range(own):
-        poses[step, ~drove[step:own].all(axis=0)] = np.nan
+    for step in range(now + 1, len(time_s)):
+        poses[step, ~drove[now:step].all(axis=0)] = np.nan
+    for step in range(now):
+        poses[step, ~drove[step:now].all(axis=0)] = np.nan

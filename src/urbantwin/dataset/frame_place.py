@@ -1,4 +1,4 @@
-"""Where the files of frames go, with a mark for each frame that is whole: a folder, or storage."""
+"""Place of the frames' files, with a mark for each complete frame: a folder, or storage."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["MARKS", "FolderPlace", "FramePlace", "StoredPlace"]
 
-#: Folder of the marks of finished frames; no part of the dataset.
+#: Folder of the marks of finished frames; not part of the dataset.
 MARKS = "done"
 _SEEN = "seen"
 
@@ -23,26 +23,26 @@ Entry = dict[str, Any]
 
 
 class FramePlace(Protocol):
-    """Where frames go. A frame that has its mark is whole: the mark is written last."""
+    """Place of frames. A frame with a mark is complete: the mark is written last."""
 
     def prepare(self, folders: Iterable[str]) -> None:
-        """Make it ready for files in these folders."""
+        """Prepare it for files in these folders."""
 
     def check(self) -> None:
-        """Refuse it in a process that does not see what `prepare` wrote.
+        """Check that this process sees what `prepare` wrote.
 
         Raises:
-            InputError: this one does not.
+            InputError: it does not.
         """
 
     def write(self, name: str, *parts: bytes | memoryview) -> None:
         """Write a file of a frame."""
 
     def mark(self, name: str, entry: Mapping[str, Any]) -> None:
-        """Mark a frame as whole, with what the tables say of it."""
+        """Mark a frame as complete, with its table entry."""
 
     def entries(self, names: Iterable[str]) -> list[Entry | None]:
-        """Return what the marks of frames hold, ``None`` for those without a whole one."""
+        """Return the entries of the frames' marks, ``None`` without a valid mark."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,11 @@ class FolderPlace:
             raise InputError("is not seen from there", file=self.folder, expected=_SHARED)
 
     def write(self, name: str, *parts: bytes | memoryview) -> None:
-        """Write a file through to the disk, and give its memory back.
+        """Write a file through to the disk, and drop it from the page cache.
 
-        A frame that is marked as finished is then really there after a loss of power. And where
-        the machine is a virtual one, the next frame finds memory that it has already: with fresh
-        pages for every frame, writing takes five times as long.
+        So a marked frame survives a loss of power. On virtual machines the next frame then reuses
+        the same
+        memory: with fresh pages for every frame, writing takes five times as long.
         """
         path = self.folder / name
         with path.open("wb", buffering=0) as stream, _named(path):
@@ -90,18 +90,18 @@ class FolderPlace:
 
 @dataclass(frozen=True)
 class StoredPlace:
-    """Storage with an address. Its marks are beside the dataset's files until that is whole.
+    """Storage with an address. Marks are beside the dataset's files until it is complete.
 
     Attributes:
-        files: where the files go.
-        marks: where the marks go.
+        files: storage of the files.
+        marks: storage of the marks.
     """
 
     files: Storage
     marks: Storage
 
     def prepare(self, folders: Iterable[str]) -> None:
-        """See `FramePlace`: folders there are but names."""
+        """See `FramePlace`; storage has no folders."""
         self.marks.write(_SEEN, b"")
 
     def check(self) -> None:
@@ -123,17 +123,19 @@ class StoredPlace:
 
     def entries(self, names: Iterable[str]) -> list[Entry | None]:
         """See `FramePlace`."""
-        asked = list(names)
-        there = set(self.marks.names())
-        found = self.marks.read_all([f"{one}.json" for one in asked if f"{one}.json" in there])
-        return [_parsed_or_none(found.get(f"{one}.json", b"")) for one in asked]
+        requested = list(names)
+        present = set(self.marks.names())
+        contents = self.marks.read_all(
+            [f"{name}.json" for name in requested if f"{name}.json" in present]
+        )
+        return [_parsed_or_none(contents.get(f"{name}.json", b"")) for name in requested]
 
 
 _SHARED = "a folder that every worker sees, or an address of storage that it reaches"
 
 
 def _read_or_none(path: Path) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds, or ``None`` if it is missing, truncated or damaged."""
+    """Return the content of a JSON file, or ``None`` if it is missing or damaged."""
     try:
         return _parsed_or_none(path.read_bytes())
     except OSError:
@@ -142,13 +144,13 @@ def _read_or_none(path: Path) -> Any:  # noqa: ANN401
 
 def _parsed_or_none(content: bytes) -> Any:  # noqa: ANN401
     try:
-        return json.loads(content)  # our own: nothing that `parse_json` would refuse
+        return json.loads(content)  # our own file: `parse_json` is not needed
     except (ValueError, RecursionError):
         return None
 
 
 def _write_all(descriptor: int, part: bytes | memoryview) -> None:
-    """Write all of it: where a disk fills up or files are limited, the system writes a part."""
+    """Write all bytes: on a full disk or with size limits, the system writes a part."""
     while len(part):
         part = part[os.write(descriptor, part) :]
 

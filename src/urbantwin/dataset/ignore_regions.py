@@ -1,4 +1,4 @@
-"""``ignore_regions.geojson``: where labels of a dataset are not to be counted."""
+"""``ignore_regions.geojson``: areas where labels of a dataset do not count."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["IGNORE_REGIONS", "areas_of", "read_ignore_regions", "write_ignore_re
 
 #: The file in a dataset's folder.
 IGNORE_REGIONS = "ignore_regions.geojson"
-#: Coordinates are written so fine, metres.
+#: Resolution of coordinates, metres.
 _GRID_M = 0.01
 _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 _Point = Annotated[list[_Metres], Field(min_length=2, max_length=3)]
@@ -59,23 +59,23 @@ class _Collection(Part):
 def areas_of(
     rigs: Mapping[str, Rig], mesh: LabelledMesh, region: shapely.Polygon, crew: Helpers | Cluster
 ) -> Iterator[Callable[[str], list[IgnoreArea]]]:
-    """Yield a function that returns the areas of a rig by its name, as `ignore_areas` finds them.
+    """Yield a function that returns the areas of a rig by name, computed by `ignore_areas`.
 
-    Where this process has a helper, that looks for them first, while this one records frames.
+    If this process has a helper, the helper computes them while frames are recorded.
 
     Args:
-        rigs: by name.
+        rigs: rigs by name.
         mesh: the static world, site frame.
-        region: where the twin has traffic, site frame.
+        region: area of the twin's traffic, site frame.
         crew: this process and its helpers.
     """
     pool = pool_of(crew)
-    if pool is None or all(one.ride is not None for one in rigs.values()):
+    if pool is None or all(rig.ride is not None for rig in rigs.values()):
         yield lambda name: ignore_areas(rigs[name], mesh, region)
         return
     with handed((rigs, mesh, region)) as place, ExitStack() as beside:
-        found = {name: beside.enter_context(begun(pool, _areas_at, place, name)) for name in rigs}
-        yield lambda name: found[name]()
+        results = {name: beside.enter_context(begun(pool, _areas_at, place, name)) for name in rigs}
+        yield lambda name: results[name]()
 
 
 def _areas_at(place: str, name: str) -> list[IgnoreArea]:
@@ -84,44 +84,45 @@ def _areas_at(place: str, name: str) -> list[IgnoreArea]:
 
 
 def write_ignore_regions(path: Path, areas: Sequence[IgnoreArea]) -> None:
-    """Write areas as GeoJSON: a feature each, ``reason`` among its properties.
+    """Write areas as GeoJSON: one feature each, with the property ``reason``.
 
-    Coordinates are east and north of the anchor in metres, in the site frame:
-    ``dataset_SE3_site`` of ``dataset.json`` takes them to the frame of the points.
+    Coordinates are east and north of the anchor in metres, in the site frame: ``dataset_SE3_site``
+    of
+    ``dataset.json`` transforms them to the frame of the points.
     """
     features = [
         {
             "type": "Feature",
-            "properties": {"reason": one.reason},
-            "geometry": shapely.geometry.mapping(_rounded(one.area)),
+            "properties": {"reason": area.reason},
+            "geometry": shapely.geometry.mapping(_rounded(area.area)),
         }
-        for one in areas
+        for area in areas
     ]
     write_json(path, {"type": "FeatureCollection", "frame": "site", "features": features})
 
 
 def read_ignore_regions(path: Path) -> list[IgnoreArea]:
-    """Read what ``write_ignore_regions`` wrote.
+    """Read the file of ``write_ignore_regions``.
 
     Raises:
-        InputError: the file is missing or holds something else.
+        InputError: missing, or other content.
     """
     value = read_json(path, kind="file of ignore regions")
-    told = validated(value, _Collection, file=path, expected="polygons with a reason")
+    collection = validated(value, _Collection, file=path, expected="polygons with a reason")
     areas = []
-    for number, one in enumerate(told.features):
+    for number, feature in enumerate(collection.features):
         try:
-            shape = shapely.geometry.shape(one.geometry.model_dump())
+            shape = shapely.geometry.shape(feature.geometry.model_dump())
             area = shapely.MultiPolygon(shapely.get_parts(shape).tolist())
         except (ValueError, shapely.errors.ShapelyError) as error:
             raise InputError(
                 f"is not a polygon ({one_line(error)})", file=path, place=f"features[{number}]"
             ) from None
-        areas.append(IgnoreArea(one.properties.reason, area))
+        areas.append(IgnoreArea(feature.properties.reason, area))
     return areas
 
 
 def _rounded(area: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    """Return an area with its coordinates in whole centimetres."""
+    """Return an area with coordinates in whole centimetres."""
     snapped = shapely.set_precision(area, _GRID_M)
     return shapely.transform(snapped, lambda xy: np.round(xy, 2) + 0.0)

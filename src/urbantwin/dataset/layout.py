@@ -1,4 +1,4 @@
-"""The files of one frame, in the layouts of OpenPCDet (custom dataset) and SemanticKITTI."""
+"""Files of one frame, in the layouts of OpenPCDet (custom dataset) and SemanticKITTI."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from urbantwin.lidar import LabelledFrame
 
 __all__ = ["FOLDERS", "FrameTables", "folders_of", "frame_name", "write_frame"]
 
-#: Of a `lidar.LabelledFrame`, as `compiled.tables.write_tables` takes them.
+#: Fields of `lidar.LabelledFrame`, in the order of `compiled.tables.write_tables`.
 _COLUMNS = ("points", "semantic", "instance", "sensor", "ring", "column", "time_s", "echo")
 
 
 class FrameTables(NamedTuple):
-    """What the files of a frame of M points hold beside them, and what is told of the points.
+    """Labels and rays of a frame of M points, and statistics of the points.
 
     Attributes:
         labels: (M,) uint32, class in the low 16 bits, track in the high.
         rays: (M,) `frame_files.RAY_TYPE`.
-        points_of: (65536,) int64, how many points there are of each class.
+        points_of: (65536,) int64, number of points per class.
         bounds: (2, 3) float32, least and greatest x, y and z.
     """
 
@@ -40,19 +40,19 @@ class FrameTables(NamedTuple):
 
     @classmethod
     def of(cls, frame: LabelledFrame) -> FrameTables:
-        """Make them."""
+        """Compute them for a frame."""
         from urbantwin.dataset.compiled.tables import write_tables
 
         count = len(frame.points)
-        told = cls(
+        tables = cls(
             np.empty(count, "<u4"),
             np.empty(count, RAY_TYPE),
             np.zeros(1 << 16, np.int64),
             np.array([[np.inf] * 3, [-np.inf] * 3], np.float32),
         )
-        columns = (np.ascontiguousarray(getattr(frame, one)) for one in _COLUMNS)
-        write_tables(tuple(columns), told)
-        return told
+        columns = (np.ascontiguousarray(getattr(frame, name)) for name in _COLUMNS)
+        write_tables(tuple(columns), tables)
+        return tables
 
 
 def frame_name(index: int) -> str:
@@ -61,28 +61,29 @@ def frame_name(index: int) -> str:
 
 
 def folders_of(storage: str) -> tuple[str, ...]:
-    """Return the folders of a dataset's frames: in columns, a point's file holds all of it."""
+    """Return the folders of the frames' files; column formats have all in ``points``."""
     return FOLDERS if storage == "npy" else FOLDERS[:2]
 
 
 def write_frame(
     place: Path | FramePlace, index: int, frame: LabelledFrame, storage: str = "npy"
 ) -> dict[str, Any]:
-    """Write the files of one frame and return what the dataset's tables say of it.
+    """Write the files of one frame and return its entry for the dataset's tables.
 
     Args:
-        place: where to; of a folder, one that has every folder of `folders_of`.
-        index: the frame's number.
-        frame: what was recorded.
+        place: the place; a folder must have every folder of `folders_of`.
+        index: number of the frame.
+        frame: the recorded frame.
         storage: one of `frame_files.STORED`.
 
     Returns:
-        What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
-        or ``None``), ``semantic`` (number of points by class number), ``boxes`` (their columns,
-        see `box_columns`) and ``sha256`` (of each file, by its name in the dataset).
+        JSON-compatible: ``points`` (number), ``bounds`` (least and greatest x, y, z, or ``None``),
+        ``semantic`` (number of points by class id), ``boxes`` (columns, see `box_columns`) and
+        ``sha256``
+        (of each file, by its name in the dataset).
     """
-    name, told = frame_name(index), FrameTables.of(frame)
-    labels, rays = told.labels, told.rays
+    name, tables = frame_name(index), FrameTables.of(frame)
+    labels, rays = tables.labels, tables.rays
     files: dict[str, tuple[bytes | memoryview, ...]] = {
         f"labels/{name}.txt": (label_lines(frame.boxes).encode(),)
     }
@@ -105,15 +106,18 @@ def write_frame(
 
     return {
         "points": len(rays),
-        "bounds": told.bounds.ravel().tolist() if len(rays) else None,
-        "semantic": {str(one): int(told.points_of[one]) for one in np.flatnonzero(told.points_of)},
+        "bounds": tables.bounds.ravel().tolist() if len(rays) else None,
+        "semantic": {
+            str(class_id): int(tables.points_of[class_id])
+            for class_id in np.flatnonzero(tables.points_of)
+        },
         "boxes": box_columns(frame.boxes),
         "sha256": sums,
     }
 
 
 def _npy(array: NDArray[Any]) -> tuple[bytes, memoryview]:
-    """Return what ``np.save`` writes."""
+    """Return the bytes of ``np.save``."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(array))
     return header.getvalue(), _bytes_of(array)

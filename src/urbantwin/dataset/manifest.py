@@ -1,4 +1,4 @@
-"""``dataset.json``: everything that is needed to make a dataset again."""
+"""``dataset.json``: everything that is needed to reproduce a dataset."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ __all__ = [
     "versions_here",
 ]
 
-#: Changes when the meaning of a dataset's files does.
+#: Version of the meaning of a dataset's files.
 FORMAT = 2
 
-#: What decides the bytes besides our own code.
+#: Packages that affect the bytes.
 _DEPENDENCIES = (
     *("eclipse-sumo", "embreex", "fast-simplification", "laspy", "libsumo", "numba", "numpy"),
     *("osmium", "pillow", "pyarrow", "pyproj", "pythoncdt", "rasterio", "scipy", "shapely"),
 )
-#: Of the twin and the motion, beside what they were made from.
+#: Hashes of the twin and the motion.
 _HASHES = ("scene_sha256", "surface_sha256", "motion_sha256", "meshes_sha256")
 
 LAYOUT = {
@@ -73,7 +73,7 @@ LAYOUT = {
     "lanes": "lanes.parquet: one row per lane of the twin, if it has some: its middle, site frame",
     "ImageSets": "train.txt, val.txt, test.txt: names of the frames of each part, see split",
 }
-#: Of points that are kept in columns.
+#: Layout of points in column formats.
 _PACKED = {
     "zstd": "points/NNNNNN.parquet: x, y, z in metres and intensity 0..1 (f4), semantic, instance "
     "(u2), sensor u1, ring u2, column u2, time f4, echo u1: as in npy, nothing lost",
@@ -95,19 +95,18 @@ def recipe_of(  # noqa: PLR0913 - a recipe is made of all of it
     *,
     hashes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return all that the frames follow from: what a run that goes on must have in common.
+    """Return everything that determines the frames; a resumed run must have the same.
 
     Args:
         twin: the twin.
         motion: the motion on it.
         rig: the sensors.
-        seed: of all random numbers.
-        times_s: number of each frame -> its time.
-        backend: what casts the rays, see `lidar.Scanner`.
-        asked: what the rig was placed from, see `provenance.asked_of`, and what was asked of the
-            split, see `SplitAsked.told`.
-        storage: of points, see `layout.write_frame`.
-        hashes: `hashes_of` the twin and the motion, where they are known.
+        seed: random seed.
+        times_s: frame number -> time.
+        backend: ray tracer, see `lidar.Scanner`.
+        asked: requested rig, see `provenance.asked_of`, and requested split, see `SplitAsked.told`.
+        storage: format of points, see `layout.write_frame`.
+        hashes: `hashes_of` the twin and the motion, if already known.
     """
     times = list(times_s.values())
     return {
@@ -135,7 +134,7 @@ def recipe_of(  # noqa: PLR0913 - a recipe is made of all of it
 
 
 def hashes_of(twin: Twin, motion: Motion) -> dict[str, Any]:
-    """Return SHA-256 of the world and of what moves in it, as a recipe has them."""
+    """Return the SHA-256 of the static world, its motion and the actors' meshes."""
     return {
         "scene_sha256": mesh_sha256(twin.mesh),
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
@@ -145,14 +144,14 @@ def hashes_of(twin: Twin, motion: Motion) -> dict[str, Any]:
 
 
 def _span(times_s: Mapping[int, float]) -> dict[str, Any]:
-    """Return between which moments frames were recorded, and each N-th of how many."""
+    """Return the recorded interval, and N if only every N-th frame was recorded."""
     numbers, times = list(times_s), list(times_s.values())
     every = numbers[1] - numbers[0] if len(numbers) > 1 else 1
     return {"span_s": [times[0], times[-1]]} | ({"every": every} if every > 1 else {})
 
 
 def versions_here(backend: str | None = None) -> dict[str, Any]:
-    """Return what of this machine decides the bytes: versions of programs, and its kind."""
+    """Return what affects the bytes on this machine: versions of packages, and platform."""
     names = (*_DEPENDENCIES, "warp-lang") if backend and "warp" in backend else _DEPENDENCIES
     return {
         "python": platform.python_version(),
@@ -162,7 +161,7 @@ def versions_here(backend: str | None = None) -> dict[str, Any]:
 
 
 def _installed(names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each package that is installed, and its version: Embree's has no wheel everywhere."""
+    """Yield each installed package and its version: Embree has no wheel for every platform."""
     for name in names:
         with suppress(PackageNotFoundError):
             yield name, version(name)
@@ -172,7 +171,7 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
     """Return the part of a recipe that describes the sensors."""
     return {
         "frame": rig.frame,
-        # Of a rig that rides, each of the frames has its own.
+        # For a rig on an actor each frame has its own.
         "dataset_SE3_site": None if rig.ride else pose_matrix(rig.dataset_SE3_site),
         "rig": {
             "rate_hz": rig.rate_hz,
@@ -183,13 +182,13 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
             "conditions": as_json(rig.conditions),
             "ride": as_json(rig.ride),
             "carrier": rig.carrier,
-            "sensors": [_mounted(one) for one in rig.sensors],
+            "sensors": [_mounted(mounted) for mounted in rig.sensors],
         },
     }
 
 
 def recipe_key(recipe: Mapping[str, Any]) -> str:
-    """Return a short name that two recipes share only if they are the same."""
+    """Return a short hash of a recipe."""
     text = json.dumps(recipe, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -201,23 +200,23 @@ def manifest_of(
     split: Mapping[str, Any],
     tables: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return what ``dataset.json`` holds.
+    """Return the content of ``dataset.json``.
 
     Args:
         recipe: see `recipe_of`.
-        times_s: number of each frame -> its time.
-        entries: what ``layout.write_frame`` returned for each frame, in the same order.
-        split: what is told of it, see `split.split_in_time`.
-        tables: SHA-256 of every file that is of no single frame, by name.
+        times_s: frame number -> time.
+        entries: return value of ``layout.write_frame`` for each frame, in the same order.
+        split: description of the split, see `split.split_in_time`.
+        tables: SHA-256 of every file that belongs to no single frame, by name.
     """
     boxes, seen, in_reach, seen_in_reach = (Counter[str]() for _ in range(4))
     for entry in entries:
-        own = entry["boxes"]
-        hit, reached = own["num_points"] > 0, ~np.isin(own["ignored"], BEYOND)
-        boxes.update(own["class"].tolist())
-        seen.update(own["class"][hit].tolist())
-        in_reach.update(own["class"][reached].tolist())
-        seen_in_reach.update(own["class"][reached & hit].tolist())
+        columns = entry["boxes"]
+        hit, reached = columns["num_points"] > 0, ~np.isin(columns["ignored"], BEYOND)
+        boxes.update(columns["class"].tolist())
+        seen.update(columns["class"][hit].tolist())
+        in_reach.update(columns["class"][reached].tolist())
+        seen_in_reach.update(columns["class"][reached & hit].tolist())
     classes = [*ACTOR_CLASSES, *([OBSTACLE] if boxes[OBSTACLE] else [])]
     about = (recipe.get("about") or {}).get("warnings") or {}
     driven = warnings_of({"warnings": about.get("motion")})
@@ -234,7 +233,7 @@ def manifest_of(
         "objects": object_statistics(entries, recipe["dataset_SE3_site"]),
         "counts": {
             "frames": len(frames),
-            **{part: told["frames"] for part, told in split["parts"].items()},
+            **{part: part_notes["frames"] for part, part_notes in split["parts"].items()},
             "points": sum(points.values()),
             "boxes": {name: boxes[name] for name in classes},
             "boxes_with_points": {name: seen[name] for name in classes},
@@ -243,12 +242,19 @@ def manifest_of(
             "turns": len(turns),
             "turns_lost": sum(turn["lost"] for turn in turns),
             "points_by_class": {
-                one.name: points[one.id] for one in semantic_classes().values() if points[one.id]
+                entry_of_class.name: points[entry_of_class.id]
+                for entry_of_class in semantic_classes().values()
+                if points[entry_of_class.id]
             },
         },
         "semantic_classes": [
-            {"id": one.id, "name": one.name, "colour": list(one.colour), "thing": one.thing}
-            for one in semantic_classes().values()
+            {
+                "id": entry_of_class.id,
+                "name": entry_of_class.name,
+                "colour": list(entry_of_class.colour),
+                "thing": entry_of_class.thing,
+            }
+            for entry_of_class in semantic_classes().values()
         ],
         "split": dict(split),
         "tables_sha256": dict(sorted(tables.items())),
@@ -258,7 +264,7 @@ def manifest_of(
 
 
 def _layout(storage: str) -> dict[str, str]:
-    """Return what the files of a dataset are."""
+    """Return the description of a dataset's files."""
     packed = _PACKED.get(storage)
     if packed is None:
         return LAYOUT
@@ -270,7 +276,7 @@ def _layout(storage: str) -> dict[str, str]:
 def frames_of(
     times_s: Mapping[int, float], entries: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return what ``dataset.json`` says of each frame; the arguments are those of `manifest_of`."""
+    """Return the entry in ``dataset.json`` of each frame; arguments as of `manifest_of`."""
     return [
         {
             "name": frame_name(index),
@@ -285,7 +291,7 @@ def frames_of(
 
 
 def frame_sha256(sums: Mapping[str, str]) -> str:
-    """Return one SHA-256 for the files of a frame: of what ``sha256sum`` says of them, by name."""
+    """Return one SHA-256 for the files of a frame: of the lines of ``sha256sum``, by name."""
     lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
     return hashlib.sha256(lines.encode()).hexdigest()
 
@@ -295,18 +301,19 @@ def manifest_of_parts(
     parts: Mapping[str, Sequence[Mapping[str, Any]]],
     manifests: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return what ``dataset.json`` holds of a folder with a dataset for each sensor.
+    """Return the content of ``dataset.json`` of a folder with one dataset per sensor.
 
     Args:
         recipe: see `recipe_of`, of the whole rig.
-        parts: name of each sensor, which is that of its folder -> what ``layout.write_frame``
-            returned for each of its frames.
+        parts: name of each sensor and of its folder -> return values of ``layout.write_frame`` for
+            each of
+            its frames.
         manifests: name of each sensor -> SHA-256 of its dataset's manifest.
     """
-    kept = ("format", "urbantwin", "python", "platform", "dependencies", "backend", "seeds")
+    copied = ("format", "urbantwin", "python", "platform", "dependencies", "backend", "seeds")
     return {
         "kind": "datasets",
-        **{key: recipe[key] for key in (*kept, *_HASHES, "inputs", "made_from")},
+        **{key: recipe[key] for key in (*copied, *_HASHES, "inputs", "made_from")},
         "datasets": list(parts),
         "datasets_sha256": dict(manifests),
         "frames_each": len(recipe["frames"]),
@@ -317,34 +324,34 @@ def manifest_of_parts(
 
 
 def _part(manifest: Mapping[str, Any], *names: str) -> dict[str, Any] | None:
-    """Return fields of a manifest, or ``None`` where it has not all of them."""
+    """Return fields of a manifest, or ``None`` if it lacks one of them."""
     return {key: manifest[key] for key in names} if all(map(manifest.__contains__, names)) else None
 
 
-def _mounted(one: MountedSensor) -> dict[str, Any]:
-    values = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+def _mounted(mounted: MountedSensor) -> dict[str, Any]:
+    values = {field.name: getattr(mounted, field.name) for field in dataclasses.fields(mounted)}
     del values["sensor"]
-    if one.pose_error is None:
+    if mounted.pose_error is None:
         del values["pose_error"]
-    if not one.framed_by_clock:
+    if not mounted.framed_by_clock:
         del values["framed_by_clock"]
-    if one.measured is None:
+    if mounted.measured is None:
         del values["measured"]
     else:
-        values["measured"] = {"sha256": one.measured.sha256, "fused": one.measured.fused}
+        values["measured"] = {"sha256": mounted.measured.sha256, "fused": mounted.measured.fused}
     return {
         "name": values.pop("name"),
-        "model": one.sensor.name,
+        "model": mounted.sensor.name,
         **{
             name: pose_matrix(value) if isinstance(value, Pose) else as_json(value)
             for name, value in values.items()
         },
-        "sensor": _catalogue_entry(one.sensor),
+        "sensor": _catalogue_entry(mounted.sensor),
     }
 
 
 def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
-    """Return the whole entry: a person's own sensor file may not be there the next time."""
+    """Return the whole entry: a user's sensor file may not be available later."""
     values = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
     pattern = sensor.pattern
     if pattern is not None:
@@ -358,7 +365,7 @@ def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
 
 
 def _point_cloud_range(entries: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Return least x, y, z and greatest x, y, z of all points, outwards to whole metres."""
+    """Return least x, y, z and greatest x, y, z of all points, rounded outwards to metres."""
     bounds = np.array([entry["bounds"] for entry in entries if entry["bounds"]])
     if not len(bounds):
         return [0.0] * 6

@@ -1,4 +1,4 @@
-"""Interpolation of the motion: where every actor is at a step, or between two of them."""
+"""Interpolation of the motion: actors at a step, or between two steps."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["MotionTable", "Rows", "interpolated", "posed_actors", "rows_at"]
 #: Rows of the motion's table of actors at one time, one per actor, sorted by track.
 Rows = NDArray[np.void]
 
-#: Two times that differ by less are the same step: steps are whole milliseconds.
+#: Times that differ by less are the same step: steps are whole milliseconds.
 SAME_TIME_S = 1e-6
-#: An actor that moved faster than this between two steps was put elsewhere and did not drive.
+#: An actor that moved faster than this between two steps was relocated and did not drive.
 FASTEST_M_S = 70.0
 
 _LINEAR = ("x", "y", "z", "pitch", "roll", "length", "width", "height", "speed")
 
 
 class MotionTable(Protocol):
-    """What recording needs of a motion."""
+    """The part of a motion that recording needs."""
 
     def times(self) -> NDArray[np.float64]:
         """Return the times of the steps, seconds, ascending."""
@@ -36,10 +36,11 @@ class MotionTable(Protocol):
 
 
 def rows_at(motion: MotionTable, time_s: float) -> Rows:
-    """Return the actors at a time that need not be a step's.
+    """Return the actors at any time.
 
-    At a step they are the step's own rows. Between two steps they are interpolated, and an actor
-    that is in one of the two only is absent.
+    At a step these are the step's own rows. Between two steps they are interpolated, and an actor
+    in only
+    one of the two is absent.
 
     Args:
         motion: the motion.
@@ -57,10 +58,11 @@ def rows_at(motion: MotionTable, time_s: float) -> Rows:
 
 
 def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows:
-    """Return the actors that are in both of two steps, between them.
+    """Interpolate the actors that are in both of two steps.
 
-    Positions and angles go straight (yaw the short way round); what cannot be mixed (asset,
-    gait phase, lane) is that of the nearer step.
+    Positions and angles are linear (yaw the short way round); asset, gait phase and lane are those
+    of the
+    nearer step.
 
     Args:
         before: rows of the earlier step.
@@ -82,14 +84,15 @@ def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows
 
 
 def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) -> list[PosedActor]:
-    """Return rows of the motion as the scanner takes them.
+    """Convert rows of the motion to the scanner's actors.
 
-    The velocity is that of the path: labels say how an actor moves where the rays see it. Without
-    a path it is the speed along the heading, up or down the road's grade.
+    The velocity is that of the path, so that labels describe the motion that the rays see. Without
+    a path it
+    is the speed along the heading, following the road's grade.
 
     Args:
         rows: the actors.
-        paths: how each moves around the time of the rows; straight on when not given.
+        paths: path of each around the time of the rows; constant velocity if not given.
     """
     ways = [None] * len(rows) if paths is None else paths
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
@@ -97,14 +100,14 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     velocities = rows["speed"][:, None] * rotations[:, :, 0]
     alike: dict[int, dict[int, ActorPath]] = {}
     for n, path in enumerate(ways):
-        if path is not None:  # most have the very same knots
+        if path is not None:  # most have the same samples
             alike.setdefault(id(path.time_s), {})[n] = path
-    for some in alike.values():
-        k, took_s = next(iter(some.values())).leg(0.0)
-        ends = np.array([path.translation[k : k + 2] for path in some.values()])
-        velocities[list(some)] = (ends[:, 1] - ends[:, 0]) / took_s
+    for group in alike.values():
+        k, took_s = next(iter(group.values())).leg(0.0)
+        ends = np.array([path.translation[k : k + 2] for path in group.values()])
+        velocities[list(group)] = (ends[:, 1] - ends[:, 0]) / took_s
     sizes = np.column_stack([rows[name] for name in ("length", "width", "height")])
-    # A column at a time: each field of a row takes as long as a whole column of all of them.
+    # By column: reading a field of a row takes as long as a whole column.
     columns = [rows[name].tolist() for name in ("track", "class", "asset", "phase")]
     return [
         PosedActor(

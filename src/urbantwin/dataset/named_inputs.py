@@ -1,4 +1,4 @@
-"""What a dataset says of its twin and its motion: every input by its kind, what was found wrong."""
+"""Inputs of a dataset's twin and motion by kind, and their warnings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 __all__ = ["INPUT_KINDS", "named_inputs", "told_of"]
 
-#: What a kind of input is, in words.
+#: Description of each kind of input.
 INPUT_KINDS = {
     "osm": "map (OpenStreetMap extract)",
     "sketch": "sketch of the streets",
@@ -32,35 +32,35 @@ _UNSAID = {"licence": "not stated", "attribution": "not stated"}
 def named_inputs(
     twin: Mapping[str, Any], motion: Mapping[str, Any], asked: Mapping[str, Any] | None
 ) -> list[dict[str, Any]]:
-    """Return kind, name, SHA-256, licence and attribution of all that people gave.
+    """Return kind, name, SHA-256, licence and attribution of all inputs.
 
     Args:
-        twin: the manifest of the twin.
-        motion: the manifest of the motion.
-        asked: what the rig was placed from, see `provenance.asked_of`.
+        twin: manifest of the twin.
+        motion: manifest of the motion.
+        asked: requested rig, see `provenance.asked_of`.
     """
     made_from = twin.get("made_from") or {}
-    found = [*twin["inputs"]]
-    found += _beside(made_from.get("files", ()))
-    found += _recorded(motion)
+    inputs = [*twin["inputs"]]
+    inputs += _beside(made_from.get("files", ()))
+    inputs += _recorded(motion)
     if asked is not None:
-        found += _beside(one for one in asked["files"] if one.get("of") != "twin")
-        found += [{"kind": "background", **_file(one)} for one in asked["background"]]
-    unique = {(one.get("kind"), one["name"], one.get("sha256")): one for one in found}
+        inputs += _beside(entry for entry in asked["files"] if entry.get("of") != "twin")
+        inputs += [{"kind": "background", **_file(entry)} for entry in asked["background"]]
+    unique = {(entry.get("kind"), entry["name"], entry.get("sha256")): entry for entry in inputs}
     return list(unique.values())
 
 
 def told_of(twin: Mapping[str, Any], motion: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what who has the dataset alone would miss of its twin and its motion.
+    """Return facts of the twin and motion for users who have the dataset alone.
 
     Args:
-        twin: the manifest of the twin.
-        motion: the manifest of the motion.
+        twin: manifest of the twin.
+        motion: manifest of the motion.
 
     Returns:
-        ``place``, the twin's name; ``ground``, where its heights are from; ``traffic``, by class
-        how many were asked for, driven and seen, or how recorded tracks were smoothed;
-        ``warnings`` of both.
+        ``place``, the twin's name; ``ground``, source of its heights; ``traffic``: requested,
+        driven and
+        seen actors by class, or the smoothing of recorded tracks; ``warnings`` of both.
     """
     ground = (twin.get("notes") or {}).get("ground") or {}
     recorded = motion.get("recorded")
@@ -77,19 +77,23 @@ def told_of(twin: Mapping[str, Any], motion: Mapping[str, Any]) -> dict[str, Any
 
 
 def _beside(files: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the files of a site or a rig that none of the twin's inputs is."""
+    """Return the files of a site or a rig that are not inputs of the twin."""
     kinds = {"footprints": "footprints", "control_points": "control_points", "model": "sensor"}
-    return [{"kind": kinds[one["at"][-1]], **_file(one)} for one in files if one["at"][-1] in kinds]
+    return [
+        {"kind": kinds[entry["at"][-1]], **_file(entry)}
+        for entry in files
+        if entry["at"][-1] in kinds
+    ]
 
 
 def _recorded(motion: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the files of recorded tracks, with the terms that their description tells."""
-    told = motion.get("recorded")
-    if not isinstance(told, Mapping):
+    """Return the files of recorded tracks, with their terms."""
+    description = motion.get("recorded")
+    if not isinstance(description, Mapping):
         return []
-    terms = {name: told[name] for name in _UNSAID if name in told}
-    return [{"kind": "tracks", **_file(one), **terms} for one in told.get("files", ())]
+    terms = {name: description[name] for name in _UNSAID if name in description}
+    return [{"kind": "tracks", **_file(entry), **terms} for entry in description.get("files", ())]
 
 
-def _file(one: Mapping[str, Any]) -> dict[str, Any]:
-    return {"name": one["name"], "sha256": one["sha256"], **_UNSAID}
+def _file(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {"name": entry["name"], "sha256": entry["sha256"], **_UNSAID}

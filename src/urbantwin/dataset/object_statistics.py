@@ -1,4 +1,4 @@
-"""How dense a dataset is with objects, how much they hide each other, and how far they are."""
+"""Statistics of a dataset's objects: density, occlusion, distance."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from urbantwin.dataset.result_warnings import BEYOND
 
 __all__ = ["object_statistics"]
 
-#: Occlusion is told of objects with so many points alone. Of one far away that might have three, it
-#: is chance which it keeps, and higher sensors see more of such: they would count as hidden more.
+#: Occlusion is averaged over objects with at least this many points when unoccluded. With fewer,
+#: the remaining ones are random, and high sensors see more of such: they would count as hidden more
+#: often.
 _TELLING = 10
 
 
@@ -21,16 +22,19 @@ def object_statistics(
     entries: Sequence[Mapping[str, Any]],
     dataset_SE3_site: Any,  # noqa: ANN401
 ) -> dict[str, Any]:
-    """Return what ``dataset.json`` says of all objects in the region and in reach.
+    """Return statistics of all objects in the region and in range, for ``dataset.json``.
 
-    ``per_frame``: how many there are; ``occlusion``: its mean, of those that would have ten points
-    alone, and ``hidden``, the share of them that has none; ``points``, the median of those that
-    have any; ``distance_m``: in plan, from the nearest sensor, of those with points: ``median``,
-    ``p90``. Null where there are none.
+    ``per_frame``: mean number; ``occlusion``: mean over those with ten or more points when
+    unoccluded, and
+    ``hidden``, the share of them without any point; ``points``, median over those with points;
+    ``distance_m``: horizontal distance to the nearest sensor of those with points: ``median``,
+    ``p90``. Null
+    if there are none.
 
     Args:
-        entries: what ``layout.write_frame`` returned for each frame.
-        dataset_SE3_site: (4, 4) rows, of a rig that stands; entries of one that rides have theirs.
+        entries: return value of ``layout.write_frame`` for each frame.
+        dataset_SE3_site: (4, 4) rows, for a fixed rig; for a rig on an actor each entry has its
+            own.
     """
     count = 0
     points: list[NDArray[Any]] = [np.zeros(0)]
@@ -39,22 +43,22 @@ def object_statistics(
     hidden: list[NDArray[Any]] = [np.zeros(0)]
     for entry in entries:
         frame = np.array(entry.get("dataset_SE3_site", dataset_SE3_site), np.float64)
-        eyes = np.array(
+        sensors = np.array(
             [[row[f"true_{axis}"] for axis in "xyz"] for row in entry["sweeps"]]
         ).reshape(-1, 3)
-        places = (eyes @ frame[:3, :3].T + frame[:3, 3])[:, :2]
-        meant = ~np.isin(entry["boxes"]["ignored"], BEYOND)
-        boxes = {name: values[meant] for name, values in entry["boxes"].items()}
-        count += int(meant.sum())
-        telling, hit = boxes["num_points_alone"] >= _TELLING, boxes["num_points"] > 0
-        occlusions.append(boxes["occlusion"][telling])
-        hidden.append(~hit[telling])
+        places = (sensors @ frame[:3, :3].T + frame[:3, 3])[:, :2]
+        counts = ~np.isin(entry["boxes"]["ignored"], BEYOND)
+        boxes = {name: values[counts] for name, values in entry["boxes"].items()}
+        count += int(counts.sum())
+        measurable, hit = boxes["num_points_alone"] >= _TELLING, boxes["num_points"] > 0
+        occlusions.append(boxes["occlusion"][measurable])
+        hidden.append(~hit[measurable])
         points.append(boxes["num_points"][hit])
         if len(places):
             away = [places[:, axis, None] - boxes[name][hit] for axis, name in enumerate("xy")]
             distances.append(np.hypot(*away).min(axis=0))
-    every = [np.concatenate(one) for one in (points, distances, occlusions, hidden)]
-    return _told(count / max(len(entries), 1), *every)
+    values = [np.concatenate(part) for part in (points, distances, occlusions, hidden)]
+    return _told(count / max(len(entries), 1), *values)
 
 
 def _told(

@@ -1,4 +1,4 @@
-"""Where a recording goes: a folder, which appears when it is whole, or storage with an address."""
+"""Output of a recording: a folder that appears when complete, or storage with an address."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from urbantwin.errors import InputError
 
 __all__ = ["OutputPlace", "check_output", "opened_output"]
 
-#: Of a recording on storage that is not whole: marks, in a folder of its recipe's key.
+#: Folder of marks of an incomplete recording on storage, by the recipe's key.
 _PARTIAL = ".urbantwin-partial"
 
 
 @dataclass(frozen=True)
 class OutputPlace:
-    """A dataset that is being made.
+    """A dataset in the making.
 
     Attributes:
-        folder: of this machine: tables, manifest and all else but the frames go there.
-        storage: where all of it goes in the end, if that is not the folder itself.
-        marks: where the marks of frames go on storage.
+        folder: local folder of tables, manifest and everything but frames.
+        storage: final destination, if not the folder itself.
+        marks: place of the frames' marks on storage.
     """
 
     folder: Path
@@ -37,43 +37,43 @@ class OutputPlace:
 
     @property
     def is_whole(self) -> bool:
-        """Whether an interrupted run came as far as the inventory, which is written last."""
+        """Whether an interrupted run reached the inventory, which is written last."""
         if self.storage is not None:
             return INVENTORY in self.storage.names()
         return (self.folder / INVENTORY).is_file()
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether files of frames are not in the folder."""
+        """Whether files of frames are outside the folder."""
         return self.storage is not None
 
     def frames(self, part: str) -> FramePlace:
-        """Return where the frames of a part go; the name of a dataset of one part is empty."""
+        """Return the place of a part's frames; the part's name is empty for a single dataset."""
         if self.storage is None or self.marks is None:
             return FolderPlace(self.folder / part)
         return StoredPlace(self.storage / part, self.marks / (part or MARKS))
 
     def fetch_frame(self, part: str, entries: Iterable[Mapping[str, Any]]) -> None:
-        """Bring the frame with the most labelled actors here, of which pictures are drawn."""
+        """Download the frame with the most labelled actors, for pictures."""
         if self.storage is None:
             return
-        busiest = max(entries, key=lambda one: (one["boxes"]["num_points"] > 0).sum())
+        busiest = max(entries, key=lambda entry: (entry["boxes"]["num_points"] > 0).sum())
         for name in busiest["sha256"]:
             path = self.folder / part / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes((self.storage / part).read(name))
 
     def remove_marks(self, parts: Iterable[str]) -> None:
-        """Remove the marks of frames from a folder that is whole."""
+        """Remove the marks of frames from a complete folder."""
         for part in parts:
             shutil.rmtree(self.folder / part / MARKS, ignore_errors=True)
 
 
 def check_output(out: Path | Storage, *, kind: str, inputs: Sequence[Path | None] = ()) -> None:
-    """Refuse a place that cannot be written, before any work.
+    """Check that a place can be written, before any work.
 
     Raises:
-        InputError: see `artefact.check_folder`; or storage that is refused, or holds something.
+        InputError: see `artefact.check_folder`; or storage that is rejected, or not empty.
         StageError: the storage fails.
     """
     if isinstance(out, Path):
@@ -86,16 +86,17 @@ def check_output(out: Path | Storage, *, kind: str, inputs: Sequence[Path | None
 def opened_output(
     out: Path | Storage, *, kind: str, inputs: Sequence[Path | None], key: str
 ) -> Iterator[OutputPlace]:
-    """Yield a place for a dataset; what an interrupted run with the same key left is in it.
+    """Yield a place for a dataset, with what an interrupted run with the same key left.
 
-    A folder appears when it is whole. On storage files have their places from the beginning, and
-    the dataset is whole when its inventory is there, which comes last.
+    A folder appears when it is complete. On storage files are in place from the beginning, and the
+    dataset
+    is complete when its inventory, which is written last, is there.
 
     Args:
         out: the folder, or the storage, which must be empty.
-        kind: the artefact's kind.
-        inputs: what it is made from.
-        key: 16 hexadecimal digits that say what is made.
+        kind: kind of the artefact.
+        inputs: inputs of the dataset.
+        key: 16 hexadecimal digits that identify the recipe.
 
     Raises:
         InputError: see `check_output`.
@@ -109,24 +110,24 @@ def opened_output(
     partial = out / _PARTIAL
     with passing_folder("urbantwin-storage") as folder:
         yield OutputPlace(folder, out, partial / key)
-        files = (one for one in folder.rglob("*") if one.is_file())
-        own = [one for one in files if one.parent.name not in FOLDERS]
-        for path in sorted(own, key=lambda one: (one.name == INVENTORY, one)):
+        files = (file for file in folder.rglob("*") if file.is_file())
+        others = [file for file in files if file.parent.name not in FOLDERS]
+        for path in sorted(others, key=lambda file: (file.name == INVENTORY, file)):
             out.write(path.relative_to(folder).as_posix(), path.read_bytes())
         partial.remove()
 
 
 def _check_storage(out: Storage, kind: str, key: str | None) -> None:
-    """Refuse storage that holds something else than what the run with a key left.
+    """Check that storage holds nothing but what a run with the same key left.
 
     Raises:
-        InputError: it does, or it is refused.
+        InputError: it holds something else, or is rejected.
         StageError: the storage fails.
     """
     names = out.names()
     left = {name.split("/")[1] for name in names if name.startswith(f"{_PARTIAL}/")}
     expected = "an empty place: what is on storage is never replaced"
-    if INVENTORY in names and not left:  # else only marks are left to be removed
+    if INVENTORY in names and not left:  # otherwise only marks remain to be removed
         raise InputError(f"holds a {kind} already", file=str(out), expected=expected)
     if left and key is not None and left != {key}:
         raise InputError(

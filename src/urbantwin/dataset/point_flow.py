@@ -1,10 +1,12 @@
-"""Scene flow of points: where what each lies on is when the next frame looks at it.
+"""Scene flow of points: motion of the surface under each point until the next frame sees it.
 
-The definition is that of Argoverse 2 (``av2.torch.data_loaders.scene_flow``: a point moves with the
-body that it is on from its pose in one sweep to its pose in the next) and of Waymo (Jund et al.
-2022, "Scalable Scene Flow From Point Clouds in the Real World": without the motion of who looks),
-with one thing better: bodies do not stand in one pose for a whole turn. A point was measured at a
-time of its own, and its body goes on from where it was then.
+The definition follows Argoverse 2 (``av2.torch.data_loaders.scene_flow``: a point moves with its
+body
+from its pose in one sweep to its pose in the next) and Waymo (Jund et al. 2022, "Scalable Scene
+Flow From
+Point Clouds in the Real World": without ego motion), but bodies are not assumed static during a
+turn: the
+body's pose is taken at the time of each point.
 """
 
 from __future__ import annotations
@@ -31,21 +33,23 @@ def flow_of(
     site_SE3_now: Pose,
     then_SE3_site: Pose | None = None,
 ) -> NDArray[np.float32]:
-    """Return the flow (N, 3) of a frame's points, metres; ``nan`` where nobody knows it.
+    """Return the flow (N, 3) of a frame's points, metres; ``nan`` where unknown.
 
     Args:
-        points: (N, 3) of the frame.
-        semantic: (N,) their classes: what lies beside an actor, or is of no class, has no flow.
-        instance: (N,) the track that each is on; 0: the static world, which stays.
-        measured_s: (N,) when each was measured, seconds from the motion's start, true.
-        paths: of the tracks.
-        until_s: track -> when the next frame sees it, in the same seconds. Who is not in the next
-            frame has no flow.
-        site_SE3_now: takes points of the frame to the site.
-        then_SE3_site: takes places of the site to the frame of the next one's points. With it, flow
-            goes from where a point is in this frame's coordinates to where it will be in the next
-            one's: with the motion of who looks (Argoverse 2). Without it, both are in this frame's:
-            what stands has no flow.
+        points: (N, 3) points of the frame.
+        semantic: (N,) classes: points beside an actor, or without a class, have no flow.
+        instance: (N,) tracks; 0: the static world.
+        measured_s: (N,) time of each point, seconds from the motion's start, true.
+        paths: paths of the tracks.
+        until_s: track -> time at which the next frame sees it, same clock. Tracks that are not in
+            the next
+            frame have no flow.
+        site_SE3_now: pose of the frame of the points.
+        then_SE3_site: from the site to the next frame. If given, the flow is from a point's
+            coordinates in
+            this frame to those in the next one, with ego motion (Argoverse 2). Otherwise both are
+            in this
+            frame's: the static world has no flow.
     """
     flow = np.zeros((len(points), 3))
     flow[np.isin(semantic, (semantic_id("unlabelled"), semantic_id("outlier")))] = np.nan
@@ -59,13 +63,13 @@ def flow_of(
     flow[on[~stays]] = np.nan
     on, seen_s = on[stays], seen_s[stays]
     was, will = (paths.at(instance[on], times) for times in (measured_s[on], seen_s))
-    # site -> body when it was measured -> site when the next frame sees it.
-    there = np.asarray(points[on], np.float64)
-    away = site_SE3_now.apply(there) - was.translation
-    inside = np.einsum("nji,nj->ni", was.rotation, away)
+    # From the site to the body when measured, and to the site when the next frame sees it.
+    start = np.asarray(points[on], np.float64)
+    from_body = site_SE3_now.apply(start) - was.translation
+    inside = np.einsum("nji,nj->ni", was.rotation, from_body)
     target = np.einsum("nij,nj->ni", will.rotation, inside) + will.translation
     back = site_SE3_now.inverse() if then_SE3_site is None else then_SE3_site
-    moved = back.apply(target) - there
+    moved = back.apply(target) - start
     moved[(was.stretch < 0) | (was.stretch != will.stretch)] = np.nan
     flow[on] = moved
     return flow.astype(np.float32)

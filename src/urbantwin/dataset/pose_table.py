@@ -1,4 +1,4 @@
-"""``poses.parquet``: where the ego vehicle and every sensor were in each frame, in the site."""
+"""``poses.parquet``: poses of the ego vehicle and every sensor in each frame, in the site."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EGO", "frame_poses", "pose_of_frame", "pose_table", "true_and_reported", "write_poses"]
 
-#: Name of the row of the vehicle that carries the sensors; of a rig that stands, of its points.
+#: Name of the row of the vehicle that carries the sensors; for a fixed rig, of its points.
 EGO = "ego"
 
 
@@ -26,20 +26,20 @@ def frame_poses(manifest: Mapping[str, Any]) -> dict[str, Pose]:
     """Return ``site_SE3_dataset`` of every frame of a manifest, by name."""
     whole = manifest["dataset_SE3_site"]
     shared = None if whole is None else pose_of_matrix(whole).inverse()
-    found = {}
-    for one in manifest["frames"]:
-        rows = one.get("dataset_SE3_site")
+    poses = {}
+    for entry in manifest["frames"]:
+        rows = entry.get("dataset_SE3_site")
         pose = shared if rows is None else pose_of_matrix(rows).inverse()
         if pose is not None:
-            found[str(one["name"])] = pose
-    return found
+            poses[str(entry["name"])] = pose
+    return poses
 
 
 def pose_of_frame(poses: Mapping[str, Pose], frame: str) -> Pose:
-    """Return the pose of a frame that a table names.
+    """Return the pose of a frame named in a table.
 
     Raises:
-        InputError: the manifest has no such frame, or does not say where it is.
+        InputError: the manifest lacks the frame, or its pose.
     """
     if frame not in poses:
         raise InputError(
@@ -52,10 +52,11 @@ def pose_of_frame(poses: Mapping[str, Pose], frame: str) -> Pose:
 
 
 def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:
-    """Return the table: of every frame a row of `EGO`, then one for each turn of each sensor.
+    """Return the table: for every frame a row of `EGO`, then one per turn of each sensor.
 
-    The ego's pose is that of the vehicle that carries the rig, by its first sensor's first turn in
-    the frame. A rig that stands has no vehicle: there it is the frame of the points.
+    The ego's pose is that of the vehicle that carries the rig, at its first sensor's first turn in
+    the frame.
+    For a fixed rig it is the frame of the points.
 
     Args:
         manifest: ``dataset.json``.
@@ -64,19 +65,19 @@ def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:
     import pyarrow as pa
 
     mounted = {
-        str(one["name"]): pose_of_matrix(one["carrier_SE3_sensor"]).inverse()
-        for one in manifest["rig"]["sensors"]
-        if one.get("carrier_SE3_sensor")
+        str(entry["name"]): pose_of_matrix(entry["carrier_SE3_sensor"]).inverse()
+        for entry in manifest["rig"]["sensors"]
+        if entry.get("carrier_SE3_sensor")
     }
     poses = frame_poses(manifest)
     turns: dict[str, list[dict[str, Any]]] = {}
     for row in sweeps.to_pylist():
         turns.setdefault(str(row["frame"]), []).append(row)
     rows: list[dict[str, Any]] = []
-    for one in manifest["frames"]:
-        name = str(one["name"])
-        own = turns.get(name, [])
-        rows += _ego_rows(name, float(one["time_s"]), own, mounted, poses.get(name))
+    for entry in manifest["frames"]:
+        name = str(entry["name"])
+        turns_of_frame = turns.get(name, [])
+        rows += _ego_rows(name, float(entry["time_s"]), turns_of_frame, mounted, poses.get(name))
         rows += [
             {
                 "frame": name,
@@ -85,7 +86,7 @@ def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:
                 "time_s": turn["start_s"],
                 **{key: turn[key] for key in POSES if key.startswith(("true_", "reported_"))},
             }
-            for turn in own
+            for turn in turns_of_frame
         ]
     return pa.Table.from_pylist(rows, schema=arrow_schema(POSES))
 
@@ -98,7 +99,7 @@ def write_poses(path: Path, manifest: Mapping[str, Any], sweeps: pa.Table) -> No
 
 
 def true_and_reported(row: Mapping[str, Any]) -> tuple[Pose, Pose]:
-    """Return the true pose of a row of the table or of ``sweeps.parquet``, and the reported one."""
+    """Return the true and the reported pose of a row of the table or of ``sweeps.parquet``."""
     true, reported = (
         Pose(
             rotation_from_ypr(*(row[f"{kind}_{name}"] for name in ANGLES)),
@@ -116,8 +117,8 @@ def _ego_rows(
     mounted: Mapping[str, Pose],
     points: Pose | None,
 ) -> list[dict[str, Any]]:
-    """Return the row of the ego in a frame; none where nothing tells where it was."""
-    turn = next((one for one in turns if one["sensor"] in mounted), None)
+    """Return the row of the ego in a frame; none if its pose is unknown."""
+    turn = next((candidate for candidate in turns if candidate["sensor"] in mounted), None)
     if turn is not None:
         sensor_SE3_ego = mounted[str(turn["sensor"])]
         both = [pose @ sensor_SE3_ego for pose in true_and_reported(turn)]
@@ -126,8 +127,8 @@ def _ego_rows(
         both = [points, points]
     else:
         return []
-    told: dict[str, Any] = {"frame": frame, "name": EGO, "turn": 0, "time_s": time_s}
+    row: dict[str, Any] = {"frame": frame, "name": EGO, "turn": 0, "time_s": time_s}
     for kind, pose in zip(("true", "reported"), both, strict=True):
         values = (*pose.translation.tolist(), *ypr_from_rotation(pose.rotation))
-        told |= {f"{kind}_{n}": v + 0.0 for n, v in zip(POSE, values, strict=True)}
-    return [told]
+        row |= {f"{kind}_{n}": v + 0.0 for n, v in zip(POSE, values, strict=True)}
+    return [row]

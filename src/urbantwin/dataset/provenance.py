@@ -20,18 +20,18 @@ __all__ = ["asked_of"]
 def asked_of(
     spec: RigSpec, rig_file: Path, twin: Twin, *, background: Sequence[str] = (), fuse: bool = False
 ) -> dict[str, Any]:
-    """Return what a rig was placed from, as ``dataset.json`` keeps it.
+    """Return the requested rig, for ``dataset.json``.
 
     Args:
-        spec: the rig with every change to it.
-        rig_file: where it was written.
-        twin: what it stands on.
-        background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
-        fuse: where they measured nothing, the twin is seen.
+        spec: the rig with all changes.
+        rig_file: its file.
+        twin: the twin.
+        background: ``FILE`` or ``NAME=FILE`` of measured backgrounds.
+        fuse: use the twin where a background has no range.
 
     Returns:
-        ``rig``, which names files without their folders; ``files``: see ``twin.sources``;
-        ``background``: of each file ``sensor`` (or ``None``), ``name`` and ``sha256``; ``fuse``.
+        ``rig``, with files named without folders; ``files``: see ``twin.sources``; ``background``:
+        ``sensor`` (or ``None``), ``name`` and ``sha256`` of each file; ``fuse``.
     """
     rig, files = rig_and_files(spec.written(), rig_file.parent, twin=twin.folder)
     return {

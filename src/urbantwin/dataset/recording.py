@@ -1,4 +1,4 @@
-"""Recording: a twin, its motion and a rig become a labelled dataset."""
+"""Recording: from a twin, its motion and a rig to a labelled dataset."""
 
 from __future__ import annotations
 
@@ -60,42 +60,46 @@ def record(  # noqa: PLR0913 - every one is a person's choice
 ) -> None:
     """Record every frame of a motion; the layout is in ``docs/architecture.md``.
 
-    Frame n is the world from ``n / rig.rate_hz`` seconds on, whatever ``start_s`` is, so it has
-    the same name and the same bytes in every dataset of the same twin, motion, rig and seed. It
-    also does not depend on the number of workers.
+    Frame n is the world from ``n / rig.rate_hz`` seconds on, whatever ``start_s`` is, so it has the
+    same name
+    and bytes in every dataset of the same twin, motion, rig and seed, for any number of workers.
 
-    The folder appears when it is whole. A run that is interrupted leaves the frames that it
-    finished in its scratch beside it, and the same command goes on from there. On storage, workers
-    write frames to their places, and the inventory, which comes last, says that it is whole. With
-    ``fused: false`` in the rig there is a dataset for each sensor, in a folder of its name.
+    The folder appears when it is complete. An interrupted run leaves its finished frames in a
+    scratch folder
+    beside it, and the same command resumes. On storage, workers write frames in place, and the
+    inventory,
+    written last, marks completion. With ``fused: false`` in the rig there is one dataset per
+    sensor, in a
+    folder of its name.
 
     Args:
         twin: the twin.
         motion: a motion on it.
         rig: the sensors, placed on it.
-        out: the dataset's folder, in which an older dataset is replaced; or storage, where nothing
-            may be.
-        workers: number of processes, or a cluster; as many as there are processors when not given.
-        seed: of all that a sensor leaves to chance; the site's ``traffic.seed`` when not given.
-        start_s: no frame before it.
-        stop_s: no frame after it; the motion's last step when not given.
-        every: of the frames only those whose number is a multiple of this.
+        out: folder of the dataset, in which an older dataset is replaced; or empty storage.
+        workers: number of processes, or a cluster; one per processor if not given.
+        seed: seed of all random effects of sensors; the site's ``traffic.seed`` if not given.
+        start_s: earliest frame.
+        stop_s: latest frame; the motion's last step if not given.
+        every: record only frames whose number is a multiple of this.
         rig_file: the rig's file, for errors.
-        backend: what casts the rays, see `tracer_on`.
-        storage: of points: ``npy``; ``zstd``, columns in Parquet, of which nothing is lost; or
-            ``laz``, LAS 1.4, whose coordinates are whole millimetres.
-        split: into training, validation and test; the usual one when not given.
-        asked: what the rig was placed from, for who makes the dataset again: see `asked_of`.
-        inputs: files and folders besides the twin that ``out`` must not touch: the motion's, the
-            rig's.
-        also: called with the folder of the whole dataset before it appears, for what else belongs
-            into it: pictures.
-        progress: called with the fraction done and what is being done.
+        backend: ray tracer, see `tracer_on`.
+        storage: format of points: ``npy``; ``zstd``, lossless columns in Parquet; or ``laz``, LAS
+            1.4 with
+            coordinates in whole millimetres.
+        split: split into training, validation and test; by default the usual one.
+        asked: requested rig, to reproduce the dataset: see `asked_of`.
+        inputs: files and folders besides the twin that ``out`` must not touch: those of motion and
+            rig.
+        also: called with the folder of the whole dataset before it appears, to add pictures.
+        progress: called with the fraction done and a description.
 
     Raises:
-        InputError: a backend that this machine lacks, a motion on another twin, a negative
-            number, a span without frames, a gap that leaves a part of the split empty, a rig that
-            rides on an actor that is not there all the time, or an ``out`` that holds other files.
+        InputError: an unavailable backend, a motion on another twin, a negative number, an interval
+            without
+            frames, a gap that leaves a part of the split empty, a rig on an actor that is absent in
+            some
+            frames, or an ``out`` that holds other files.
         StageError: a worker was killed, the disk is full, or the storage fails.
     """
     seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)
@@ -105,15 +109,17 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     backend = backend or library_named()
-    tracer_on(backend)  # Before any work: is it there?
+    tracer_on(backend)  # checks that it is available
     inputs = [twin.folder, *inputs]
     check_output(out, kind="dataset", inputs=inputs)
-    say = progress or untold
-    say(0.0, "static world")
+    tell = progress or untold
+    tell(0.0, "static world")
     if asked is not None:
         asked = {**asked, "split": asked_split.told()}
     recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked, storage)
-    parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
+    parts = (
+        {"": rig} if rig.fused else {single.sensors[0].name: single for single in rig.separate()}
+    )
 
     key = recipe_key(
         {
@@ -148,7 +154,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 workers=workers,
                 backend=backend,
                 storage=storage,
-                progress=lambda share, doing: say(0.98 * share, doing),
+                progress=lambda share, doing: tell(0.98 * share, doing),
             )
             if not rig.fused:
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
@@ -161,15 +167,15 @@ def record(  # noqa: PLR0913 - every one is a person's choice
             write_inventory(
                 folder, known=checksums(entries), without=[MARKS], elsewhere=made.is_elsewhere
             )
-        # With an inventory it is whole, and what an interruption leaves from here on is enough.
+        # The inventory marks completion: an interruption from here on loses nothing.
         made.remove_marks(parts)
-    say(1.0, "done")
+    tell(1.0, "done")
 
 
 def checked_seed(
     twin: Twin, motion: Motion, seed: int | None, *, workers: Workers, storage: str
 ) -> int:
-    """Return the seed of a run, and refuse what no recording can be made of.
+    """Return the seed of a run, and validate its options.
 
     Raises:
         InputError: no workers, a negative seed, a motion on another twin, an unknown storage.
@@ -195,12 +201,12 @@ def frame_times(
     *,
     every: int = 1,
 ) -> dict[int, float]:
-    """Return the number of each frame and its time: the multiples of 1 / rate within the span.
+    """Return frame number -> time: the multiples of 1 / rate in the interval.
 
-    Of these, frames whose number is a multiple of ``every``.
+    Only frames whose number is a multiple of ``every``.
 
     Raises:
-        InputError: the span is empty or leaves the motion.
+        InputError: the interval is empty or exceeds the motion.
     """
     if not len(steps_s):
         raise InputError("the motion has no steps", expected="a motion with traffic")

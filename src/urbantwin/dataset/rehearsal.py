@@ -1,4 +1,4 @@
-"""A frame that nobody asked for: who scanned it has imported and loaded what recording needs."""
+"""Warm-up of a process: imports and compiled functions that recording needs."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ __all__ = ["rehearse"]
 
 
 def rehearse() -> None:
-    """Walk, and scan a board on a plane: numba loads, or compiles, what that takes.
+    """Walk, and scan a board on a plane: numba loads, or compiles, what that needs.
 
-    The board is no car, as motions have the meshes of their actors. Helpers do so while the twin is
-    built or opened. All else is imported here and not above: the process that starts them needs
-    the name of this function alone.
+    A board stands in for a car, because motions bring the meshes of their actors. Helpers do so
+    while the
+    twin is built or opened. Imports are local: the process that starts helpers needs only this
+    function's
+    name.
     """
     _walk()
     _scan()
 
 
 def _walk() -> None:
-    """Let two people walk: what moves them compiles longest, and is needed before any frame."""
+    """Let two people walk: their functions compile longest, and are needed before any frame."""
     import numpy as np
     import shapely
 

@@ -1,4 +1,4 @@
-"""The rig that a dataset was recorded with, from its manifest: what `recipe_of_rig` wrote."""
+"""The rig of a dataset, from its manifest: the inverse of `recipe_of_rig`."""
 
 from __future__ import annotations
 
@@ -32,31 +32,33 @@ _MODELS: dict[str, type[BaseModel]] = {
     "pose_error": PoseErrorSpec,
     "calibration": Calibration,
 }
-#: Of a dataset's own place: not carried elsewhere.
+#: Fields that belong to the dataset's own place.
 _LEFT = ("measured", "model", "sensor")
 _LARGEST = 1e9
 _Rate = Annotated[float, Field(gt=0, le=1000)]
 
 
 def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
-    """Return the rig as it stood, or rode, when the dataset was recorded.
+    """Return the rig with which a dataset was recorded.
 
     Fields that an older manifest lacks have their defaults. A measured background is left out: it
-    is of one place.
+    belongs to
+    one place.
 
     Args:
-        manifest: the content of ``dataset.json``.
+        manifest: content of ``dataset.json``.
 
     Returns:
-        ``None`` where the manifest does not tell it: it is another's, damaged, or has a sensor
-        whose scan pattern stands in a file of its own.
+        ``None`` if the manifest does not describe it: another program's, damaged, or with a sensor
+        whose
+        scan pattern is in a separate file.
     """
     try:
         rig = manifest["rig"]
         _check_numbers(rig)
         _Told.model_validate(rig)
         return Rig(
-            sensors=tuple(_mounted(one) for one in rig["sensors"]),
+            sensors=tuple(_mounted(entry) for entry in rig["sensors"]),
             frame=rig["frame"],
             rate_hz=float(rig["rate_hz"]),
             dataset_SE3_site=pose_of_matrix(manifest["dataset_SE3_site"] or np.eye(4)),
@@ -85,7 +87,7 @@ class _ToldSensor(Part):
 
 
 class _Told(Part):
-    """Numbers of a rig that decide how much there is to do."""
+    """Numbers of a rig that decide the amount of work."""
 
     rate_hz: _Rate
     frame: Literal["sensor", "level", "site"]
@@ -96,25 +98,25 @@ class _Told(Part):
 
 
 def _check_numbers(value: object) -> None:
-    """Refuse numbers that no sensor has, wherever they stand.
+    """Check all numbers, at any depth.
 
     Raises:
-        ValueError: one is not finite or huge.
+        ValueError: a number is not finite or huge.
     """
     if isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
-            _check_numbers(one)
+        for item in value.values() if isinstance(value, dict) else value:
+            _check_numbers(item)
     elif isinstance(value, int | float) and not abs(value) <= _LARGEST:
         raise ValueError(f"{value!r:.40} is not a value that a sensor has")
 
 
 def _mounted(entry: Mapping[str, Any]) -> MountedSensor:
-    known = {field.name for field in dataclasses.fields(MountedSensor)} - set(_LEFT)
-    values = {name: value for name, value in entry.items() if name in known}
+    names = {field.name for field in dataclasses.fields(MountedSensor)} - set(_LEFT)
+    values = {name: value for name, value in entry.items() if name in names}
     for name, model in _MODELS.items():
         if values.get(name) is not None:
             values[name] = model.model_validate(values[name])
-    values["outages"] = tuple(OutageSpec.model_validate(one) for one in values.get("outages", ()))
+    values["outages"] = tuple(OutageSpec.model_validate(item) for item in values.get("outages", ()))
     for name in ("site_SE3_sensor", "carrier_SE3_sensor"):
         if values.get(name) is not None:
             values[name] = pose_of_matrix(values[name])
@@ -132,6 +134,6 @@ def _sensor(entry: Mapping[str, Any]) -> Sensor:
         if value is not None and "NDArray" in str(field.type):
             value = np.array(value, np.float64)
         elif isinstance(value, list):
-            value = tuple(tuple(one) if isinstance(one, list) else one for one in value)
+            value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
         values[field.name] = value
     return Sensor(**values)

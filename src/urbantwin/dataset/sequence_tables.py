@@ -1,4 +1,4 @@
-"""The tables of a dataset that follow its actors and its sensors through all frames."""
+"""Tables of a dataset's actors and sensors over all frames."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ __all__ = ["write_sequence_tables"]
 
 
 def write_lanes(path: Path, roads: RoadNetwork) -> None:
-    """Write one row for each lane, by its id, which ``trajectories.parquet`` names.
+    """Write ``lanes.parquet``, one row per lane by id, which ``trajectories.parquet`` refers to.
 
-    ``x``, ``y`` and ``z`` are lists: its middle from start to end, site frame, metres;
-    ``successors`` are ids of the lanes that follow, ``allowed`` the classes that may use it.
+    ``x``, ``y`` and ``z`` are lists: the centre line from start to end, site frame, metres;
+    ``successors``
+    are ids of the following lanes, ``allowed`` the classes that may use it.
 
     Args:
         path: the file.
-        roads: the twin's.
+        roads: the twin's network.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -44,7 +45,7 @@ def write_lanes(path: Path, roads: RoadNetwork) -> None:
             **{name: getattr(lane, name) for name in LANES if name not in PLACE},
             **dict(zip(PLACE, lane.centre.T.tolist(), strict=True)),
         }
-        for lane in sorted(roads.lanes, key=lambda one: one.id)
+        for lane in sorted(roads.lanes, key=lambda item: item.id)
     ]
     table = pa.Table.from_pylist(rows, schema=arrow_schema(LANES))
     pq.write_table(table, path, compression="zstd")
@@ -59,14 +60,14 @@ def write_sequence_tables(
 ) -> None:
     """Write the tables of `columns.SEQUENCE_TABLES`.
 
-    Without a motion there are no trajectories, and without a twin that has streets no lanes.
+    Without a motion there are no trajectories, and without a twin with streets no lanes.
 
     Args:
-        folder: where they go.
-        manifest: ``dataset.json``, or as much of it as says where the frames and the rig are.
-        source: the folder of the dataset, for its boxes and its sweeps.
-        motion: that was recorded.
-        twin: on which it was.
+        folder: output folder.
+        manifest: ``dataset.json``, or its entries of frames and rig.
+        source: folder of the dataset, for its boxes and sweeps.
+        motion: the recorded motion.
+        twin: the twin of the motion.
 
     Raises:
         InputError: the boxes or the sweeps are damaged.
@@ -79,7 +80,7 @@ def write_sequence_tables(
         write_lanes(folder / LANES_FILE, twin.roads)
     if motion is None:
         return
-    times = [float(one["time_s"]) for one in manifest["frames"]]
+    times = [float(entry["time_s"]) for entry in manifest["frames"]]
     write_trajectories(
         folder / TRAJECTORIES_FILE,
         motion,

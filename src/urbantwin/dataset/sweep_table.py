@@ -1,4 +1,4 @@
-"""``sweeps.parquet``: when every turn of every sensor took place, where it stood, what was lost."""
+"""``sweeps.parquet``: time, pose and loss of every turn of every sensor."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ __all__ = ["sweep_rows", "write_sweeps"]
 def sweep_rows(
     rig: Rig, index: int, seed: int, carrier: ActorPath | None = None
 ) -> list[dict[str, Any]]:
-    """Return one row per sensor and turn of a frame, as can stand in JSON.
+    """Return one row per sensor and turn of a frame, for JSON.
 
     Args:
         rig: the sensors.
-        index: the frame's number.
-        seed: of all random numbers.
-        carrier: the path of the actor that carries the rig, if one does.
+        index: number of the frame.
+        seed: random seed.
+        carrier: path of the actor that carries the rig, if any.
     """
     time_s = index / rig.rate_hz
     rows = []
-    for one in rig.sensors:
-        turns = turns_of(one, index, seed)
+    for mounted in rig.sensors:
+        turns = turns_of(mounted, index, seed)
         if not turns:
             continue
-        path = one.path(index, seed, carrier)
+        path = mounted.path(index, seed, carrier)
         begins = np.array([turn.start_s for turn in turns])
         poses = {"true": path.true_poses(begins), "reported": path.reported_poses(begins)}
         for number, turn in enumerate(turns):
             start_s = time_s + turn.start_s
-            ahead_s = one.clock_offset_s + one.clock_drift_ppm * 1e-6 * start_s
+            ahead_s = mounted.clock_offset_s + mounted.clock_drift_ppm * 1e-6 * start_s
             rows.append(
                 {
-                    "sensor": one.name,
+                    "sensor": mounted.name,
                     "turn": turn.number,
                     "start_s": start_s,
                     "stop_s": time_s + turn.stop_s,
@@ -66,14 +66,14 @@ def sweep_rows(
 
 
 def write_sweeps(path: Path, indices: Sequence[int], entries: Sequence[Mapping[str, Any]]) -> None:
-    """Write the table.
+    """Write ``sweeps.parquet``.
 
     Args:
         path: the file.
         indices: number of each frame.
-        entries: the mark of each frame, in the same order, with its ``sweeps``.
+        entries: mark of each frame, in the same order, with its ``sweeps``.
     """
-    # Imported here: workers, which start with this package, have no use for it.
+    # Imported here: workers, which start with this package, do not need it.
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -1,4 +1,4 @@
-"""Tracks as paths: where an actor's body is at any time, from the rows of a table."""
+"""Poses of tracks at any time, from the rows of a table."""
 
 from __future__ import annotations
 
@@ -17,18 +17,17 @@ if TYPE_CHECKING:
 
 __all__ = ["BodyPoses", "TrackPaths", "paths_of_boxes"]
 
-#: A body that lies within this of where it was has not moved, metres.
+#: Smaller displacements count as no motion, metres.
 _SAME_PLACE_M = 1e-3
 
 
 class BodyPoses(NamedTuple):
-    """Where bodies are at T times.
+    """Poses of bodies at T times.
 
     Attributes:
         rotation: (T, 3, 3) ``site_SE3_body``.
         translation: (T, 3) metres.
-        stretch: (T,) number of the stretch of a path that each time lies in; -1: nobody knows
-            where the body is.
+        stretch: (T,) index of the path segment of each time; -1: pose unknown.
     """
 
     rotation: NDArray[np.float64]
@@ -39,16 +38,19 @@ class BodyPoses(NamedTuple):
 class TrackPaths:
     """Paths of all tracks of a table.
 
-    A path is a row of stretches: where a track was not there for longer than ``gap_s``, or was put
-    elsewhere, it ends and begins anew. Within a stretch the body goes straight from row to row and
-    turns about one axis at one speed, which is how recording moves it; before and after it, for
-    ``beyond_s`` and not nearer to another one, it goes straight on.
+    A path consists of segments: it is interrupted where a track is absent for longer than
+    ``gap_s``, or was
+    relocated. Within a segment, motion between rows is linear with constant angular velocity, as in
+    recording; before and after a segment it is extrapolated for up to ``beyond_s``, but not beyond
+    the
+    middle towards the next segment.
 
     Args:
         table: with ``track``, ``time_s``, ``x``, ``y``, ``z``, ``yaw``, ``pitch``, ``roll``, in any
-            order of rows; metres, radians and seconds, site frame.
-        gap_s: a track without a row for longer has left, unless it stands where it stood.
-        beyond_s: so long before its first and after its last row a body goes on.
+            order of
+            rows; metres, radians and seconds, site frame.
+        gap_s: largest gap between rows of a moving track.
+        beyond_s: largest extrapolation before the first and after the last row.
     """
 
     def __init__(self, table: pa.Table, gap_s: float, beyond_s: float) -> None:
@@ -65,14 +67,14 @@ class TrackPaths:
         moved = np.linalg.norm(np.diff(self._pose[:, :3], axis=0), axis=1)
         begins = (np.diff(track) != 0) | (moved > FASTEST_M_S * step_s)
         begins |= (step_s > gap_s) & (moved > _SAME_PLACE_M)
-        #: Number of the stretch of each row.
+        #: Index of the segment of each row.
         self._stretch = np.concatenate([[0], np.cumsum(begins)])[: len(track)]
 
     def at(self, track: ArrayLike, time_s: NDArray[np.float64]) -> BodyPoses:
-        """Return where the bodies of tracks are, each at a time.
+        """Return the poses of tracks, each at a time.
 
         Args:
-            track: (T,) of each, or one of all.
+            track: (T,) track of each, or one for all.
             time_s: (T,) seconds from the motion's start.
         """
         tracks = np.broadcast_to(np.asarray(track, np.int64), time_s.shape)
@@ -93,7 +95,7 @@ class TrackPaths:
             share = (time_s[known] - times[which]) / (self._time_s[legs + 1] - times)[which]
             step = end[:, :3] - begin[:, :3]
             translation[known] = begin[which, :3] + share[:, None] * step[which]
-            a, b = (rotation_from_ypr(*one[:, 3:].T) for one in (begin, end))
+            a, b = (rotation_from_ypr(*ends[:, 3:].T) for ends in (begin, end))
             turn = Rotation.from_matrix(np.swapaxes(a, 1, 2) @ b).as_rotvec()
             turned = Rotation.from_rotvec(share[:, None] * turn[which]).as_matrix()
             rotation[known] = a[which] @ turned
@@ -101,7 +103,7 @@ class TrackPaths:
         return BodyPoses(rotation, translation, stretch)
 
     def _legs(self, number: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the row (T,) from which a body goes to the next at each time; -1: nobody knows."""
+        """Return the row (T,) before each time from which to interpolate; -1 if unknown."""
         low = int(self._first[number])
         high = len(self._time_s)
         if number + 1 < len(self._first):
@@ -110,7 +112,7 @@ class TrackPaths:
         before, after = np.maximum(row, low), np.minimum(row + 1, high - 1)
         stretch, times = self._stretch, self._time_s
         inside = (row >= low) & (row + 1 < high) & (stretch[before] == stretch[after])
-        # Else the nearer stretch goes on: by its last leg, or by its first.
+        # Otherwise extrapolate the nearer segment, by its last pair of rows or its first.
         since = np.where(row >= low, time_s - times[before], np.inf)
         until = np.where(row + 1 < high, times[after] - time_s, np.inf)
         leg = np.where(since <= until, before - 1, after)
@@ -120,14 +122,14 @@ class TrackPaths:
 
 
 def paths_of_boxes(tracklets: pa.Table, times_s: NDArray[np.float64]) -> TrackPaths:
-    """Return paths from labelled box to labelled box, where nothing better is known.
+    """Return paths interpolated between labelled boxes, for datasets without trajectories.
 
-    Boxes are upright in the frame of the points, and between two frames a body goes straight.
+    Boxes are upright in the frame of the points, and motion between frames is linear.
 
     Args:
         tracklets: see `tracklets.tracklet_table`.
-        times_s: of the frames.
+        times_s: times of the frames.
     """
     step_s = float(np.diff(times_s).min()) if len(times_s) > 1 else 1.0
-    # A box is seen at any time of a turn: from one to the next up to two turns pass.
+    # A box is seen at any time of a turn: up to two turns pass between two boxes.
     return TrackPaths(tracklets, gap_s=2.5 * step_s, beyond_s=2.0 * step_s)

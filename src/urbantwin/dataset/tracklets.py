@@ -1,7 +1,8 @@
-"""``tracks.parquet`` and ``tracklets.parquet``: who was there, and each one's way frame by frame.
+"""``tracks.parquet`` and ``tracklets.parquet``: tracks, and their boxes frame by frame.
 
-Both are the boxes of a dataset, sorted by track and brought to the site: a track's row says who it
-is, its tracklet where it was in every frame that labels it, as KITTI's tracklets do.
+Both are the boxes of a dataset, sorted by track and transformed to the site: a row per track with
+its
+class and size, and a tracklet with its box in every labelled frame, as in KITTI.
 """
 
 from __future__ import annotations
@@ -23,29 +24,30 @@ if TYPE_CHECKING:
 
 __all__ = ["track_table", "tracklet_table", "write_tracklets"]
 
-#: Of the boxes' columns, those that a tracklet keeps as they are.
+#: Columns of boxes that a tracklet copies.
 _KEPT = ("length", "width", "height", "num_points", "num_points_alone", "occlusion", "visibility",
          "truncation", "difficulty", "ignored")  # fmt: skip
 
 
 def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.Table:
-    """Return a row for every track and frame that labels it, by track, then time.
+    """Return a row for every track and labelled frame, by track, then time.
 
-    ``time_s`` is when the actor stood in its box, seconds from the motion's start; the box and its
-    velocity (``vx``, ``vy``, ``vz``) are in the site frame, and so are ``yaw``, ``pitch`` and
-    ``roll``: labelled boxes stand upright in the frame of the points, so where that is tilted,
-    these are not zero.
+    ``time_s`` is the time of the box, seconds from the motion's start; the box and its velocity
+    (``vx``,
+    ``vy``, ``vz``) are in the site frame, and so are ``yaw``, ``pitch`` and ``roll``: labelled
+    boxes are
+    upright in the frame of the points, so pitch and roll are not zero if that is tilted.
 
     Args:
         boxes: ``boxes.parquet``.
-        site_SE3_dataset: of each frame, by its name.
+        site_SE3_dataset: pose of each frame, by name.
     """
     import pyarrow as pa
 
     names, number = frames_of(boxes)
     poses = [pose_of_frame(site_SE3_dataset, name) for name in names]
-    turns = np.array([one.rotation for one in poses]).reshape(-1, 3, 3)[number]
-    places = np.array([one.translation for one in poses]).reshape(-1, 3)[number]
+    turns = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[number]
+    places = np.array([pose.translation for pose in poses]).reshape(-1, 3)[number]
     place = _turned(turns, _columns(boxes, *PLACE)) + places
     velocity = _turned(turns, _columns(boxes, *VELOCITY))
     angles = _angles(turns, boxes["yaw"].to_numpy())
@@ -67,14 +69,15 @@ def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.
 
 
 def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
-    """Return a row for every track: its class, middle size, first and last frame, and how seen.
+    """Return a row for every track: class, median size, first and last frame, and visibility.
 
-    ``way_m`` is how far it went from its first frame to its last, ``fastest_m_s`` its greatest
-    speed in one of them.
+    ``way_m`` is the distance travelled from its first frame to its last, ``fastest_m_s`` its
+    greatest speed
+    in one of them.
 
     Args:
         tracklets: see `tracklet_table`.
-        boxes: ``boxes.parquet``, which says who is parked and who is towed by whom.
+        boxes: ``boxes.parquet``, with parked and towed actors.
     """
     import pyarrow as pa
 
@@ -88,10 +91,10 @@ def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
     step[first] = 0.0
     speed = np.linalg.norm(_columns(tracklets, *VELOCITY), axis=1)
     sizes = _columns(tracklets, *SIZE)
-    own = [slice(a, b + 1) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
-    middle = np.array([np.median(sizes[one], axis=0) for one in own]).reshape(-1, 3)
+    rows_of_track = [slice(a, b + 1) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    middle = np.array([np.median(sizes[rows], axis=0) for rows in rows_of_track]).reshape(-1, 3)
     time_s = tracklets["time_s"].to_numpy()
-    told: dict[str, Any] = {
+    columns: dict[str, Any] = {
         "track": pa.array(tracks, pa.int32()),
         "class": tracklets["class"].take(pa.array(first)),
         **{name: middle[:, axis] for axis, name in enumerate(SIZE)},
@@ -103,13 +106,13 @@ def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
         "frames_with_points": pa.array(_sums(points > 0, first), pa.int32()),
         "points": pa.array(_sums(points, first), pa.int64()),
         "way_m": _sums(step, first),
-        "fastest_m_s": np.array([speed[one].max() for one in own], np.float64),
+        "fastest_m_s": np.array([speed[rows].max() for rows in rows_of_track], np.float64),
     }
-    _, at = np.unique(boxes["track"].to_numpy(), return_index=True)
+    _, first_box = np.unique(boxes["track"].to_numpy(), return_index=True)
     for name in ("parked", "towed_by"):
         if name in boxes.column_names:
-            told[name] = boxes[name].take(pa.array(at))
-    return pa.table(told)
+            columns[name] = boxes[name].take(pa.array(first_box))
+    return pa.table(columns)
 
 
 def write_tracklets(folder: Path, boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> None:
@@ -135,7 +138,7 @@ def _angles(turns: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.
     cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))
     ahead = _turned(turns, np.column_stack([cos, sin, zero]))
     left = _turned(turns, np.column_stack([-sin, cos, zero]))
-    # As `geometry.ypr_from_rotation`, of a rotation whose columns are ahead, left and up.
+    # `geometry.ypr_from_rotation` of the rotation with columns ahead, left and up.
     angles = [
         np.arctan2(ahead[:, 1], ahead[:, 0]),
         -np.arcsin(np.clip(ahead[:, 2], -1.0, 1.0)),

@@ -1,4 +1,4 @@
-"""Frames on processes of this machine or of a cluster; which of them changes nothing in it."""
+"""Recording of frames on processes of this machine or of a cluster; the result is the same."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
 
-#: How many processes of this machine, this one and its helpers, or a cluster; ``None`` for as many
-#: as there are processors.
+#: Number of processes of this machine, this one and its helpers, or a cluster; ``None`` for one per
+#: processor.
 Workers = int | Helpers | Cluster | None
 
-#: What one worker has in hand besides what it works on: enough that it never waits.
+#: Tasks queued per worker, so that it never waits.
 _QUEUED = 2
-#: Frames that a worker is told of at once, at most, and how long they may take, seconds: the last
-#: of them is written while nothing is scanned, and a worker that is to stop ends its run before.
+#: Most frames per batch of a worker, and the largest duration of a batch, seconds: the last frame
+#: is written while nothing is scanned, and a worker finishes its batch before it stops.
 _LONGEST_RUN, _RUN_S = 16, 0.5
 
 
 @dataclass(frozen=True)
 class Task:
-    """One frame to record: of which part, its number, and the actors at its time and around it."""
+    """One frame to record: part, number, and the actors around its time."""
 
     part: str
     index: int
@@ -57,12 +57,12 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What the frames of one dataset share.
+    """Common data of one dataset's frames.
 
     Attributes:
         rig: the sensors.
-        seed: of all random numbers.
-        place: where the files go, prepared for every folder of ``layout.folders_of``.
+        seed: random seed.
+        place: place of the files, prepared for every folder of ``layout.folders_of``.
     """
 
     rig: Rig
@@ -72,16 +72,16 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """What all frames share: those of one dataset, or of several in one world.
+    """Common data of all frames, of one dataset or of several in one world.
 
     Attributes:
         static: the static world, site frame.
-        parts: of each dataset, by name.
-        meshes: by asset and phase; what is not here comes from the catalogue.
-        surface: materials of the ground that are finer than the static world's triangles.
-        region: where labels count, site frame; everywhere when not given.
-        backend: what casts the rays, see `lidar.Scanner`.
-        storage: of points, see `layout.write_frame`.
+        parts: the datasets, by name.
+        meshes: meshes by asset and phase; others come from the catalogue.
+        surface: materials of the ground at finer resolution than the static world's triangles.
+        region: area where labels count, site frame; everywhere if not given.
+        backend: ray tracer, see `lidar.Scanner`.
+        storage: format of points, see `layout.write_frame`.
     """
 
     static: LabelledMesh
@@ -94,10 +94,10 @@ class Recipe:
 
 
 class _Recorder:
-    """Records frames of one part after the other; the next one goes on with what both share.
+    """Records frames of one part after the other; the next part reuses what both share.
 
     Attributes:
-        frame_s: what the last frame took to scan, seconds.
+        frame_s: duration of the last scan, seconds.
     """
 
     def __init__(self, recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
@@ -112,14 +112,14 @@ class _Recorder:
 
     @property
     def standing(self) -> list[StaticView | None]:
-        """What the sensors of the part that it records see of the static world, if they stand."""
+        """Static views of the fixed sensors of the current part."""
         assert self._scanner is not None
         return self._scanner.standing
 
     def _scanner_of(
         self, part: str, standing: Sequence[StaticView | None] | None = None
     ) -> Scanner:
-        """Return the scanner of a part: what standing sensors see is kept of one part alone."""
+        """Return the scanner of a part: static views are kept of one part only."""
         if self._scanner is None or part != self._part:
             recipe, own = self._recipe, self._recipe.parts[part]
             self._part = part

@@ -3,12 +3,9 @@
 Real bodies are less plain than meshes: gaps between panels, trim, chrome, folds, spokes and edges
 deflect single beams, and a glossy coat reflects specularly away from normal incidence. Of rays at
 opaque parts of real vehicles 4 to 10 % return nothing even at close range, one by one between
-neighbours
-that return; of rays at people 2 % (fitted to KITTI and Argoverse 2: `notebook/real_lidar.md`). The beam
-and
-the triangle determine which: a fixed sensor sees a parked car alike in every frame. Panes vary in
-dirt by
-`DIRT`.
+neighbours that return; of rays at people 2 % (fitted to KITTI and Argoverse 2:
+`notebook/real_lidar.md`). The beam and the triangle determine which: a fixed sensor sees a parked
+car alike in every frame. Panes vary in dirt by `DIRT`.
 
 **Ground** also loses beams: manhole covers, tar, puddles and ruts reflect or hide grazing light. Of
 rays
