@@ -27,8 +27,7 @@ def label_lines(boxes: Sequence[BoxLabel]) -> str:
     """Return ``x y z dx dy dz heading class`` for every box, one line each.
 
     Metres and radians with four decimals (a tenth of a millimetre). OpenPCDet's reader takes the
-    last token
-    as the class and everything before it as the box, so a line holds nothing else.
+    last token as the class and everything before it as the box, so a line holds nothing else.
     """
     rows = _normal(_stacked([box.box for box in boxes], 7)).tolist()
     return "".join(_line(row, box.actor_class) for row, box in zip(rows, boxes, strict=True))
@@ -43,8 +42,7 @@ def box_columns(boxes: Sequence[BoxLabel]) -> dict[str, list[Any]]:
     """Return the table columns of a frame's boxes, as JSON-compatible lists by name.
 
     Boxes and velocities are in the dataset's frame: metres, radians, metres per second. Unknown
-    values are
-    ``None``.
+    values are ``None``.
     """
     placed = _normal(_stacked([box.box for box in boxes], 7))
     moving = _stacked([box.velocity for box in boxes], 3)

@@ -55,8 +55,7 @@ def write_boxes(
         path: the file.
         times_s: frame number -> time.
         entries: return value of ``layout.write_frame`` for each frame, in the same order, with
-            packed
-            boxes.
+            packed boxes.
         motion: the motion, for parked and towed actors.
     """
     # Imported here: workers, which start with this package, do not need it.
@@ -150,8 +149,7 @@ def record_datasets(
 
     Returns:
         By name of the dataset, the return values of ``layout.write_frame`` for each frame, with
-        packed
-        boxes, and the sweeps.
+        packed boxes, and the sweeps.
     """
 
     def tasks() -> Iterator[Task]:

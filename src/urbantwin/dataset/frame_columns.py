@@ -1,10 +1,8 @@
 """Points, labels and rays of a frame as columns of a Parquet file with Zstandard.
 
 Lossless. The encodings were chosen by measurement (``benchmarks/storage.py``): bytes of coordinates
-are
-split, so that signs and exponents are compressed together; intensities have few values; columns of
-the
-turn ascend.
+are split, so that signs and exponents are compressed together; intensities have few values; columns
+of the turn ascend.
 """
 
 from __future__ import annotations

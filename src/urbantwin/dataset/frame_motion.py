@@ -1,8 +1,7 @@
 """Motion of every actor during a frame.
 
 A spinning sensor sees each actor at the time of each ray, so a frame needs the motion's steps from
-the
-first firing of its sensors to the last, not only the poses at its own time.
+the first firing of its sensors to the last, not only the poses at its own time.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ class FrameMotion:
         rows: (A,) the actors at the frame's time, as rows of the motion's table.
         time_s: (S,) float64 ascending, seconds relative to the frame's time, which is included.
         poses: (S, A, 6) float64, x, y, z, yaw, pitch, roll at these times; NaN where an actor is
-            absent, or
-            was relocated without driving.
+            absent, or was relocated without driving.
     """
 
     rows: Rows
@@ -83,8 +81,8 @@ class FrameMotions:
         """Return the motion of actors around a time.
 
         Linear between steps. An actor in only one of the two steps around the time is absent.
-        Before the first
-        step and after the last, the two nearest steps are returned, for extrapolation.
+        Before the first step and after the last, the two nearest steps are returned, for
+        extrapolation.
 
         Args:
             time_s: the frame's time, within the motion's first and last step.

@@ -65,8 +65,7 @@ class FolderPlace:
         """Write a file through to the disk, and drop it from the page cache.
 
         So a marked frame survives a loss of power. On virtual machines the next frame then reuses
-        the same
-        memory: with fresh pages for every frame, writing takes five times as long.
+        the same memory: with fresh pages for every frame, writing takes five times as long.
         """
         path = self.folder / name
         with path.open("wb", buffering=0) as stream, _named(path):

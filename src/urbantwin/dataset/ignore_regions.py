@@ -87,8 +87,7 @@ def write_ignore_regions(path: Path, areas: Sequence[IgnoreArea]) -> None:
     """Write areas as GeoJSON: one feature each, with the property ``reason``.
 
     Coordinates are east and north of the anchor in metres, in the site frame: ``dataset_SE3_site``
-    of
-    ``dataset.json`` transforms them to the frame of the points.
+    of ``dataset.json`` transforms them to the frame of the points.
     """
     features = [
         {

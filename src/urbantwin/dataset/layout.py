@@ -79,8 +79,7 @@ def write_frame(
     Returns:
         JSON-compatible: ``points`` (number), ``bounds`` (least and greatest x, y, z, or ``None``),
         ``semantic`` (number of points by class id), ``boxes`` (columns, see `box_columns`) and
-        ``sha256``
-        (of each file, by its name in the dataset).
+        ``sha256`` (of each file, by its name in the dataset).
     """
     name, tables = frame_name(index), FrameTables.of(frame)
     labels, rays = tables.labels, tables.rays

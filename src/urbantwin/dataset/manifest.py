@@ -306,8 +306,7 @@ def manifest_of_parts(
     Args:
         recipe: see `recipe_of`, of the whole rig.
         parts: name of each sensor and of its folder -> return values of ``layout.write_frame`` for
-            each of
-            its frames.
+            each of its frames.
         manifests: name of each sensor -> SHA-256 of its dataset's manifest.
     """
     copied = ("format", "urbantwin", "python", "platform", "dependencies", "backend", "seeds")

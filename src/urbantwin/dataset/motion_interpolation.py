@@ -39,8 +39,7 @@ def rows_at(motion: MotionTable, time_s: float) -> Rows:
     """Return the actors at any time.
 
     At a step these are the step's own rows. Between two steps they are interpolated, and an actor
-    in only
-    one of the two is absent.
+    in only one of the two is absent.
 
     Args:
         motion: the motion.
@@ -61,8 +60,7 @@ def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows
     """Interpolate the actors that are in both of two steps.
 
     Positions and angles are linear (yaw the short way round); asset, gait phase and lane are those
-    of the
-    nearer step.
+    of the nearer step.
 
     Args:
         before: rows of the earlier step.
@@ -87,8 +85,7 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     """Convert rows of the motion to the scanner's actors.
 
     The velocity is that of the path, so that labels describe the motion that the rays see. Without
-    a path it
-    is the speed along the heading, following the road's grade.
+    a path it is the speed along the heading, following the road's grade.
 
     Args:
         rows: the actors.

@@ -59,8 +59,7 @@ def told_of(twin: Mapping[str, Any], motion: Mapping[str, Any]) -> dict[str, Any
 
     Returns:
         ``place``, the twin's name; ``ground``, source of its heights; ``traffic``: requested,
-        driven and
-        seen actors by class, or the smoothing of recorded tracks; ``warnings`` of both.
+        driven and seen actors by class, or the smoothing of recorded tracks; ``warnings`` of both.
     """
     ground = (twin.get("notes") or {}).get("ground") or {}
     recorded = motion.get("recorded")

@@ -25,11 +25,9 @@ def object_statistics(
     """Return statistics of all objects in the region and in range, for ``dataset.json``.
 
     ``per_frame``: mean number; ``occlusion``: mean over those with ten or more points when
-    unoccluded, and
-    ``hidden``, the share of them without any point; ``points``, median over those with points;
-    ``distance_m``: horizontal distance to the nearest sensor of those with points: ``median``,
-    ``p90``. Null
-    if there are none.
+    unoccluded, and ``hidden``, the share of them without any point; ``points``, median over those
+    with points; ``distance_m``: horizontal distance to the nearest sensor of those with points:
+    ``median``, ``p90``. Null if there are none.
 
     Args:
         entries: return value of ``layout.write_frame`` for each frame.

@@ -89,8 +89,7 @@ def opened_output(
     """Yield a place for a dataset, with what an interrupted run with the same key left.
 
     A folder appears when it is complete. On storage files are in place from the beginning, and the
-    dataset
-    is complete when its inventory, which is written last, is there.
+    dataset is complete when its inventory, which is written last, is there.
 
     Args:
         out: the folder, or the storage, which must be empty.

@@ -1,12 +1,9 @@
 """Scene flow of points: motion of the surface under each point until the next frame sees it.
 
 The definition follows Argoverse 2 (``av2.torch.data_loaders.scene_flow``: a point moves with its
-body
-from its pose in one sweep to its pose in the next) and Waymo (Jund et al. 2022, "Scalable Scene
-Flow From
-Point Clouds in the Real World": without ego motion), but bodies are not assumed static during a
-turn: the
-body's pose is taken at the time of each point.
+body from its pose in one sweep to its pose in the next) and Waymo (Jund et al. 2022, "Scalable
+Scene Flow From Point Clouds in the Real World": without ego motion), but bodies are not assumed
+static during a turn: the body's pose is taken at the time of each point.
 """
 
 from __future__ import annotations
@@ -42,14 +39,11 @@ def flow_of(
         measured_s: (N,) time of each point, seconds from the motion's start, true.
         paths: paths of the tracks.
         until_s: track -> time at which the next frame sees it, same clock. Tracks that are not in
-            the next
-            frame have no flow.
+            the next frame have no flow.
         site_SE3_now: pose of the frame of the points.
         then_SE3_site: from the site to the next frame. If given, the flow is from a point's
-            coordinates in
-            this frame to those in the next one, with ego motion (Argoverse 2). Otherwise both are
-            in this
-            frame's: the static world has no flow.
+            coordinates in this frame to those in the next one, with ego motion (Argoverse 2).
+            Otherwise both are in this frame's: the static world has no flow.
     """
     flow = np.zeros((len(points), 3))
     flow[np.isin(semantic, (semantic_id("unlabelled"), semantic_id("outlier")))] = np.nan

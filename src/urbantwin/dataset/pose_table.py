@@ -55,8 +55,7 @@ def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:
     """Return the table: for every frame a row of `EGO`, then one per turn of each sensor.
 
     The ego's pose is that of the vehicle that carries the rig, at its first sensor's first turn in
-    the frame.
-    For a fixed rig it is the frame of the points.
+    the frame. For a fixed rig it is the frame of the points.
 
     Args:
         manifest: ``dataset.json``.

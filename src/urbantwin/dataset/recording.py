@@ -61,16 +61,13 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     """Record every frame of a motion; the layout is in ``docs/architecture.md``.
 
     Frame n is the world from ``n / rig.rate_hz`` seconds on, whatever ``start_s`` is, so it has the
-    same name
-    and bytes in every dataset of the same twin, motion, rig and seed, for any number of workers.
+    same name and bytes in every dataset of the same twin, motion, rig and seed, for any number of
+    workers.
 
     The folder appears when it is complete. An interrupted run leaves its finished frames in a
-    scratch folder
-    beside it, and the same command resumes. On storage, workers write frames in place, and the
-    inventory,
-    written last, marks completion. With ``fused: false`` in the rig there is one dataset per
-    sensor, in a
-    folder of its name.
+    scratch folder beside it, and the same command resumes. On storage, workers write frames in
+    place, and the inventory, written last, marks completion. With ``fused: false`` in the rig there
+    is one dataset per sensor, in a folder of its name.
 
     Args:
         twin: the twin.
@@ -85,8 +82,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         rig_file: the rig's file, for errors.
         backend: ray tracer, see `tracer_on`.
         storage: format of points: ``npy``; ``zstd``, lossless columns in Parquet; or ``laz``, LAS
-            1.4 with
-            coordinates in whole millimetres.
+            1.4 with coordinates in whole millimetres.
         split: split into training, validation and test; by default the usual one.
         asked: requested rig, to reproduce the dataset: see `asked_of`.
         inputs: files and folders besides the twin that ``out`` must not touch: those of motion and
@@ -96,10 +92,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
 
     Raises:
         InputError: an unavailable backend, a motion on another twin, a negative number, an interval
-            without
-            frames, a gap that leaves a part of the split empty, a rig on an actor that is absent in
-            some
-            frames, or an ``out`` that holds other files.
+            without frames, a gap that leaves a part of the split empty, a rig on an actor that is
+            absent in some frames, or an ``out`` that holds other files.
         StageError: a worker was killed, the disk is full, or the storage fails.
     """
     seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)

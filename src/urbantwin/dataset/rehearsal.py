@@ -9,10 +9,8 @@ def rehearse() -> None:
     """Walk, and scan a board on a plane: numba loads, or compiles, what that needs.
 
     A board stands in for a car, because motions bring the meshes of their actors. Helpers do so
-    while the
-    twin is built or opened. Imports are local: the process that starts helpers needs only this
-    function's
-    name.
+    while the twin is built or opened. Imports are local: the process that starts helpers needs only
+    this function's name.
     """
     _walk()
     _scan()

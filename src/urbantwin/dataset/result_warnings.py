@@ -28,8 +28,7 @@ def warnings_of_record(
     Args:
         entries: return value of ``layout.write_frame`` for each frame.
         motion: warnings of the motion: too little traffic past the sensors comes first, and
-            explains missing
-            objects.
+            explains missing objects.
     """
     empty_streets = [warning for warning in motion if warning.about == PAST_SENSORS]
     yield from empty_streets

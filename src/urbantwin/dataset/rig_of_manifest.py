@@ -42,16 +42,14 @@ def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
     """Return the rig with which a dataset was recorded.
 
     Fields that an older manifest lacks have their defaults. A measured background is left out: it
-    belongs to
-    one place.
+    belongs to one place.
 
     Args:
         manifest: content of ``dataset.json``.
 
     Returns:
         ``None`` if the manifest does not describe it: another program's, damaged, or with a sensor
-        whose
-        scan pattern is in a separate file.
+        whose scan pattern is in a separate file.
     """
     try:
         rig = manifest["rig"]

@@ -30,8 +30,7 @@ def write_lanes(path: Path, roads: RoadNetwork) -> None:
     """Write ``lanes.parquet``, one row per lane by id, which ``trajectories.parquet`` refers to.
 
     ``x``, ``y`` and ``z`` are lists: the centre line from start to end, site frame, metres;
-    ``successors``
-    are ids of the following lanes, ``allowed`` the classes that may use it.
+    ``successors`` are ids of the following lanes, ``allowed`` the classes that may use it.
 
     Args:
         path: the file.

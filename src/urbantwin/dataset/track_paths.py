@@ -39,16 +39,13 @@ class TrackPaths:
     """Paths of all tracks of a table.
 
     A path consists of segments: it is interrupted where a track is absent for longer than
-    ``gap_s``, or was
-    relocated. Within a segment, motion between rows is linear with constant angular velocity, as in
-    recording; before and after a segment it is extrapolated for up to ``beyond_s``, but not beyond
-    the
-    middle towards the next segment.
+    ``gap_s``, or was relocated. Within a segment, motion between rows is linear with constant
+    angular velocity, as in recording; before and after a segment it is extrapolated for up to
+    ``beyond_s``, but not beyond the middle towards the next segment.
 
     Args:
         table: with ``track``, ``time_s``, ``x``, ``y``, ``z``, ``yaw``, ``pitch``, ``roll``, in any
-            order of
-            rows; metres, radians and seconds, site frame.
+            order of rows; metres, radians and seconds, site frame.
         gap_s: largest gap between rows of a moving track.
         beyond_s: largest extrapolation before the first and after the last row.
     """

@@ -1,8 +1,7 @@
 """``tracks.parquet`` and ``tracklets.parquet``: tracks, and their boxes frame by frame.
 
 Both are the boxes of a dataset, sorted by track and transformed to the site: a row per track with
-its
-class and size, and a tracklet with its box in every labelled frame, as in KITTI.
+its class and size, and a tracklet with its box in every labelled frame, as in KITTI.
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.
     """Return a row for every track and labelled frame, by track, then time.
 
     ``time_s`` is the time of the box, seconds from the motion's start; the box and its velocity
-    (``vx``,
-    ``vy``, ``vz``) are in the site frame, and so are ``yaw``, ``pitch`` and ``roll``: labelled
-    boxes are
-    upright in the frame of the points, so pitch and roll are not zero if that is tilted.
+    (``vx``, ``vy``, ``vz``) are in the site frame, and so are ``yaw``, ``pitch`` and ``roll``:
+    labelled boxes are upright in the frame of the points, so pitch and roll are not zero if that is
+    tilted.
 
     Args:
         boxes: ``boxes.parquet``.
@@ -72,8 +70,7 @@ def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
     """Return a row for every track: class, median size, first and last frame, and visibility.
 
     ``way_m`` is the distance travelled from its first frame to its last, ``fastest_m_s`` its
-    greatest speed
-    in one of them.
+    greatest speed in one of them.
 
     Args:
         tracklets: see `tracklet_table`.

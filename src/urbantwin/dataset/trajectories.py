@@ -1,10 +1,8 @@
 """``trajectories.parquet``: motion of every labelled actor, also before and after the frames.
 
 The input of motion forecasting: past and future at the motion's own steps, including actors that no
-beam
-hits. It extends `AROUND_S` before the first frame and after the last one, more than any benchmark
-needs
-(Argoverse 2: 5 s of past, 6 s of future; Waymo: 1 and 8; nuScenes: 2 and 6).
+beam hits. It extends `AROUND_S` before the first frame and after the last one, more than any
+benchmark needs (Argoverse 2: 5 s of past, 6 s of future; Waymo: 1 and 8; nuScenes: 2 and 6).
 """
 
 from __future__ import annotations

@@ -23,8 +23,7 @@ class Stirring:
     """Ranges of B beams that meet moving vegetation, in Q recorded frames.
 
     Connected parts move together: all beams of a patch, of any sensor, replay the same recorded
-    frame,
-    independently of other patches (block bootstrap).
+    frame, independently of other patches (block bootstrap).
 
     Attributes:
         beam: (B,) int32, ascending.
@@ -52,8 +51,7 @@ class MeasuredBackground:
         range_m: (M, C, K) float32, metres; 0 for none.
         sigma_m: (M, C, K) float32, standard deviation of the range, metres; nan: unknown.
         share: (M, C, K) float32, share of the unobstructed observations that returned from this
-            range;
-            nan: unknown, for a beam with one range.
+            range; nan: unknown, for a beam with one range.
         intensity: (M, C, K) float32, 0 to 1; nan: unknown.
         looks: (C, K) int32, number of unobstructed observations; 0: not counted.
         model: sensor model; empty: any with as many channels and columns.

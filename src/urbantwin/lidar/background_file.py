@@ -56,9 +56,8 @@ def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None
     """Write backgrounds as an ``.npz``, atomically.
 
     ``about`` is JSON: names, models, channels, columns and turns per second of the sensors, and how
-    long
-    vegetation keeps its state. The images of sensor n are ``n.range_m`` and so on, its vegetation
-    ``n.stirring.beam``, ``.patch``, ``.range_m`` and ``.intensity`` (-1: unknown).
+    long vegetation keeps its state. The images of sensor n are ``n.range_m`` and so on, its
+    vegetation ``n.stirring.beam``, ``.patch``, ``.range_m`` and ``.intensity`` (-1: unknown).
     """
     arrays, about = {}, []
     for number, background in enumerate(measured):
@@ -189,8 +188,7 @@ def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False)
 
     Raises:
         InputError: invalid file, a sensor that is not in the rig or in the file, two backgrounds
-            for
-            one sensor, a background of another model, or one with hardly any ranges.
+            for one sensor, a background of another model, or one with hardly any ranges.
     """
     chosen: dict[str, tuple[MeasuredBackground, Path]] = {}
     names = [background.name for background in rig.sensors]

@@ -165,8 +165,7 @@ def _surfaces(
     """Return range, backscatter and semantic class of beams (B,) at measured ranges (B,).
 
     The class is that of a modelled surface within a metre, else unlabelled. The backscatter
-    reproduces
-    the measured intensity; without one it is that of the modelled surface.
+    reproduces the measured intensity; without one it is that of the modelled surface.
     """
     # Measured ranges include the unit's range offset.
     range_m = np.maximum(range_m - model.offset_m, 1e-3).astype(np.float32)

@@ -1,17 +1,14 @@
 """Beams of a turn: directions, footprint, reported azimuths and outages.
 
-**Footprint.** A laser beam is Gaussian: at angle r from its axis its irradiance is
-``exp(-r^2 / (2 s^2))`` of that on the axis, with s the full width at half maximum over
-``2 sqrt(2 ln 2)``; its power has a mean square angle of ``2 s^2``. Seven rays of equal share, one
-on
-the axis and six at ``sqrt(7 / 3) s``, have the same mean square and, by symmetry, the same first
-and
-third moments, so the mean range of a surface over them is correct to second order.
+**Footprint.** A laser beam is Gaussian: at angle r from its axis its irradiance is ``exp(-r^2 / (2
+s^2))`` of that on the axis, with s the full width at half maximum over ``2 sqrt(2 ln 2)``; its
+power has a mean square angle of ``2 s^2``. Seven rays of equal share, one on the axis and six at
+``sqrt(7 / 3) s``, have the same mean square and, by symmetry, the same first and third moments, so
+the mean range of a surface over them is correct to second order.
 
 **Encoder resolution.** A sensor reports its azimuth in steps (``azimuth_step_deg``: a hundredth of
-a
-degree in packets of Velodyne and Hesai). Columns on whole steps, like those of 0.2 degrees or of an
-Ouster, are exact.
+a degree in packets of Velodyne and Hesai). Columns on whole steps, like those of 0.2 degrees or of
+an Ouster, are exact.
 """
 
 from __future__ import annotations
@@ -41,8 +38,7 @@ class Footprint:
 
     Attributes:
         offset: (S, 2) float64, offsets from the axis, horizontal (left) and vertical (up), radians;
-            the
-            first ray is the axis.
+            the first ray is the axis.
         share: (S,) float64, share of the beam's power; sums to 1.
     """
 

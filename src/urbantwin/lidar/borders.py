@@ -2,12 +2,9 @@
 
 Truncation is the share of an actor outside a sensor's field of view: rays are cast at the actor
 alone, uniformly over the solid angle of its bounds and without limit of range; of those that hit,
-the
-share outside the `FieldOfView` is the truncation. This is KITTI's notion of an object that leaves
-the
-image (Geiger et al. 2012, CVPR, "Are we ready for autonomous driving?"), for field of view and
-range
-of a LiDAR. An actor whose bounds are well inside needs no ray.
+the share outside the `FieldOfView` is the truncation. This is KITTI's notion of an object that
+leaves the image (Geiger et al. 2012, CVPR, "Are we ready for autonomous driving?"), for field of
+view and range of a LiDAR. An actor whose bounds are well inside needs no ray.
 """
 
 from __future__ import annotations
@@ -81,8 +78,7 @@ def truncations(
         site_SE3_sensor: its pose.
         actors: actors at the times of their boxes.
         known: cache of the previous frame with the same field, replaced by this frame's: rays are
-            cast
-            once at actors that do not move.
+            cast once at actors that do not move.
 
     Returns:
         (A,) truncation, 0..1, and (A,) whether all of the actor is beyond the maximum range.

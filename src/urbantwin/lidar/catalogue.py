@@ -2,12 +2,9 @@
 
 The files are in ``urbantwin/lidar/sensors``. Every number names its source; an unknown one is
 ``null`` with the reason. Sensors in the folder ``nominal`` have no public table of beam angles:
-equal
-spacing, marked as such, stands in for it. A file of the user is accepted wherever a model's name
-is:
-YAML of the same form (or with a scan pattern), the metadata of an Ouster sensor (JSON), or the
-angle
-correction of a Hesai sensor (CSV).
+equal spacing, marked as such, stands in for it. A file of the user is accepted wherever a model's
+name is: YAML of the same form (or with a scan pattern), the metadata of an Ouster sensor (JSON), or
+the angle correction of a Hesai sensor (CSV).
 """
 
 from __future__ import annotations
@@ -82,8 +79,7 @@ def load_sensor(path: Path, *, model: str | None = None) -> Sensor:
         path: ``.yaml`` (form of the catalogue), ``.json`` (metadata of an Ouster unit) or ``.csv``
             (angle correction of a Hesai unit).
         model: model from which a Hesai unit inherits all but its angles; by default the model that
-            the
-            file's name begins with.
+            the file's name begins with.
 
     Raises:
         InputError: missing or invalid file; names the field or the line.

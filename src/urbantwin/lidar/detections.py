@@ -3,11 +3,10 @@
 Boxes are the tight bounds of the posed mesh (`compiled.boxes`), pitch and roll included. A labelled
 point is inside its box to within 2 cm by construction. Range noise moves a point along its ray and
 could carry it out of a box that touches the mesh, whereas an annotator draws a box around the
-points.
-So the noise of a return from an actor is drawn from the normal distribution truncated to the ray's
-interval in the actor's box, enlarged by `BOX_MARGIN_M` (less the quantisation of the range). Points
-keep the label of the surface that they hit: background that noise moves into a box stays
-background.
+points. So the noise of a return from an actor is drawn from the normal distribution truncated to
+the ray's interval in the actor's box, enlarged by `BOX_MARGIN_M` (less the quantisation of the
+range). Points keep the label of the surface that they hit: background that noise moves into a box
+stays background.
 """
 
 from __future__ import annotations
@@ -151,8 +150,7 @@ def within_boxes(
     """Add noise and quantisation to ranges on actors, within the actors' boxes.
 
     A ray is moved along with its actor to the time of the actor's box. A return whose ray misses
-    the
-    upright box of a tilted actor is assigned to no actor.
+    the upright box of a tilted actor is assigned to no actor.
 
     Args:
         detections: detections as of `detected`; changed in place.

@@ -57,8 +57,7 @@ class Echoes(NamedTuple):
         range_m: (E,) float32.
         amplitude: (E,) float32, see ``returns.model``.
         owner: (E,) int32, actor that contributes most (plus `compiled.echoes.BESIDE` if the beam's
-            axis
-            misses it), or ``-1 - layer`` of the static world.
+            axis misses it), or ``-1 - layer`` of the static world.
         level: (E,) int32, detection probability, of 65,536.
         sigma: (E,) float32, standard deviation of the range, metres.
         intensity: (E,) float32.

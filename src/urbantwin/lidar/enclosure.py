@@ -28,8 +28,7 @@ def enclosing(point: NDArray[np.float64], mesh: LabelledMesh) -> str | None:
     """Return a description of the solid that encloses a point, or ``None``.
 
     Buildings may lack a floor; every other object has an inside only if its surface is closed:
-    every edge
-    is shared by an even number of triangles.
+    every edge is shared by an even number of triangles.
 
     Args:
         point: (3,) in the mesh's frame.
@@ -92,10 +91,8 @@ def _is_in_any_part(point: NDArray[np.float64], buildings: LabelledMesh) -> bool
     """Return whether any part of a mesh encloses a point, by its winding number.
 
     The solid angles of a closed part's triangles sum to 4 pi for an inside point and to 0 outside.
-    A
-    building without a floor covers more than 2 pi from inside and less from outside, so 2 pi
-    separates
-    both cases for it too.
+    A building without a floor covers more than 2 pi from inside and less from outside, so 2 pi
+    separates both cases for it too.
     """
     _, building = np.unique(buildings.part, return_inverse=True)
     total = np.bincount(building, _solid_angles(point, buildings.triangles()))

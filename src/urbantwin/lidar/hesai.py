@@ -2,9 +2,8 @@
 
 The file is the CSV that PandarView and the unit's web page export and that Hesai's drivers read: a
 heading ``Channel,Elevation,Azimuth`` (or ``Laser id``), then a line per channel
-(HesaiLidar_SDK_2.0,
-``correction/angle_correction``). It holds angles only; the rest is inherited from a catalogue
-model.
+(HesaiLidar_SDK_2.0, ``correction/angle_correction``). It holds angles only; the rest is inherited
+from a catalogue model.
 """
 
 from __future__ import annotations
@@ -47,8 +46,7 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
 
     Raises:
         InputError: not such a file, wrong numbers, or another number of channels than the model's;
-            names
-            the line.
+            names the line.
     """
     try:
         rows = list(csv.reader(text.splitlines()))

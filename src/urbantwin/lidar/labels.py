@@ -1,18 +1,15 @@
 """Labels of one frame: class and instance of every point, a box for every actor, its difficulty.
 
 Visibility is measured: the share of the rays that would return from an actor without occlusion
-which
-do return from it. The same random draw decides a ray's return in both cases, so the share depends
-on
-geometry alone.
+which do return from it. The same random draw decides a ray's return in both cases, so the share
+depends on geometry alone.
 
 **Difficulty.** KITTI grades by occlusion (fully visible, partly, largely occluded), truncation (at
 most 15, 30 and 50 %) and height of the box in the image (Geiger et al. 2012, CVPR; the benchmark's
 page). A LiDAR measures the first two; in place of the height in pixels counts the number of points,
 as in Waymo (more than 5 points: level 1, any: level 2; Sun et al. 2020, CVPR, section 4). The
-limits
-of occlusion are those of nuScenes' best and two best bins of visibility (80 and 40 %; Caesar et al.
-2020, CVPR, appendix A). An actor that meets no level is ignored.
+limits of occlusion are those of nuScenes' best and two best bins of visibility (80 and 40 %; Caesar
+et al. 2020, CVPR, appendix A). An actor that meets no level is ignored.
 """
 
 from __future__ import annotations
@@ -81,8 +78,7 @@ class BoxLabel(NamedTuple):
         num_points_alone: returns without occlusion, including those from behind its edges.
         velocity: (3,) metres per second, dataset frame.
         observed_s: time of the box relative to the frame's, seconds: the mean time at which beams
-            hit the
-            actor, or would have been fired at it.
+            hit the actor, or would have been fired at it.
         truncation: share of the actor outside the field of view of every sensor, 0..1 (`borders`).
         whereabouts: why it does not count by its position (`borders`); ``None`` if it does.
     """
@@ -102,8 +98,7 @@ class BoxLabel(NamedTuple):
         """``num_points / num_points_alone``, 0..1.
 
         ``nan`` for an actor without any return even unoccluded: out of range, so that occlusion
-        cannot be
-        measured.
+        cannot be measured.
         """
         if not self.num_points_alone:
             return float("nan")
@@ -127,8 +122,7 @@ class BoxLabel(NamedTuple):
         """Why the actor is ignored; ``None`` if it counts.
 
         ``outside`` of the region, ``far`` from every sensor, ``truncated`` more than the hardest
-        level
-        allows, or ``unseen``: with fewer points than that requires.
+        level allows, or ``unseen``: with fewer points than that requires.
         """
         if self.whereabouts is not None:
             return self.whereabouts

@@ -32,8 +32,7 @@ def ouster_sensor(text: str, file: Path, known: Callable[[str], Sensor | None]) 
     """Return the sensor that a unit's metadata describes.
 
     Angles, mode and beam origin are the unit's; other values (ranges, wavelength, returns) are
-    those of
-    the product line, and unknown if the catalogue lacks it.
+    those of the product line, and unknown if the catalogue lacks it.
 
     Args:
         text: text of the file, JSON.
@@ -172,8 +171,7 @@ def _of_product_line(
     """Return the catalogue's sensor of a product line, such as ``OS-1-128`` or ``OS-0-32-U1``.
 
     Later units of 64 channels (with a suffix) differ from the first generation that a bare
-    ``OS-1-64``
-    is: they take the values of the 128 channels of their own generation.
+    ``OS-1-64`` is: they take the values of the 128 channels of their own generation.
     """
     parts = re.match(r"OS-?([012])-?(\d+)(.*)", line or "")
     if parts is None:

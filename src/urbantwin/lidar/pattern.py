@@ -1,8 +1,7 @@
 """Directions of the beams of a spinning sensor.
 
 Column k of K fires when the encoder is at 2 pi k / K from the forward axis, clockwise from above
-for a
-clockwise sensor. A channel points ``azimuth_offset`` counter-clockwise of the encoder and
+for a clockwise sensor. A channel points ``azimuth_offset`` counter-clockwise of the encoder and
 ``elevation`` up. Rows are in the maker's numbering of channels; sort by ``elevation_deg`` for an
 image. All beams leave from the sensor's origin: the few centimetres between emitters and axis are
 neglected.
@@ -39,8 +38,7 @@ def beam_azimuths(
         sensor: the sensor.
         columns: firings per turn, K; the sensor's default if not given.
         turns_per_second: rotation rate of the head, which turns on while the channels of a column
-            fire
-            one after another; 0: all fire at the column's azimuth.
+            fire one after another; 0: all fire at the column's azimuth.
     """
     count = sensor.columns if columns is None else columns
     if count < 1:

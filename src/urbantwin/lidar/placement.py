@@ -53,8 +53,7 @@ def place_rig(
 
     Raises:
         InputError: unknown model; columns, returns or rate that the model does not offer; a
-            position
-            without ground, below it, or inside an object. Names file and field.
+            position without ground, below it, or inside an object. Names file and field.
     """
     models = check_models(spec, file=file)
     window_s = window_of(spec, models)

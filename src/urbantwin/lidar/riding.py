@@ -46,8 +46,7 @@ def boarded(
 
     Raises:
         InputError: no such actor, a carrier that is absent in some frames (the error gives the
-            interval of
-            its presence), or a sensor inside it.
+            interval of its presence), or a sensor inside it.
     """
     if rig.ride is None:
         return rig
@@ -89,8 +88,7 @@ def boarded_while_there(
 
     Raises:
         InputError: no such actor, none left, a carrier that is absent in all frames, or a sensor
-            inside
-            it.
+            inside it.
     """
     assert rig.ride is not None
     frames_s = times_s[0], times_s[-1]

@@ -45,8 +45,7 @@ class MountedSensor:
         sensor: catalogue entry.
         columns: firings per turn.
         site_SE3_sensor: pose at rest; for a sensor on a vehicle, its pose with the carrier's mesh
-            at the
-            site's origin.
+            at the site's origin.
         effects: measurement effects that are on.
         rate_hz: frames per second.
         number: index of the sensor in its rig, which keys random numbers and labels.
@@ -152,8 +151,7 @@ class Rig:
     Attributes:
         sensors: in the order of the rig's file; labels number them 0, 1, 2, ...
         frame: ``sensor``: that of the first sensor; ``level``: position and heading of the first
-            sensor,
-            with z up; ``site``: the site frame.
+            sensor, with z up; ``site``: the site frame.
         rate_hz: frames per second.
         dataset_SE3_site: from the site frame to that frame, for a fixed rig.
         conditions: weather and sun.
@@ -161,8 +159,7 @@ class Rig:
         carrier: track of the actor that carries it, once it is chosen.
         fused: whether a frame holds the points of all sensors; otherwise each has a dataset.
         boxes: size of labels: ``track``: that of the actor's track if known; ``tight``: bounds of
-            the mesh
-            in the frame; otherwise the dataset whose annotation rules apply, see
+            the mesh in the frame; otherwise the dataset whose annotation rules apply, see
             `traffic.assets.annotators`.
         label_range_m: actors farther from every sensor (horizontally) do not count; ``None``: no
             limit.

@@ -7,8 +7,7 @@ then repeats. Its period is ``period_s`` (a number in the NPZ; in a CSV a line `
 before the heading), or by default the last time plus one step.
 
 Livox publishes such tables for its simulators (azimuth and zenith by time). A frame is the part of
-the
-pattern within its own time, so consecutive frames have different beams.
+the pattern within its own time, so consecutive frames have different beams.
 """
 
 from __future__ import annotations

@@ -125,11 +125,9 @@ class Scanner:
         region: area where labels count, site frame; everywhere if not given.
         backend: ray tracer, see `casting.backend.tracer_on`.
         beside: scanner of another rig in the same world, with the same meshes and backend; both
-            share the
-            shapes of actors and the static world of moving sensors.
+            share the shapes of actors and the static world of moving sensors.
         standing: static views of the fixed sensors, from the property `standing` of a scanner of
-            the same
-            rig in the same world; computed if not given.
+            the same rig in the same world; computed if not given.
 
     Raises:
         InputError: the backend is not available.
@@ -197,8 +195,7 @@ class Scanner:
         Args:
             index: number of the frame, from 0; selects the random numbers.
             actors: all actors around the frame's time, in any order, including the carrier of the
-                rig, which is
-                neither hit nor labelled.
+                rig, which is neither hit nor labelled.
 
         Raises:
             InputError: a track id does not fit into the 16 bits of label files, or the carrier is
@@ -281,8 +278,7 @@ class _Eye:
         mounted: the sensor.
         model: its return model.
         sees: its view of the static world in every turn; for a moving sensor or pattern the whole
-            world,
-            which takes a hundred megabytes.
+            world, which takes a hundred megabytes.
         beams: beams of every turn; ``None`` if they differ.
         known: cached layers of actors that do not move, for a fixed sensor.
     """

@@ -1,20 +1,17 @@
 """Datasheet of a LiDAR: beam directions, firing times, range, noise and intensity.
 
 Signs. Elevation is positive up. An azimuth offset is **counter-clockwise positive** seen from
-above,
-in the sensor frame (x forward, y left, z up), whatever the maker's own convention:
+above, in the sensor frame (x forward, y left, z up), whatever the maker's own convention:
 
 - Velodyne calibration files: the driver (ros-drivers/velodyne ``rawdata.cc``) computes the
-  direction
-  at clockwise angle ``encoder - rot_correction``, so our offset is ``+rot_correction``.
+  direction at clockwise angle ``encoder - rot_correction``, so our offset is ``+rot_correction``.
 - Hesai correction files: the driver (HesaiLidar_General_ROS ``pandarGeneral_internal.cc``) adds the
   file's azimuth to a clockwise encoder angle, so our offset is ``-Azimuth``.
 - Ouster metadata: the sensor's manual ("Lidar Range to XYZ") turns counter-clockwise by
   ``-beam_azimuth_angles``, so our offset is ``-beam_azimuth_angles``.
 
 ``None`` means that the value is unknown: ``Sensor.unknown`` says why. Code that needs one anyway
-uses
-the documented defaults ``Sensor.assumed_*``.
+uses the documented defaults ``Sensor.assumed_*``.
 """
 
 from __future__ import annotations
@@ -48,8 +45,7 @@ class Sensor:
         elevation_deg: (C,) float64, elevation of each channel, degrees, positive up, in the maker's
             numbering of channels.
         azimuth_offset_deg: (C,) float64, direction of each channel relative to the encoder,
-            degrees,
-            counter-clockwise positive.
+            degrees, counter-clockwise positive.
         columns: default firings per turn.
         columns_options: all offered numbers of firings per turn.
         rate_hz: default turns per second.
@@ -66,14 +62,12 @@ class Sensor:
         aliases: other names of the model.
         modes: pairs of columns and turns per second that are offered together.
         firing_time_us: (C,) float64, firing time of each channel, microseconds after the maker's
-            reference
-            instant of the column; equal times fire together.
+            reference instant of the column; equal times fire together.
         firing_sequence_us: time between two firings of a channel, if fixed and independent of the
             mode.
         azimuth_step_deg: resolution of the reported azimuth.
         beam_divergence_deg: full width at half maximum, horizontal and vertical, degrees; a
-            datasheet's
-            figure without a level is taken as that.
+            datasheet's figure without a level is taken as that.
         return_modes: return modes of the sensor.
         intensity_scale: meaning of the reported intensity.
         intensity_of_white: intensity reported for a diffuse reflectivity of 100 %.
@@ -90,8 +84,7 @@ class Sensor:
         overlap_m: distance at which the receiver collects half of a near target's light.
         measured_code_scale: ratio of reported to nominal intensity codes, of real units.
         pattern: non-repeating scan pattern; its lines are the channels, at their mean elevation,
-            and the
-            columns are the points of a line in a frame.
+            and the columns are the points of a line in a frame.
         points_per_second: point rate of all lines of such a sensor.
         unknown: reason why a field's value is unknown.
     """
@@ -207,8 +200,7 @@ class Sensor:
         """Value of real units, else ``range_sigma_m``, else 7 mm.
 
         The centimetres that makers call accuracy include errors common to all ranges of a channel.
-        Strong
-        echoes of four real sensors scatter by 5 to 8 mm.
+        Strong echoes of four real sensors scatter by 5 to 8 mm.
         """
         candidates = (self.measured_sigma_m, self.range_sigma_m, _ASSUMED_RANGE_SIGMA_M)
         return next(value for value in candidates if value is not None)
@@ -230,8 +222,7 @@ class Sensor:
         """Value of real units, else ``beam_divergence_deg``, else 0.18 by 0.09 degrees.
 
         The default is the VLS-128's, the only 905 nm sensor in the catalogue with a published
-        divergence. With
-        infinitely thin rays, thin objects get too few points (`docs/returns.md`).
+        divergence. With infinitely thin rays, thin objects get too few points (`docs/returns.md`).
         """
         published = self.beam_divergence_deg or _ASSUMED_DIVERGENCE_DEG
         return self.measured_divergence_deg or published
@@ -241,8 +232,7 @@ class Sensor:
         """Reflectivity and the range at which it is detected.
 
         If the maker publishes none, a 10 % target is assumed to be detected up to half of
-        ``range_max_m``, as
-        for the makers that publish both.
+        ``range_max_m``, as for the makers that publish both.
         """
         if self.reference_reflectivity is None or self.reference_range_m is None:
             return _ASSUMED_REFLECTIVITY, self.assumed_range_max_m / 2

@@ -36,8 +36,7 @@ def pattern_sensor(value: dict[str, Any], path: Path) -> Sensor:
     """Return the sensor of a file with ``pattern: FILE`` and ``points_per_second``.
 
     The pattern is in the same folder. Without ``points_per_second`` the point rate is the
-    pattern's;
-    ``rate_hz`` is 10 by default.
+    pattern's; ``rate_hz`` is 10 by default.
 
     Raises:
         InputError: invalid form, pattern or point rate; names the field.

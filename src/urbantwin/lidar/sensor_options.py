@@ -43,10 +43,8 @@ def columns_at(model: Sensor, turns_per_second: float) -> int:
     """Return the default number of columns per turn at a rotation rate.
 
     Most sensors fire at a constant rate, so faster turns have fewer columns: the maker's modes say
-    how
-    many, and between them the firing sequence if it is fixed. Other sensors keep their default, or
-    take
-    the next lower offered number if they would fire faster than in any mode.
+    how many, and between them the firing sequence if it is fixed. Other sensors keep their default,
+    or take the next lower offered number if they would fire faster than in any mode.
     """
     modes = model.modes or ((model.columns, model.rate_hz),)
     at_rate = [columns for columns, rate in modes if abs(rate - turns_per_second) < _SAME]

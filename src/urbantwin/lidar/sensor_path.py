@@ -1,27 +1,21 @@
 """Poses of a sensor over a frame: fixed, swaying with its pole, carried, or reported with errors.
 
 **Sway.** Wind gusts excite a pole at all frequencies; it responds at its first mode. Gusts of equal
-power near it give the displacement the spectrum of a damped oscillator,
-``1 / ((1 - r^2)^2 + (2 zeta r)^2)`` with ``r = f / f_0`` (the squared magnification factor of a
-single
-degree of freedom: Clough and Penzien, Dynamics of Structures, 1993, chapter 3). The pole is a
-cantilever: a displacement d of its top tilts it by ``1.3765 d / height`` (slope over deflection of
-the
-first mode at the free end: Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table
-8-1).
-Points are computed with the pose at rest.
+power near it give the displacement the spectrum of a damped oscillator, ``1 / ((1 - r^2)^2 + (2
+zeta r)^2)`` with ``r = f / f_0`` (the squared magnification factor of a single degree of freedom:
+Clough and Penzien, Dynamics of Structures, 1993, chapter 3). The pole is a cantilever: a
+displacement d of its top tilts it by ``1.3765 d / height`` (slope over deflection of the first mode
+at the free end: Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1). Points
+are computed with the pose at rest.
 
 **Pose errors.** The error on each axis is a first-order Gauss-Markov process, the usual model of
 slowly varying navigation errors (Brown and Hwang, Introduction to Random Signals and Applied Kalman
 Filtering, 2012, section 4.5): normal, with correlation ``exp(-t / memory)`` over time t. A drift
-grows
-linearly from zero at the motion's start, in a random direction. Only the reported pose is wrong:
-beams
-are cast from the true pose, and points computed with the reported one.
+grows linearly from zero at the motion's start, in a random direction. Only the reported pose is
+wrong: beams are cast from the true pose, and points computed with the reported one.
 
 Both are sums of tones of equal power (spectral representation: Shinozuka and Deodatis 1991, Appl.
-Mech.
-Rev. 44(4)), so that they can be evaluated at any time independently.
+Mech. Rev. 44(4)), so that they can be evaluated at any time independently.
 """
 
 from __future__ import annotations

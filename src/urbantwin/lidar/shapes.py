@@ -76,8 +76,7 @@ def _outer_vertices(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the vertices (3, H) outside the hull of the 26 extreme ones.
 
     They include the vertices of the convex hull. The full hull would leave a third as many and take
-    four
-    times as long.
+    four times as long.
     """
     vertices = np.ascontiguousarray(vertices)
     outermost = np.unique((_DIRECTIONS @ vertices).argmax(axis=1))

@@ -59,8 +59,7 @@ def track_boxes(
     """Return boxes (A, 7) with the size of the track; actors without a size keep the tight box.
 
     The box is centred above the actor's origin on the ground, or ``ahead_m`` ahead of it, and has
-    its
-    heading; half its height is added along the actor's own up axis.
+    its heading; half its height is added along the actor's own up axis.
     """
     boxes = standing.boxes.copy()
     sized = [number for number, size in enumerate(sizes) if size is not None]

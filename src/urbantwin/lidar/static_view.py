@@ -57,8 +57,7 @@ class StaticView:
         amplitude: (N,) float32, of the first echo; 0 for none.
         bright: (B,) int32, beams whose echo is brighter than white.
         measured: (N,) beams with a measured background, with its drop-out, noise and intensity;
-            ``None``
-            for none.
+            ``None`` for none.
         several: those of them with several ranges.
         halo: stray light of the bright beams; ``None`` if not computed in advance.
     """

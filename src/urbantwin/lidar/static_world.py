@@ -86,9 +86,8 @@ class World:
     """The static world for ray casting.
 
     The mesh is moved to ``origin`` in float64 before it becomes float32, so that errors near a
-    sensor do
-    not grow with its distance from the anchor; ranges are evaluated on the triangles' planes in
-    float64.
+    sensor do not grow with its distance from the anchor; ranges are evaluated on the triangles'
+    planes in float64.
 
     Args:
         mesh: the static world, site frame.

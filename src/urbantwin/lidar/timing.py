@@ -3,20 +3,15 @@
 **Turns.** A turn begins when the encoder is at ``phase_deg``. With ``phase_lock`` that is at every
 whole multiple of ``1 / turns_per_second``, as for a motor locked to a common pulse (Velodyne, Hesai
 and Ouster call it phase lock): two locked sensors stay synchronised. Without it, the motor starts
-at a
-random phase and follows the sensor's own clock, so it drifts with it. ``time_jitter_s`` shifts the
-start of each turn by a normal draw, truncated at three standard deviations.
+at a random phase and follows the sensor's own clock, so it drifts with it. ``time_jitter_s`` shifts
+the start of each turn by a normal draw, truncated at three standard deviations.
 
 **Frames.** Frame n collects for ``frame_window_s`` from ``t_n = n / rate_hz`` on: the turns whose
-data
-begin to arrive in that window, ``latency_s`` after measurement; if frames are assigned by clock,
-the
-turns whose start on their sensor's clock is in the window, so that a wrong clock moves turns into
-other
-frames. No turn is in two frames, and with contiguous frames every turn is in one, unless it is lost
-(``dropped_frames``). Sensors start with the motion: there are no earlier turns, so the first frames
-of
-a sensor with latency are empty.
+data begin to arrive in that window, ``latency_s`` after measurement; if frames are assigned by
+clock, the turns whose start on their sensor's clock is in the window, so that a wrong clock moves
+turns into other frames. No turn is in two frames, and with contiguous frames every turn is in one,
+unless it is lost (``dropped_frames``). Sensors start with the motion: there are no earlier turns,
+so the first frames of a sensor with latency are empty.
 
 **Clock.** At true time t a sensor's clock reads ``t + clock_offset_s + clock_drift_ppm 1e-6 t``.
 
@@ -44,8 +39,7 @@ class Sweep:
     """Firing times of one turn of a sensor, in seconds relative to the frame's time.
 
     Channel c in column k fires at ``column_time_s[k] + ring_time_s[c]``, true time. Column k fires
-    at
-    encoder angle ``2 pi k / K``, whichever column is first.
+    at encoder angle ``2 pi k / K``, whichever column is first.
 
     Attributes:
         column_time_s: (K,) float64, start of each column.
@@ -139,8 +133,7 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
 
     Column k fires at encoder angle ``2 pi k / K``, wherever a turn begins. Without the effect
     ``rolling_shutter`` all rays of a turn fire at its start. Columns of a non-repeating pattern
-    follow each
-    other from the start.
+    follow each other from the start.
 
     Args:
         mounted: the sensor.
@@ -193,8 +186,7 @@ def ring_times(mounted: MountedSensor) -> NDArray[np.float64]:
     """Return the firing time of each channel (C,) within its column, seconds.
 
     Relative to the maker's reference instant. Without published times all channels of a column fire
-    at
-    once.
+    at once.
     """
     times_us = mounted.sensor.firing_time_us
     if times_us is None:

@@ -1,4 +1,4 @@
-"""Several nodes, standing and riding, that recorded one motion together: a fleet."""
+"""Fleets: several nodes, fixed or on vehicles, that record one motion together."""
 
 from typing import TYPE_CHECKING
 

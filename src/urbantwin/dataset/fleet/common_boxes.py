@@ -1,4 +1,4 @@
-"""``boxes.parquet`` of a fleet: every actor at the frames' times, and how each node sees it."""
+"""``boxes.parquet`` of a fleet: every actor at the frames' times, and its labels from each node."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from urbantwin.twin import Twin
 
 __all__ = ["common_rows", "write_common_boxes"]
-#: Why a box does not count, that which is nearest to counting first.
+#: Reasons why a box does not count, in order of preference.
 _IGNORED = ("unseen", "truncated", "far", "outside")
 _LEVELS = tuple(level.name for level in LEVELS)
 
-#: What ``layout.write_frame`` returned, by the number of the frame.
+#: Return value of ``layout.write_frame`` by frame number.
 Entries = Mapping[int, Mapping[str, Any]]
 
 
@@ -59,12 +59,12 @@ def write_common_boxes(
 
     Args:
         path: the file.
-        twin: where it is.
-        motion: what moves.
-        nodes: who saw it.
-        times_s: number of each frame of the run -> its time.
-        entries: name of each node -> number of each of its frames -> what that holds.
-        seed: of the run: of the sizes that annotators draw.
+        twin: the twin.
+        motion: the motion.
+        nodes: the nodes.
+        times_s: frame number -> time, of the run.
+        entries: name of each node -> number of each of its frames -> its entry.
+        seed: seed of the run, for the drawn sizes of labels.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -80,7 +80,7 @@ def write_common_boxes(
     motions = FrameMotions(motion)
     with pq.ParquetWriter(path, schema, **PARQUET) as writer:
         for index, time_s in times_s.items():
-            around = motions.around(time_s, stop_s=motion.step_s)  # velocities are those of paths
+            around = motions.around(time_s, stop_s=motion.step_s)  # velocities follow the paths
             stood = boxes.at(posed_actors(around.rows, around.paths()))
             own = {node.name: entries[node.name].get(index) for node in nodes}
             rows = common_rows(stood, nodes, own, twin.region)
@@ -106,9 +106,9 @@ def common_rows(
 
     Args:
         stood: the actors, each with its box (7,) in the site.
-        nodes: who looked.
-        entries: what the frame of each node holds; ``None``: the node is absent.
-        region: where labels count.
+        nodes: the nodes.
+        entries: entry of each node's frame; ``None``: the node is absent.
+        region: area where labels count.
     """
     of_nodes = {
         name: {box["track"]: box for box in box_rows(entry["boxes"])}
@@ -152,16 +152,18 @@ def _ignored(
     region: shapely.Polygon | None,
     box: Any,  # noqa: ANN401
 ) -> str | None:
-    """Return why an actor does not count for all nodes together: it does if it does for one."""
-    reasons = {one["ignored"] for one in told}
+    """Return why an actor does not count for all nodes together: it counts if it does for one."""
+    reasons = {reason["ignored"] for reason in told}
     if None in reasons:
         return None
     outside = region is not None and not shapely.contains_xy(region, box[0], box[1])
-    return next((one for one in _IGNORED if one in reasons), "outside" if outside else "unseen")
+    return next(
+        (reason for reason in _IGNORED if reason in reasons), "outside" if outside else "unseen"
+    )
 
 
 class _SiteBoxes:
-    """Boxes of actors in the site, as a rig's labels are drawn."""
+    """Boxes of actors in the site, with the size of a rig's labels."""
 
     def __init__(self, motion: Motion, kind: str, seed: int) -> None:
         def mesh(asset: str, phase: int) -> LabelledMesh:
@@ -172,14 +174,14 @@ class _SiteBoxes:
         self._corners: dict[tuple[str, int], NDArray[np.float64]] = {}
 
     def at(self, actors: Sequence[PosedActor]) -> list[tuple[PosedActor, Any]]:
-        """Return who is labelled, by track, with the box (7,) of each at the frame's time."""
+        """Return the labelled actors, by track, with the box (7,) of each at the frame's time."""
         found = sorted(annotated_actors(self._kind, actors), key=lambda one: one.track)
         if not found:
             return []
         sizes: list[tuple[float, float, float] | None] = [None] * len(found)
         if self._kind != "tight":
             sizes = [annotated_size(self._kind, one, self._seed) for one in found]
-        # Only a box that is as tight as the mesh needs the mesh.
+        # Only tight boxes need the mesh.
         hulls = [
             self._vertices(one) if size is None else np.zeros((1, 3))
             for one, size in zip(found, sizes, strict=True)

@@ -1,4 +1,4 @@
-"""The nodes of a run: each rig on its pole or on its vehicle, and when it is there."""
+"""Nodes of a run: rigs on poles or vehicles, and the times of their presence."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ __all__ = ["Node", "PlacedRig", "placed_nodes", "seed_of"]
 
 @dataclass(frozen=True, eq=False)
 class PlacedRig:
-    """A node's rig, placed on the site, before anybody carries it.
+    """A node's rig, placed on the site, before a carrier is assigned.
 
     Attributes:
-        spec: as it is asked for.
-        rig: as it is placed.
-        file: where it is written.
-        field: the field of that file that holds it; empty: all of it.
+        spec: as requested.
+        rig: as placed.
+        file: its file.
+        field: field of that file that holds it; empty: all of it.
     """
 
     spec: RigSpec
@@ -48,13 +48,13 @@ class Node:
     """One node of a run.
 
     Attributes:
-        spec: what was asked for.
-        rig: its rig; one that rides has boarded.
-        rig_spec: the same as it is asked for, with its carrier as a track.
-        rig_file: where that is written.
-        seed: of all that it leaves to chance.
-        times_s: number of each frame in which it is there -> its time.
-        spans_s: from when to when its carrier is there; ``None``: it stands.
+        spec: as requested.
+        rig: its rig, with the carrier assigned.
+        rig_spec: the requested rig, with its carrier as a track.
+        rig_file: file of that.
+        seed: seed of all its random effects.
+        times_s: frame number -> time, of the frames in which it is present.
+        spans_s: intervals of its carrier's presence; ``None``: fixed.
     """
 
     spec: NodeSpec
@@ -67,12 +67,12 @@ class Node:
 
     @property
     def name(self) -> str:
-        """Its name, which is that of its folder."""
+        """Its name, also of its folder."""
         return self.spec.name
 
     @property
     def site_SE3_standing(self) -> Pose:  # noqa: N802
-        """Where a node that stands is: upright at its first sensor, ahead as that looks."""
+        """Pose of a fixed node: upright at its first sensor, with that sensor's heading."""
         return dataset_frame("level", self.rig.sensors[0].site_SE3_sensor)
 
 
@@ -85,19 +85,19 @@ def placed_nodes(
 ) -> tuple[Node, ...]:
     """Return the nodes of a run, each on its own carrier.
 
-    Nodes that ride a track board first, then those that ride anyone of a class, in the order of
-    the file: no two ride the same actor.
+    Nodes that ask for a track are assigned first, then those that ask for a class, in the order of
+    the file: every node has another actor.
 
     Args:
         asked: the nodes.
         rigs: the rig of each.
-        motion: what moves.
-        times_s: number of each frame of the run -> its time.
-        seed: of the run.
+        motion: the motion.
+        times_s: frame number -> time, of the run.
+        seed: seed of the run.
 
     Raises:
-        InputError: two nodes ride one actor, a carrier is not there in any frame, or the rigs
-            differ in what all nodes must have in common.
+        InputError: two nodes ask for one actor, a carrier is absent in all frames, or the rigs
+            differ in what all nodes must share.
     """
     _check_alike(asked, rigs)
     numbers, times = list(times_s), list(times_s.values())
@@ -123,7 +123,7 @@ def placed_nodes(
                 )
             assert rig.carrier is not None
             taken[rig.carrier] = spec.name
-            # Whoever makes the dataset again must not look for a carrier again.
+            # The reproduced dataset must not search for a carrier again.
             rig_spec = rig_spec.model_copy(update={"ride": RideSpec(track=rig.carrier)})
             there = while_there(times, spans)
         own_times = {numbers[n]: times[n] for n in np.flatnonzero(there).tolist()}
@@ -132,9 +132,9 @@ def placed_nodes(
 
 
 def seed_of(seed: int, name: str, *, first: bool = False) -> int:
-    """Return the seed of a node: the run's for the first, for others one of that and its name.
+    """Return the seed of a node: the run's for the first, otherwise derived from that and its name.
 
-    Two nodes must not draw the same noise, nor lose the same frames.
+    Nodes must not share noise, or lose the same frames.
     """
     if first:
         return seed
@@ -143,7 +143,7 @@ def seed_of(seed: int, name: str, *, first: bool = False) -> int:
 
 @contextmanager
 def _carrier_named(asked: NodesFile, number: int, placed: PlacedRig) -> Iterator[None]:
-    """Say of errors about a node's carrier where in the nodes' file it is asked for."""
+    """Add the field of the nodes' file to errors about a node's carrier."""
     try:
         yield
     except InputError as error:
@@ -162,12 +162,12 @@ def _carrier_named(asked: NodesFile, number: int, placed: PlacedRig) -> Iterator
 
 
 def _rank(rig: Rig) -> int:
-    """Return when a node boards: those that leave less of a choice first."""
+    """Return the order of assignment: nodes with fewer possible carriers first."""
     return 0 if rig.ride is None else 1 if rig.ride.track is not None else 2
 
 
 def _check_alike(asked: NodesFile, rigs: Sequence[PlacedRig]) -> None:
-    """Refuse rigs whose frames or labels do not go together."""
+    """Check that the rigs share frame rate and labels."""
     says: list[tuple[str, str, Callable[[Rig], Any]]] = [
         ("frames per second", "rate_hz: of all nodes", lambda rig: rig.rate_hz),
         ("boxes", "the same boxes: in the rig of each", lambda rig: rig.boxes),

@@ -1,4 +1,4 @@
-"""``nodes.parquet``: when and where every node was in every frame, and when the others knew."""
+"""``nodes.parquet``: time, pose and transmission of every node in every frame."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ __all__ = [
 ]
 
 
-#: Bit of the key that sensors' own draws do not have, see `lidar.timing`.
+#: Bit of the key that separates these draws from those of sensors, see `lidar.timing`.
 _OF_NODES = 1 << 46
-_WORDS = 8  # of a frame
+_WORDS = 8  # random words per frame
 
 
 class Purpose(IntEnum):
-    """What numbers are drawn for."""
+    """Purpose of random numbers."""
 
     NOISE = 1
     WALK = 2
@@ -49,12 +49,12 @@ class Purpose(IntEnum):
 
 
 def uniform_draws(seed: int, purpose: Purpose, frames: int) -> NDArray[np.float64]:
-    """Return numbers (F, 8) in (0, 1) of the frames 0, 1, 2, ...; a longer table begins the same.
+    """Return numbers (F, 8) in (0, 1) of frames 0, 1, 2, ...; independent of F.
 
     Args:
-        seed: of the node.
-        purpose: what they are for.
-        frames: how many.
+        seed: seed of the node.
+        purpose: purpose of the numbers.
+        frames: number of frames.
     """
     key = np.array([seed % 2**64, _OF_NODES | purpose], np.uint64)
     words = np.random.Philox(key=key).random_raw(frames * _WORDS).reshape(frames, _WORDS)
@@ -62,21 +62,21 @@ def uniform_draws(seed: int, purpose: Purpose, frames: int) -> NDArray[np.float6
 
 
 def normal_draws(seed: int, purpose: Purpose, frames: int) -> NDArray[np.float64]:
-    """Return standard normal numbers (F, 8) of the frames; the arguments as `uniform_draws`."""
+    """Return standard normal numbers (F, 8) of the frames; arguments as `uniform_draws`."""
     return np.asarray(ndtri(uniform_draws(seed, purpose, frames)), np.float64)
 
 
 def pose_errors(
     spec: PoseErrorSpec, seed: int, numbers: Sequence[int], rate_hz: float
 ) -> NDArray[np.float64]:
-    """Return the errors (F, 6) of a node in frames: forward, left, up in metres, yaw, pitch, roll.
+    """Return the pose errors (F, 6) of a node: forward, left, up in metres, yaw, pitch, roll.
 
-    Angles are in radians. A frame's error depends on its number, not on which others there are.
+    Angles are in radians. A frame's error depends on its number only.
 
     Args:
-        spec: how wrong the poses are.
-        seed: of the node.
-        numbers: of the frames, from 0; frame n is at ``n / rate_hz`` seconds.
+        spec: size of the errors.
+        seed: seed of the node.
+        numbers: frame numbers, from 0; frame n is at ``n / rate_hz`` seconds.
         rate_hz: frames per second.
     """
     index = np.asarray(numbers, np.int64)
@@ -99,10 +99,10 @@ def reported_pose(site_SE3_node: Pose, error: NDArray[np.float64]) -> Pose:
     """Return the pose that a node reports.
 
     Args:
-        site_SE3_node: where it is.
+        site_SE3_node: true pose.
         error: (6,) a row of `pose_errors`.
     """
-    yaw, pitch, roll = (float(one) for one in error[3:])
+    yaw, pitch, roll = (float(angle) for angle in error[3:])
     return site_SE3_node @ Pose.from_ypr(error[:3], yaw, pitch, roll)
 
 
@@ -111,16 +111,16 @@ def _vector(spec: PoseOffset | PoseSpread) -> NDArray[np.float64]:
     return np.array([spec.forward_m, spec.left_m, spec.up_m, *angles])
 
 
-#: No frame is later than this many standard deviations.
+#: Largest jitter, in standard deviations.
 _FARTHEST_JITTER = 4.0
 
 
 class Received(NamedTuple):
-    """What became of F frames.
+    """Transmission of F frames.
 
     Attributes:
         lost: (F,) which never arrive.
-        arrival_s: (F,) when each arrives, or would have.
+        arrival_s: (F,) time of arrival, if not lost.
     """
 
     lost: NDArray[np.bool_]
@@ -130,22 +130,22 @@ class Received(NamedTuple):
 def received(
     spec: RadioSpec, seed: int, numbers: Sequence[int], sent_s: NDArray[np.float64]
 ) -> Received:
-    """Return what becomes of the frames of a node.
+    """Simulate the transmission of a node's frames.
 
     Args:
-        spec: of its radio.
-        seed: of the node.
-        numbers: of the frames, from 0.
-        sent_s: (F,) when each is sent, true time of the motion.
+        spec: its radio.
+        seed: seed of the node.
+        numbers: frame numbers, from 0.
+        sent_s: (F,) time of sending, true time of the motion.
     """
     from scipy.special import ndtri
 
     index = np.asarray(numbers, np.int64)
     draws = uniform_draws(seed, Purpose.RADIO, int(index.max(initial=-1)) + 1)[index]
     lost = draws[:, 0] < spec.loss
-    for one in spec.outages:
-        until = np.inf if one.stop_s is None else one.stop_s
-        lost |= (sent_s >= one.start_s) & (sent_s < until)
+    for outage in spec.outages:
+        until = np.inf if outage.stop_s is None else outage.stop_s
+        lost |= (sent_s >= outage.start_s) & (sent_s < until)
     late = np.clip(ndtri(draws[:, 1]), -_FARTHEST_JITTER, _FARTHEST_JITTER) * spec.jitter_s
     return Received(lost, sent_s + np.maximum(spec.latency_s + late, 0.0))
 
@@ -153,20 +153,20 @@ def received(
 def node_rows(
     node: Node, entries: Mapping[int, Mapping[str, Any]], motion: Motion
 ) -> dict[int, dict[str, Any]]:
-    """Return the rows of a node by the number of the frame, of those in which it is there.
+    """Return the rows of a node by frame number, for the frames in which it is present.
 
-    A frame is complete, and sent, when the last of its turns has arrived; one without a turn when
-    the next begins.
+    A frame is complete, and sent, when the last of its turns has arrived; a frame without a turn at
+    the start of the next frame.
 
     Args:
         node: the node.
-        entries: number of each of its frames -> what that holds.
-        motion: what moves.
+        entries: number of each of its frames -> its entry.
+        motion: the motion.
     """
     numbers, times = list(node.times_s), np.array(list(node.times_s.values()))
     rate_hz = node.rig.rate_hz
     sent = np.array([
-        max((one["arrival_s"] for one in entries[k]["sweeps"] if not one["lost"]),
+        max((sweep["arrival_s"] for sweep in entries[k]["sweeps"] if not sweep["lost"]),
             default=time_s + 1.0 / rate_hz)
         for k, time_s in node.times_s.items()
     ])  # fmt: skip
@@ -211,15 +211,15 @@ def write_nodes(
 
     Args:
         path: the file.
-        times_s: number of each frame of the run -> its time.
-        nodes: all of them.
-        rows: name of each node -> `node_rows` of it.
+        times_s: frame number -> time, of the run.
+        nodes: all nodes.
+        rows: name of each node -> its `node_rows`.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     absent = {"present": False, "points": 0, "lost": False}
-    found = [
+    table_rows = [
         {
             "frame": frame_name(index),
             "time_s": time_s,
@@ -229,11 +229,11 @@ def write_nodes(
         for index, time_s in times_s.items()
         for node in nodes
     ]
-    pq.write_table(pa.Table.from_pylist(found, schema=arrow_schema(NODES)), path, **PARQUET)
+    pq.write_table(pa.Table.from_pylist(table_rows, schema=arrow_schema(NODES)), path, **PARQUET)
 
 
 def _points(node: Node, entry: Mapping[str, Any]) -> Pose:
-    """Return what takes the points of a frame to the site."""
+    """Return the pose of the points of a frame in the site."""
     rows = entry.get("dataset_SE3_site") or pose_matrix(node.rig.dataset_SE3_site)
     return pose_of_matrix(rows).inverse()
 

@@ -1,4 +1,4 @@
-"""Recording a fleet: nodes that stand and nodes that ride see one motion together."""
+"""Recording of a fleet: fixed and mounted nodes see one motion together."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 __all__ = ["record_fleet"]
 
 
-#: Changes when the meaning of a fleet's files does.
+#: Version of the meaning of a fleet's files.
 FORMAT = 1
 TABLES = ("boxes.parquet", "nodes.parquet")
-#: Of the recipe of its nodes, what all have in common.
+#: Fields of a node's recipe that all nodes share.
 _SHARED = (
     *("urbantwin", "python", "platform", "dependencies", "backend", "storage", "anchor"),
     *("region_m", "scene_sha256", "surface_sha256", "motion_sha256", "meshes_sha256", "about"),
@@ -75,16 +75,16 @@ def manifest_of_fleet(
     inputs: Sequence[Mapping[str, Any]],
     seeds: Mapping[str, int],
 ) -> dict[str, Any]:
-    """Return what ``fleet.json`` holds.
+    """Return the content of ``fleet.json``.
 
     Args:
-        folder: of the fleet, with all its tables and datasets.
-        recipe: of one of its nodes, see `dataset.manifest.recipe_of`.
-        nodes: all of them.
-        times_s: number of each frame of the run -> its time.
+        folder: folder of the fleet, with all tables and datasets.
+        recipe: recipe of one node, see `dataset.manifest.recipe_of`.
+        nodes: all nodes.
+        times_s: frame number -> time, of the run.
         rows: name of each node -> number of each of its frames -> its row of the table.
-        inputs: of all nodes.
-        seeds: of the run and of the traffic.
+        inputs: inputs of all nodes.
+        seeds: seeds of the run and of the traffic.
     """
     return {
         "kind": FLEET,
@@ -108,13 +108,13 @@ def _told(
     times_s: Mapping[int, float],
     rows: Mapping[int, Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """Return what is said of a node."""
+    """Return the description of a node."""
     return {
         "name": node.name,
         "rides": node.rig.ride is not None,
         "carrier": node.rig.carrier,
-        "there_s": None if node.spans_s is None else [list(one) for one in node.spans_s],
-        "sensors": [{"name": one.name, "model": one.sensor.name} for one in node.rig.sensors],
+        "there_s": None if node.spans_s is None else [list(item) for item in node.spans_s],
+        "sensors": [{"name": item.name, "model": item.sensor.name} for item in node.rig.sensors],
         "seed": node.seed,
         **{key: as_json(getattr(node.spec, key)) for key in ("clock", "pose_error", "radio")},
         "frames": len(rows),
@@ -167,31 +167,30 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
 ) -> None:
     """Record what all nodes see of a motion; the layout is in ``docs/howto/nodes.md``.
 
-    Each node has a dataset of its own, as `recording.record` makes it with the node's rig and
-    seed, of the frames in which it is there. The frames of all have the same names at the same
-    times. All datasets are cut in time alike: what one node is trained on, none is tested on.
+    Each node has its own dataset, as `recording.record` makes it with the node's rig and seed, of
+    the frames in which it is present. Frames of all nodes have the same names at the same times.
+    All datasets are split in time alike: no node is tested on times that another one is trained on.
 
     Args:
         twin: the twin.
         motion: a motion on it.
         asked: the nodes.
         rigs: the rig of each, placed on the twin.
-        out: the fleet's folder; an older fleet there is replaced.
-        workers: number of processes, or a cluster; as many as there are processors when not given.
-        seed: of the run; the site's ``traffic.seed`` when not given.
-        start_s: no frame before it.
-        stop_s: no frame after it; the motion's last step when not given.
-        every: of the frames only those whose number is a multiple of this.
-        backend: what casts the rays, see `tracer_on`.
-        storage: of points, see `recording.record`.
-        split: into training, validation and test; the usual one when not given.
+        out: folder of the fleet; an older fleet there is replaced.
+        workers: number of processes, or a cluster; one per processor if not given.
+        seed: seed of the run; the site's ``traffic.seed`` if not given.
+        start_s: earliest frame.
+        stop_s: latest frame; the motion's last step if not given.
+        every: record only frames whose number is a multiple of this.
+        backend: ray tracer, see `tracer_on`.
+        storage: format of points, see `recording.record`.
+        split: split into training, validation and test; by default the usual one.
         inputs: files and folders besides the twin that ``out`` must not touch.
-        also: called with the folder of the whole fleet before it appears, for what else belongs
-            into it: pictures.
-        progress: called with the fraction done and what is being done.
+        also: called with the folder of the whole fleet before it appears, to add pictures.
+        progress: called with the fraction done and a description.
 
     Raises:
-        InputError: as `recording.record`; or nodes that do not go together (`placed_nodes`).
+        InputError: as `recording.record`; or incompatible nodes (`placed_nodes`).
         StageError: a worker was killed, or the disk is full.
     """
     seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)
@@ -201,7 +200,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     check_split(list(times_s.values()), asked_split)
     nodes = placed_nodes(asked, rigs, motion, times_s, seed)
     backend = backend or library_named()
-    tracer_on(backend)  # Before any work: is it there?
+    tracer_on(backend)  # checks that it is available
     inputs = [twin.folder, *inputs]
     check_folder(out, kind=FLEET, inputs=inputs)
     say = progress or untold
@@ -216,7 +215,9 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         recipes[node.name] = recipe_of(
             twin, motion, node.rig, node.seed, node.times_s, backend, wanted, storage, hashes=hashes
         )
-        if not _without_gap(node.times_s):  # whose carrier came back: no one span has its frames
+        if not _without_gap(
+            node.times_s
+        ):  # its carrier returned: no single interval holds its frames
             recipes[node.name]["made_from"]["record"] = None
     key = recipe_key(
         {

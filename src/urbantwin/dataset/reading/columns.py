@@ -1,9 +1,8 @@
 """Columns of every table of a dataset and of a fleet, with their Arrow types.
 
 A type with ``?`` marks an optional column: it may be missing, and rows may lack a value. Lengths
-are in
-metres, angles in radians, times in seconds from the start of the motion, velocities in metres per
-second.
+are in metres, angles in radians, times in seconds from the start of the motion, velocities in
+metres per second.
 """
 
 from __future__ import annotations

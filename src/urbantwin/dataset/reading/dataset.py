@@ -316,8 +316,7 @@ class Dataset(Frames):
         Args:
             frame: index or name of the frame; by default the frame with the most labelled actors.
             picture: ``birdseye``, top view with boxes; ``range_image``, view of the sensor nearest
-                to the
-                centre of the points; or ``histogram``, of all frames.
+                to the centre of the points; or ``histogram``, of all frames.
 
         Raises:
             InputError: no such frame or picture.

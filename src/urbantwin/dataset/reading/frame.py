@@ -172,8 +172,8 @@ class Frame:
         """All point data (N,) as a structured array: ``cloud["ring"]``, ``cloud[cloud["x"] > 3]``.
 
         Fields are ``x``, ``y``, ``z``, ``intensity``, those of the rays (``sensor``, ``ring``,
-        ``column``,
-        ``time``, ``echo``; datasets of older versions lack some), ``semantic`` and ``instance``.
+        ``column``, ``time``, ``echo``; datasets of older versions lack some), ``semantic`` and
+        ``instance``.
         """
         rays = self.rays
         kinds: list[tuple[str, Any]] = [(name, "<f4") for name in POINT]
@@ -243,19 +243,14 @@ class Frame:
         """Return the scene flow (N, 3) of each point to the next frame, metres.
 
         A point moves rigidly with its actor, from the actor's pose when the point was measured to
-        its box in the
-        next frame; the static world does not move. ``nan`` where unknown: points beside actors
-        (class
-        ``outlier``), on an actor that is not in the next frame, and all points of the last frame.
-        See
-        docs/sequences.md.
+        its box in the next frame; the static world does not move. ``nan`` where unknown: points
+        beside actors (class ``outlier``), on an actor that is not in the next frame, and all points
+        of the last frame. See docs/sequences.md.
 
         Args:
             ego: include the sensor's own motion: the flow is from a point's coordinates in this
-                frame to those
-                in the next one (Argoverse 2); otherwise both are in this frame's coordinates
-                (Waymo). For a
-                fixed rig they are the same.
+                frame to those in the next one (Argoverse 2); otherwise both are in this frame's
+                coordinates (Waymo). For a fixed rig they are the same.
         """
         from urbantwin.dataset.point_flow import flow_of
 

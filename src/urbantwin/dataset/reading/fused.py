@@ -30,8 +30,7 @@ class FusedCloud:
 
     Attributes:
         points: (N, 4) float32: x, y, z in metres, in the frame of one node's points or of the site,
-            and
-            intensity 0..1.
+            and intensity 0..1.
         labels: (N,) uint32: class in the low 16 bits, track in the high.
         node: (N,) uint8: index of the node in ``nodes``.
         nodes: names of all requested nodes.
@@ -75,10 +74,9 @@ def fused_cloud(
         frame_of: receiving node, whose frame is used; ``None``: the site, which receives all.
         using: ``reported`` or ``true`` poses and times.
         at: ``same``: the frame of that name of all nodes, even if lost. ``nearest``: of the frames
-            that had
-            arrived when the receiver's own was complete, the nearest in time. ``extrapolated``: the
-            same,
-            with points on actors moved at the actor's labelled velocity over the age of the frame.
+            that had arrived when the receiver's own was complete, the nearest in time.
+            ``extrapolated``: the same, with points on actors moved at the actor's labelled velocity
+            over the age of the frame.
         nodes: names of the nodes; all if not given.
 
     Raises:

@@ -141,12 +141,9 @@ class Frames(Sequence[Frame]):
         """Select boxes or frames.
 
         Boxes are filtered by class, range, points, occlusion, truncation, difficulty or track;
-        frames without a
-        remaining box stay, unless ``with_boxes`` is given. Points are never removed;
-        `Frame.on_boxes` gives those
-        on remaining boxes. Frames are filtered by split, sequence, name and time. A selection can
-        be filtered
-        again: both conditions then hold.
+        frames without a remaining box stay, unless ``with_boxes`` is given. Points are never
+        removed; `Frame.on_boxes` gives those on remaining boxes. Frames are filtered by split,
+        sequence, name and time. A selection can be filtered again: both conditions then hold.
 
         Args:
             classes: classes of boxes.
@@ -159,8 +156,7 @@ class Frames(Sequence[Frame]):
             counted: leave out ignored boxes (``ignored`` gives the reason).
             tracks: track ids.
             split: frames of ``ImageSets/NAME.txt``: ``train``, ``val``, ``test``; for a split by
-                scenario,
-                those of its datasets in that part.
+                scenario, those of its datasets in that part.
             sequences: frames of these datasets, by folder name.
             frames: frames by name.
             start: earliest time of a frame in the motion, seconds.

@@ -59,8 +59,7 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> pa.Table
 
     Raises:
         InputError: missing or damaged file; or a column that is missing, of another type,
-            incomplete or out
-            of bounds, which is named.
+            incomplete or out of bounds, which is named.
     """
     import pyarrow as pa
 

@@ -36,13 +36,10 @@ class FrameDataset(Dataset[Sample]):
     """A map-style dataset: ``samples[3]`` is a dict of tensors.
 
     - ``points`` (N, F) float32, the requested fields; with ``labels`` also ``semantic`` and
-      ``instance``
-      (N,) int32, with ``flow`` also ``flow`` (N, 3), ``nan`` where unknown;
+      ``instance`` (N,) int32, with ``flow`` also ``flow`` (N, 3), ``nan`` where unknown;
     - ``boxes`` (B, 7) float32, x, y, z, length, width, height, yaw; ``box_class`` (B,) int64,
-      indices in
-      `classes`; ``box_track``, ``box_points`` (B,) int64; ``box_occlusion`` (B,), ``nan`` where
-      unknown;
-      ``box_velocity`` (B, 3), metres per second;
+      indices in `classes`; ``box_track``, ``box_points`` (B,) int64; ``box_occlusion`` (B,),
+      ``nan`` where unknown; ``box_velocity`` (B, 3), metres per second;
     - ``frame`` (its name), ``number`` and ``time_s``.
 
     The same seed, epoch and index give the same sample, in any process.
@@ -191,10 +188,9 @@ def collated(samples: Sequence[Sample]) -> Sample:
     """Return a batch of frames of different sizes.
 
     Arrays with a row per point or per box are concatenated; ``point_frame`` and ``box_frame`` give
-    the frame
-    in the batch of each row (the first column of batches in OpenPCDet and MinkowskiEngine).
-    Everything else,
-    including additions of a transform, is a list over the samples.
+    the frame in the batch of each row (the first column of batches in OpenPCDet and
+    MinkowskiEngine). Everything else, including additions of a transform, is a list over the
+    samples.
     """
     batch: Sample = {}
     for name in dict.fromkeys(name for sample in samples for name in sample):

@@ -34,8 +34,7 @@ class SensorTurns:
         sensor: (R,) names of the sensors.
         lost: (R,) whether the turn was lost.
         true, reported: (R, 6) pose ``site_SE3_sensor`` at the start of the turn: x, y, z in metres,
-            yaw,
-            pitch, roll in radians.
+            yaw, pitch, roll in radians.
     """
 
     frame: NDArray[np.object_]

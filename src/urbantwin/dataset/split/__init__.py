@@ -1,4 +1,4 @@
-"""Training, validation and test parts that do not leak: in time with gaps, or by scenario."""
+"""Training, validation and test splits without leaks: in time with gaps, or by scenario."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Where every actor in reach stood in every frame: what a split is judged by."""
+"""Positions of every actor in range in every frame, for rating a split."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from urbantwin.geometry import Pose
 
 __all__ = ["ActorPlaces", "Recorded", "moments_of", "places_of"]
 
-#: There are fewer tracks than this: they have 16 bits.
+#: Track ids are smaller: they have 16 bits.
 _TRACKS = 1 << 20
-#: The track of the sensors of a rig that rides: no actor has it.
+#: Track id of a rig on an actor; no actor has it.
 _RIG = 0
-#: Who moves less than this in the whole recording stands, metres.
+#: Actors that move less in the whole recording are static, metres.
 _STANDS_M = 1.0
-#: Times that differ by less are one moment, seconds.
+#: Times that differ by less are equal, seconds.
 _SAME_S = 1e-6
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A dataset as far as a split needs it.
+    """The part of a dataset that a split needs.
 
     Attributes:
         folder: its folder.
-        frames: ``name`` and ``time_s`` of each, and ``dataset_SE3_site`` of a rig that rides.
-        dataset_SE3_site: rows of the pose of a rig that stands.
+        frames: ``name`` and ``time_s`` of each, and ``dataset_SE3_site`` for a rig on an actor.
+        dataset_SE3_site: rows of the pose of a fixed rig.
     """
 
     folder: Path
@@ -46,14 +46,14 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class ActorPlaces:
-    """Rows of an actor in reach at a moment, ordered by moment, then by track.
+    """Rows of an actor in range at a moment, ordered by moment, then by track.
 
     Attributes:
-        times_s: (T,) of the moments.
-        moment: (N,) number of the moment.
-        track: (N,) of the actor; 0 is the rig that rides.
-        ends: (N, 4) x, y of the middles of its front and its rear, site frame, metres.
-        length: (N,) of the actor, metres.
+        times_s: (T,) times of the moments.
+        moment: (N,) index of the moment.
+        track: (N,) track id; 0 is the rig on an actor.
+        ends: (N, 4) x, y of the centres of its front and its rear, site frame, metres.
+        length: (N,) length of the actor, metres.
         parked: (N,) bool.
     """
 
@@ -72,23 +72,23 @@ class ActorPlaces:
     def rows_at(
         self, moments: NDArray[np.int64], tracks: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the rows (R,) of actors (R,) at moments (R,), and which of them there are."""
+        """Return the rows (R,) of actors (R,) at moments (R,), and which of them exist."""
         wanted = moments * _TRACKS + tracks
         rows = np.minimum(np.searchsorted(self._order, wanted), len(self._order) - 1)
         return rows, self._order[rows] == wanted
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
-        """What rows are ordered by."""
+        """Sort key of the rows."""
         return self.moment * _TRACKS + self.track
 
     def within(self, moments: NDArray[np.int64], *, parked: bool) -> set[int]:
-        """Return the tracks of actors, parked or not, that are there at some moments."""
-        there = np.isin(self.moment, moments) & (self.parked == parked) & (self.track != _RIG)
-        return set(self.track[there].tolist())
+        """Return the tracks of actors, parked or not, at some moments."""
+        selected = np.isin(self.moment, moments) & (self.parked == parked) & (self.track != _RIG)
+        return set(self.track[selected].tolist())
 
     def has_moved(self) -> NDArray[np.bool_]:
-        """Return of which rows (N,) the actor moves at some time."""
+        """Return which rows (N,) are of an actor that moves at some time."""
         _, actor = np.unique(self.track, return_inverse=True)
         middle = (self.ends[:, :2] + self.ends[:, 2:]) / 2
         low = np.full((actor.max(initial=-1) + 1, 2), np.inf)
@@ -99,7 +99,7 @@ class ActorPlaces:
         return np.asarray(moves[actor] & ~self.parked & (self.track != _RIG))
 
     def differs(self, one: int, other: int, moved_m: float) -> bool:
-        """Return whether anybody came, went, moved or turned farther between two moments."""
+        """Return whether an actor came, went, moved or turned farther between two moments."""
         first, second = self.at(one), self.at(other)
         if not np.array_equal(self.track[first], self.track[second]):
             return True
@@ -111,21 +111,21 @@ class ActorPlaces:
 
 
 def moments_of(times_s: Sequence[float] | NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return times as whole microseconds: equal for frames of one moment in several datasets."""
+    """Return times in whole microseconds: equal for simultaneous frames of several datasets."""
     return np.round(np.asarray(times_s, np.float64) / _SAME_S).astype(np.int64)
 
 
 def places_of(recorded: Sequence[Recorded]) -> ActorPlaces:
-    """Return where actors are in frames of one motion, whatever sensors saw them.
+    """Return the positions of actors in frames of one motion, independent of the sensors.
 
-    Actors outside the region or beyond the reach of all sensors are left out. Each stands where it
-    was at the frame's time, not when the rays met it.
+    Actors outside the region or out of range of all sensors are left out. Positions are those at
+    the frame's time, not at the time of the rays.
 
     Raises:
-        InputError: a table is missing or damaged, or of a frame nothing says where it is.
+        InputError: a table is missing or damaged, or a frame's pose is unknown.
     """
-    times = np.unique(np.concatenate([moments_of(_times(one)) for one in recorded]))
-    parts = [_rows(one, times) for one in recorded]
+    times = np.unique(np.concatenate([moments_of(_times(dataset)) for dataset in recorded]))
+    parts = [_rows(dataset, times) for dataset in recorded]
     moment, track, ends, length, parked = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
@@ -140,7 +140,7 @@ def _times(one: Recorded) -> list[float]:
 
 
 def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-    """Return moment, track, ends, length and parked of a dataset's actors and riding sensors."""
+    """Return moment, track, ends, length and parked of a dataset's actors and moving rig."""
     objects, frame = _boxes(one)
     moments = np.searchsorted(times, moments_of(_times(one)))
     yaw, length = objects.box[:, 6], objects.box[:, 3]
@@ -148,37 +148,37 @@ def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     middle[:, :2] -= objects.velocity[:, :2] * objects.observed_s[:, None]
     along = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(frame))]) * length[:, None] / 2
     front, rear = middle + along, middle - along
-    rides = any("dataset_SE3_site" in told for told in one.frames)
-    poses = [_pose(one, told) for told in (one.frames if rides else one.frames[:1])]
+    is_mounted = any("dataset_SE3_site" in told for told in one.frames)
+    poses = [_pose(one, told) for told in (one.frames if is_mounted else one.frames[:1])]
     for k, pose in enumerate(poses):
-        mine = frame == k if rides else slice(None)
-        front[mine], rear[mine] = pose.apply(front[mine]), pose.apply(rear[mine])
+        in_frame = frame == k if is_mounted else slice(None)
+        front[in_frame], rear[in_frame] = pose.apply(front[in_frame]), pose.apply(rear[in_frame])
     ends = np.hstack([front[:, :2], rear[:, :2]])
-    count = len(poses) if rides else 0
-    ridden = [pose.apply(np.array([[2.0, 0, 0], [-2.0, 0, 0]]))[:, :2].ravel() for pose in poses]
+    count = len(poses) if is_mounted else 0
+    rig_ends = [pose.apply(np.array([[2.0, 0, 0], [-2.0, 0, 0]]))[:, :2].ravel() for pose in poses]
     return (
         np.concatenate([moments[frame], moments[:count]]),
         np.concatenate([objects.track, np.full(count, _RIG)]),
-        np.concatenate([ends, np.array(ridden[:count]).reshape(-1, 4)]),
+        np.concatenate([ends, np.array(rig_ends[:count]).reshape(-1, 4)]),
         np.concatenate([length, np.full(count, 4.0)]),
         np.concatenate([objects.parked, np.zeros(count, bool)]),
     )
 
 
 def _boxes(one: Recorded) -> tuple[LabelledObjects, NDArray[np.int64]]:
-    """Return the boxes in reach, and the number of the frame of each."""
+    """Return the boxes in range, and the index of the frame of each."""
     objects = LabelledObjects.in_folder(one.folder)
     number = {str(frame["name"]): k for k, frame in enumerate(one.frames)}
     frame = np.array([number.get(name, -1) for name in objects.frame.tolist()], np.int64)
-    known = (frame >= 0) & ~np.isin(objects.ignored, BEYOND)
-    return objects.take(known), frame[known]
+    selected = (frame >= 0) & ~np.isin(objects.ignored, BEYOND)
+    return objects.take(selected), frame[selected]
 
 
 def _pose(one: Recorded, told: Mapping[str, Any]) -> Pose:
-    """Return where the dataset's frame is in the site at a moment.
+    """Return the pose of the dataset's frame in the site at a moment.
 
     Raises:
-        InputError: nothing says it.
+        InputError: unknown.
     """
     matrix = told.get("dataset_SE3_site", one.dataset_SE3_site)
     if matrix is None:

@@ -1,4 +1,4 @@
-"""``split.json``: which dataset trains, validates or tests, where whole scenarios are divided."""
+"""``split.json``: the part of each dataset in a split by scenario."""
 
 from __future__ import annotations
 
@@ -89,25 +89,25 @@ def read_split_document(file: Path) -> SplitDocument:
         InputError: it is damaged, names a dataset that is not there, or one that was recorded anew
             from another motion since.
     """
-    told = validated(read_json(file, kind="split"), _Document, file=file, expected=_EXPECTED)
+    document = validated(read_json(file, kind="split"), _Document, file=file, expected=_EXPECTED)
     rows = []
-    for number, one in enumerate(told.datasets):
-        folder = file.parent / one.path
+    for number, row in enumerate(document.datasets):
+        folder = file.parent / row.path
         place = f"datasets[{number}].path"
         # Of a name that is too long for any file this says no, and `Path` raises.
         if not os.path.isfile(folder / "dataset.json"):  # noqa: PTH113
             raise InputError(
-                f"names {one.path[:80]}, which is no dataset", file=file, place=place,
+                f"names {row.path[:80]}, which is no dataset", file=file, place=place,
                 expected="a dataset at this place, relative to the file",
             )  # fmt: skip
         now = read_manifest(folder).get("motion_sha256")
-        if one.motion_sha256 is not None and now != one.motion_sha256:
+        if row.motion_sha256 is not None and now != row.motion_sha256:
             raise InputError(
-                f"was made when {one.path[:80]} showed another motion", file=file, place=place,
+                f"was made when {row.path[:80]} showed another motion", file=file, place=place,
                 expected="`urbantwin dataset split` once more",
             )  # fmt: skip
-        kept = None if one.kept is None else tuple(one.kept)
-        rows += [(part, one.part, kept) for part in parts_of(folder)]
+        names = None if row.kept is None else tuple(row.kept)
+        rows += [(part, row.part, names) for part in parts_of(folder)]
     return SplitDocument(file, tuple(rows))
 
 

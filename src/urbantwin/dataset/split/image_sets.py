@@ -1,4 +1,4 @@
-"""``ImageSets/``: the names of the frames of each part, a line each, as OpenPCDet reads them."""
+"""``ImageSets/``: the names of the frames of each part, one per line, as OpenPCDet reads them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from urbantwin.errors import InputError
 __all__ = ["FILES", "frames_of_part", "image_sets", "write_image_sets"]
 
 FOLDER = "ImageSets"
-#: The files of a dataset's split, by their names in the dataset.
+#: Files of a dataset's split, relative to the dataset.
 FILES = tuple(f"{FOLDER}/{part}.txt" for part in PARTS)
 _EXPECTED = "names of frames, one a line"
 
 
 def write_image_sets(folder: Path, parts: Mapping[str, Sequence[str]]) -> None:
-    """Write the lists of a dataset; a part without frames leaves an empty file.
+    """Write the lists of a dataset; a part without frames has an empty file.
 
-    What was there is replaced and not written into: other names of the old files keep them.
+    Old files are replaced, not overwritten: hard links to them keep their content.
     """
     (folder / FOLDER).mkdir(exist_ok=True)
     for part in PARTS:
@@ -36,23 +36,23 @@ def image_sets(folder: Path) -> dict[str, list[str]]:
         InputError: a list cannot be read.
     """
     files = {path.stem: path for path in sorted((folder / FOLDER).glob("*.txt"))}
-    known = [part for part in PARTS if part in files]
+    standard = [part for part in PARTS if part in files]
     return {
         name: read_bytes(files[name], _EXPECTED).decode(errors="replace").split()
-        for name in (*known, *(name for name in files if name not in known))
+        for name in (*standard, *(name for name in files if name not in standard))
     }
 
 
 def frames_of_part(folder: Path, part: str) -> list[str] | None:
-    """Return the names of the frames of a part; ``None`` where a dataset has no split.
+    """Return the names of the frames of a part; ``None`` if the dataset has no split.
 
     A dataset of an earlier version has no test part: it is empty.
 
     Raises:
         InputError: the list cannot be read.
     """
-    there = [file for file in FILES if (folder / file).is_file()]
-    if not there:
+    existing = [file for file in FILES if (folder / file).is_file()]
+    if not existing:
         return None
     file = folder / FOLDER / f"{part}.txt"
     if not file.is_file():

@@ -1,4 +1,4 @@
-"""The split of datasets written anew: their frames stay as they are."""
+"""A new split of existing datasets, whose frames stay as they are."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def split_datasets_in_time(
     tell: Progress,
     redraw: Callable[[Path], None],
 ) -> dict[Path, dict[str, Any]]:
-    """Cut datasets in time, those of one scenario at the same moments, and write their lists anew.
+    """Split datasets in time, those of one scenario at the same moments, and rewrite their lists.
 
-    Each dataset is replaced as a whole: its own lists, manifest, card and inventory always agree.
+    Each dataset is replaced as a whole: its lists, manifest, card and inventory always agree.
 
     Args:
         scenarios: the datasets, see `scenarios_of`.
         asked: shares, gap and thinning.
-        tell: called with the share that is done.
-        redraw: draws the picture of a dataset that tells its split; see `renew_cards`.
+        tell: called with the fraction done.
+        redraw: draws the picture of a dataset's split; see `renew_cards`.
 
     Returns:
-        What the manifest of each says of the split, by folder.
+        Description of the split in each manifest, by folder.
 
     Raises:
         InputError: a dataset is part of another, is damaged or cannot be written, or a gap leaves a
@@ -65,10 +65,10 @@ def split_datasets_in_time(
 
 
 def _check(source: Source) -> None:
-    """Refuse a dataset that cannot be written anew.
+    """Check that a dataset can be rewritten.
 
     Raises:
-        InputError: it is.
+        InputError: it cannot.
     """
     check_folder(source.folder, kind="dataset")
     if not (source.folder / INVENTORY).is_file():
@@ -107,14 +107,14 @@ def _rewrite(
             changed.add("dataset.json")
         with told_of(source.folder, folder):
             changed |= renew_cards(folder, sums, redraw)
-        # What is not written anew keeps its checksum: of a damaged file it stays wrong.
+        # Unchanged files keep their checksum, so that damaged ones stay detectable.
         kept = {name: digest for name, digest in sums.items() if name not in changed}
         write_inventory(folder, known=kept)
     return told
 
 
 def _link(file: Path, to: Path) -> None:
-    """Give a file a second name, or copy it where file systems know no such thing."""
+    """Hard-link a file, or copy it if the file system has no hard links."""
     to.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(file, to)
@@ -150,7 +150,7 @@ def _manifest(
 
 
 def _asked_in(manifest: dict[str, Any], asked: SplitAsked) -> dict[str, Any]:
-    """Return a manifest that says what was asked of the split, for who makes it again."""
+    """Return a manifest with the requested split, for reproduction."""
     made_from = manifest.get("made_from")
     if not isinstance(made_from, dict) or not isinstance(made_from.get("record"), dict):
         return dict(manifest)

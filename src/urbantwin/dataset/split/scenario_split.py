@@ -1,4 +1,4 @@
-"""Whole scenarios given to training, validation and test."""
+"""Assignment of whole scenarios to training, validation and test."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def split_by_scenario(
     moved_m: float | None,
     seed: int,
 ) -> dict[str, Any]:
-    """Return what a document says of scenarios that are each in one part; paths are as given.
+    """Assign each scenario to one part, and return the content of ``split.json``.
 
-    The longest go first, each to the part that lacks most of its share of the frames; equally long
-    ones in an order that is drawn.
+    The longest are assigned first, each to the part that lacks most of its share of the frames;
+    equally long ones in random order. Paths are as given.
 
     Args:
         scenarios: see `scenarios_of`.
-        shares: of training, validation and test.
+        shares: shares of training, validation and test.
         moved_m: see `SplitAsked`.
-        seed: of the order.
+        seed: seed of the order.
 
     Raises:
         InputError: there is a single scenario.
@@ -105,7 +105,7 @@ def _assigned(frames: Sequence[int], wanted: Mapping[str, float], seed: int) -> 
     found = [""] * len(frames)
     for left, one in zip(range(len(order), 0, -1), order, strict=True):
         empty = [part for part in lacks if part not in found]
-        # As many scenarios are left as parts have none: each gets one.
+        # As many scenarios remain as empty parts: each part gets one.
         choice = empty if left <= len(empty) else list(lacks)
         found[one] = max(choice, key=lambda part: lacks[part])
         lacks[found[one]] -= frames[one]

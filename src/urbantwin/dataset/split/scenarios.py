@@ -1,4 +1,4 @@
-"""Which datasets show the same scenario, whatever sensors, weather or change they show it with."""
+"""Grouping of datasets by scenario, whatever sensors, weather or variation they show."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from urbantwin.dataset.split.sources import Source
 
 __all__ = ["Scenario", "scenarios_of"]
 
-#: Two recordings show one scenario where this share of the places of moving actors, at moments of
-#: both, are the same within these metres, track by track, and this share of the tracks meets.
+#: Two recordings show one scenario if this share of the positions of moving actors, at common
+#: moments, agrees within this distance (m) by track, and this share of the tracks does.
 _SHARE, _NEAR_M, _OF_TRACKS = 0.05, 0.5, 0.25
-#: And so many tracks. One is chance: seeds have the same numbers of tracks, and whoever is first
-#: at a stop line leaves it when the light turns green.
+#: Least number of such tracks. One is chance: runs with different seeds have the same track ids,
+#: and the first vehicle at a stop line starts when the light turns green.
 _TWO = 2
-#: What `vary` changes in what was asked of the traffic.
+#: Fields of the requested traffic that `vary` changes.
 _VARIED = ("scenario", "signal_offsets")
 _SAME_PLACE_DEG = 1e-7
 _TRACKS = 1 << 20
@@ -33,7 +33,7 @@ class Scenario:
 
     Attributes:
         sources: the datasets.
-        because: why, a sentence for each reason; empty for a single one.
+        because: one sentence for each reason; empty for a single dataset.
     """
 
     sources: tuple[Source, ...]
@@ -41,16 +41,16 @@ class Scenario:
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
-        return sum(one.frames for one in self.sources)
+        """Number of frames."""
+        return sum(source.frames for source in self.sources)
 
 
 def scenarios_of(sources: Sequence[Source]) -> list[Scenario]:
     """Return datasets grouped by scenario, in the order of the first of each.
 
-    Two belong together where they have the same motion; where their traffic was asked for alike but
-    for what `urbantwin experiment vary` changes; or where actors go the same ways (a variant of one
-    run, whoever made it).
+    Two datasets belong together if they have the same motion; if their requested traffic is the
+    same but for what `urbantwin experiment vary` changes; or if their actors move alike (a variant
+    of one run).
     """
     group = list(range(len(sources)))
     reasons: dict[int, list[str]] = {}
@@ -92,15 +92,15 @@ def _motion(source: Source) -> str | None:
 
 
 def _traffic(source: Source) -> str | None:
-    """Return what decides the traffic of a simulated motion, but for what is varied."""
+    """Return what determines the traffic of a simulated motion, except what is varied."""
     made_from = source.manifest.get("made_from") or {}
     motion = made_from.get("motion") if isinstance(made_from, dict) else None
     asked = motion.get("asked") if isinstance(motion, dict) else None
     if not isinstance(asked, dict):
         return None
-    kept = {key: value for key, value in sorted(asked.items()) if key not in _VARIED}
+    fixed = {key: value for key, value in sorted(asked.items()) if key not in _VARIED}
     seeds = source.manifest.get("seeds") or {}
-    return repr((kept, seeds.get("traffic"), source.manifest.get("scene_sha256")))
+    return repr((fixed, seeds.get("traffic"), source.manifest.get("scene_sha256")))
 
 
 def _at(source: Source) -> NDArray[np.float64]:
@@ -111,7 +111,7 @@ def _at(source: Source) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class _Moving:
-    """Moving actors: (N,) which one at which moment, ordered, and (N, 2) its place; moments."""
+    """Moving actors: (N,) key of actor and moment, sorted, and (N, 2) position; moments."""
 
     key: NDArray[np.int64]
     place: NDArray[np.float64]
@@ -141,7 +141,7 @@ def _go_the_same_way(one: _Moving, other: _Moving) -> bool:
 
 
 def parked_places(scenarios: Sequence[Scenario]) -> Iterator[tuple[float, ...]]:
-    """Yield site (latitude, longitude) and place, to half a metre, of every parked vehicle."""
+    """Yield site (latitude, longitude) and position, to half a metre, of every parked vehicle."""
     for source in (source for one in scenarios for source in one.sources):
         places = source.places
         where = (places.ends[places.parked, :2] + places.ends[places.parked, 2:]) / 2

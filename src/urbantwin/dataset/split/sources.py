@@ -1,4 +1,4 @@
-"""Datasets that are split together: found in folders, and as far as a split needs them."""
+"""Datasets to be split together: search in folders, and the data that a split needs."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from urbantwin.errors import InputError
 
 __all__ = ["Source", "datasets_at"]
 
-#: So many folders deep is looked for datasets.
+#: Depth of the search for datasets, in folders.
 _DEEP = 6
 
 
 @dataclass(frozen=True)
 class Source:
-    """A dataset, or a folder with one for each sensor.
+    """A dataset, or a folder with one per sensor.
 
     Attributes:
-        folder: of it.
-        manifest: of it.
+        folder: its folder.
+        manifest: its manifest.
     """
 
     folder: Path
@@ -35,49 +35,51 @@ class Source:
     def parts(self) -> tuple[tuple[Path, dict[str, Any]], ...]:
         """Folder and manifest of the dataset of each sensor, or of itself."""
         folders = parts_of(self.folder)
-        return tuple((one, read_manifest(one)) for one in folders)
+        return tuple((folder, read_manifest(folder)) for folder in folders)
 
     @cached_property
     def recorded(self) -> tuple[Recorded, ...]:
-        """What a split needs of each part."""
+        """The part of each dataset that a split needs."""
         return tuple(
-            Recorded(one, manifest["frames"], manifest["dataset_SE3_site"])
-            for one, manifest in self.parts
+            Recorded(folder, manifest["frames"], manifest["dataset_SE3_site"])
+            for folder, manifest in self.parts
         )
 
     @property
     def places(self) -> ActorPlaces:
-        """Where its actors are."""
+        """Positions of its actors."""
         return places_of(self.recorded)
 
     @property
     def frames(self) -> int:
-        """How many frames there are, of all sensors together."""
+        """Number of frames, of all sensors together."""
         return max(len(manifest["frames"]) for _, manifest in self.parts)
 
     def frame_names(self) -> list[tuple[str, float]]:
         """Return name and time of each frame."""
-        return [(str(one["name"]), float(one["time_s"])) for one in self.parts[0][1]["frames"]]
+        return [
+            (str(frame["name"]), float(frame["time_s"])) for frame in self.parts[0][1]["frames"]
+        ]
 
 
 def datasets_at(paths: Sequence[Path]) -> list[Source]:
-    """Return the datasets at some paths: each one, and those in folders, each once.
+    """Return the datasets at some paths or in these folders, each once.
 
     Raises:
-        InputError: there is none at a path, or one is damaged.
+        InputError: none at a path, or one is damaged.
     """
-    found: dict[Path, Source] = {}
+    sources: dict[Path, Source] = {}
     for path in paths:
         if not path.exists():
             raise InputError("not found", file=path, expected="a dataset, or a folder of some")
-        here = list(_below(path, _DEEP)) if path.is_dir() else []
-        if not here:
+        folders = list(_below(path, _DEEP)) if path.is_dir() else []
+        if not folders:
             raise InputError(
                 "holds no dataset", file=path, expected="what `urbantwin record` wrote"
             )
-        for one in here:
-            found.setdefault(one.resolve(), Source(one, read_manifest(one)))
-    return list(found.values())
+        for folder in folders:
+            sources.setdefault(folder.resolve(), Source(folder, read_manifest(folder)))
+    return list(sources.values())
 
 
 def _below(folder: Path, deep: int) -> Iterator[Path]:
@@ -90,9 +92,9 @@ def _below(folder: Path, deep: int) -> Iterator[Path]:
         inside = sorted(folder.iterdir())
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=folder) from None
-    for one in inside:
-        if one.is_dir() and not one.is_symlink() and not one.name.startswith("."):
-            yield from _below(one, deep - 1)
+    for entry in inside:
+        if entry.is_dir() and not entry.is_symlink() and not entry.name.startswith("."):
+            yield from _below(entry, deep - 1)
 
 
 def _is_dataset(folder: Path) -> bool:

@@ -1,4 +1,4 @@
-"""A recording cut in time: training, validation and test, with gaps between them."""
+"""Split of a recording in time: training, validation and test, with gaps between them."""
 
 from __future__ import annotations
 
@@ -18,43 +18,43 @@ from urbantwin.result_warning import ResultWarning
 __all__ = ["Split", "check_split", "split_in_time", "thinned", "warnings_of_split"]
 
 
-#: A scene has changed when no more than this share of those who move overlaps with where it stood.
+#: The scene has changed if at most this share of the moving actors overlaps with its old position.
 CHANGED = 0.1
-#: So many moments are compared with later ones, at so many distances in time.
+#: Number of moments that are compared with later ones, and of time lags.
 _MOMENTS, _LAGS = 200, 60
 
 
 def still_there(
     places: ActorPlaces, moves: NDArray[np.bool_], one: int, other: int
 ) -> tuple[int, int]:
-    """Return how many movers stand at another moment where they stood, and of how many.
+    """Return how many moving actors overlap with their position at another moment, and of how many.
 
-    Whoever went less than its own length still overlaps with its old place: the second frame shows
-    it with nearly the same points.
+    An actor that moved less than its length overlaps: the second frame shows it with nearly the
+    same points.
     """
-    mine = _movers(places, moves, one)
-    return _still(places, mine, np.full(len(mine), other)), len(mine)
+    movers = _movers(places, moves, one)
+    return _still(places, movers, np.full(len(movers), other)), len(movers)
 
 
 def _movers(places: ActorPlaces, moves: NDArray[np.bool_], moment: int) -> NDArray[np.int64]:
-    """Return the rows of those who move at a moment."""
+    """Return the rows of the actors that move at a moment."""
     rows = places.at(moment)
     return np.asarray(np.flatnonzero(moves[rows]) + rows.start)
 
 
-def _still(places: ActorPlaces, here: NDArray[np.int64], later: NDArray[np.int64]) -> int:
-    """Return how many of some rows (R,) stand there still at later moments (R,)."""
-    there, found = places.rows_at(later, places.track[here])
-    here, there = here[found], there[found]
-    way = (places.ends[there] - places.ends[here]).reshape(-1, 2, 2).mean(axis=1)
-    return int((np.hypot(*way.T) < places.length[here]).sum())
+def _still(places: ActorPlaces, rows: NDArray[np.int64], later: NDArray[np.int64]) -> int:
+    """Return how many of some rows (R,) overlap with their position at later moments (R,)."""
+    later_rows, present = places.rows_at(later, places.track[rows])
+    rows, later_rows = rows[present], later_rows[present]
+    way = (places.ends[later_rows] - places.ends[rows]).reshape(-1, 2, 2).mean(axis=1)
+    return int((np.hypot(*way.T) < places.length[rows]).sum())
 
 
 def seconds_to_change(places: ActorPlaces, moves: NDArray[np.bool_]) -> float | None:
-    """Return after how many seconds a scene has changed (`CHANGED`), on average over all moments.
+    """Return the time after which the scene has changed (`CHANGED`) on average, seconds.
 
-    Of waiting periods up to half of the recording, the shortest that is enough; ``None`` if none
-    is. Where nobody moves, frames do not become different by waiting: 0.
+    The shortest sufficient lag of up to half of the recording; ``None`` if none is. 0 without
+    moving actors, whose frames waiting does not change.
     """
     times = places.times_s
     if not moves.any():
@@ -66,33 +66,32 @@ def seconds_to_change(places: ActorPlaces, moves: NDArray[np.bool_]) -> float | 
     lags = np.unique(np.round(np.geomspace(1, max(1.0, most / step), _LAGS)))
     starts = np.unique(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))
     movers = [_movers(places, moves, one) for one in starts.tolist()]
-    mine, counts = np.concatenate(movers), np.array([len(one) for one in movers])
+    rows, counts = np.concatenate(movers), np.array([len(one) for one in movers])
     for lag in lags * step:
         later = np.searchsorted(times, times[starts] + lag - step / 100)
         within = later < len(times)
         compared = np.repeat(within, counts)
-        still = _still(places, mine[compared], np.repeat(later, counts)[compared])
-        of = int(counts[within].sum())
-        if of and still <= CHANGED * of:
+        still = _still(places, rows[compared], np.repeat(later, counts)[compared])
+        compared_count = int(counts[within].sum())
+        if compared_count and still <= CHANGED * compared_count:
             return round(float(lag), 3)
     return None
 
 
-#: A gap that nobody asked for takes no more than this share of the recording, and of the shortest
-#: part beside it.
+#: Largest automatic gap, as a share of the recording, and of the shorter part beside it.
 _OF_RECORDING, _OF_PART = 0.1, 0.5
 _ROUNDING_S = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Which moments are of which part.
+    """Assignment of moments to parts.
 
     Attributes:
-        moments: (T,) of all frames, as `moments_of` writes times.
-        parts: numbers of the moments of each part.
-        cut: the same before frames in which nothing changed were left out.
-        told: what is said of it, whatever the dataset; see docs/howto/datasets.md.
+        moments: (T,) of all frames, as from `moments_of`.
+        parts: indices of the moments of each part.
+        cut: the same before thinning.
+        told: description that all datasets share; see docs/splits.md.
     """
 
     moments: NDArray[np.int64]
@@ -101,7 +100,7 @@ class Split:
     told: dict[str, Any]
 
     def told_of(self, frames: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return what a dataset's manifest says of it; the argument is that of `frames`."""
+        """Return the description for a dataset's manifest; the argument is that of `frames`."""
         parts, cut = self.frames(frames), self._named(frames, self.cut)
         times = {str(one["name"]): float(one["time_s"]) for one in frames}
         told = dict(self.told)
@@ -117,7 +116,7 @@ class Split:
         return told
 
     def frames(self, frames: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-        """Return the names of the frames of each part, in the order of time.
+        """Return the names of the frames of each part, in order of time.
 
         Args:
             frames: ``name`` and ``time_s`` of each.
@@ -136,10 +135,10 @@ class Split:
 
 
 def check_split(times_s: Sequence[float], asked: SplitAsked) -> None:
-    """Refuse a gap that leaves a part without a frame, before any work.
+    """Check, before any work, that a gap leaves frames for every part.
 
     Raises:
-        InputError: it does.
+        InputError: it does not.
     """
     if asked.gap_s is None:
         return
@@ -155,14 +154,14 @@ def check_split(times_s: Sequence[float], asked: SplitAsked) -> None:
 
 
 def split_in_time(recorded: Sequence[Recorded], asked: SplitAsked) -> Split:
-    """Return the split of datasets of one motion: all are cut at the same moments.
+    """Split datasets of one motion at the same moments.
 
-    The cuts stand at the shares of the time, whatever the gap is, so that recordings of one motion
-    by other rigs or in other weather do not reach over each other's cuts. A gap is taken from the
-    larger of the parts beside it, or from both.
+    The cuts are at the shares of the time, independent of the gap, so that recordings of one motion
+    by other rigs or in other weather do not overlap across cuts. A gap is taken from the larger of
+    the parts beside it, or from both.
 
     Raises:
-        InputError: a gap that was asked for leaves a part without a frame, or a table is damaged.
+        InputError: a requested gap leaves a part without a frame, or a table is damaged.
     """
     check_split([float(one["time_s"]) for mine in recorded for one in mine.frames], asked)
     places = places_of(recorded)
@@ -198,10 +197,10 @@ def split_in_time(recorded: Sequence[Recorded], asked: SplitAsked) -> Split:
 
 
 def warnings_of_split(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
-    """Yield what is wrong with a split.
+    """Yield warnings about a split.
 
     Args:
-        told: what a manifest says of it.
+        told: its description in a manifest.
     """
     empty = [part for part in PARTS if told["shares"][part] and not told["parts"][part]["frames"]]
     remedy = (
@@ -235,24 +234,24 @@ def warnings_of_split(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def _bounds(count: int, shares: Sequence[float]) -> dict[str, tuple[int, int]]:
-    """Return the first number of each part and that behind its last, without gaps."""
+    """Return the first index of each part and the one after its last, without gaps."""
     wanted = [(part, share) for part, share in zip(PARTS, shares, strict=True) if share > 0]
     wanted = wanted[:count]
     total = sum(share for _, share in wanted)
-    found, first, so_far = {}, 0, 0.0
+    bounds, first, cumulative = {}, 0, 0.0
     for k, (part, share) in enumerate(wanted):
-        so_far += share / total
-        behind = len(wanted) - k - 1
-        last = min(max(first + 1, round(so_far * count)), count - behind)
-        found[part] = (first, last if behind else count)
+        cumulative += share / total
+        remaining = len(wanted) - k - 1
+        last = min(max(first + 1, round(cumulative * count)), count - remaining)
+        bounds[part] = (first, last if remaining else count)
         first = last
-    return found
+    return bounds
 
 
 def _cut(
     times: NDArray[np.float64], shares: Sequence[float], gap_s: float
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the numbers of the moments of each part that has a share."""
+    """Return the indices of the moments of each part with a share."""
     share = dict(zip(PARTS, shares, strict=True))
     bounds = _bounds(len(times), shares)
     kept = {part: np.ones(last - first, bool) for part, (first, last) in bounds.items()}
@@ -267,7 +266,7 @@ def _cut(
         else:
             middle = (before + after) / 2
             until, since = middle - gap_s / 2, middle + gap_s / 2
-        # Frames beside each other need no gap of less than their distance.
+        # Adjacent frames need no gap shorter than their distance.
         until, since = min(until, before), max(since, after)
         if gap_s > after - before:
             first, last = bounds[left]
@@ -292,12 +291,12 @@ def _least_between(times: NDArray[np.float64], cut: Mapping[str, NDArray[np.int6
 def thinned(
     places: ActorPlaces, moments: NDArray[np.int64], moved_m: float | None
 ) -> NDArray[np.int64]:
-    """Return the moments at which something is other than at the last one that was kept.
+    """Return the moments at which the scene differs from the last kept one.
 
     Args:
-        places: of all actors.
-        moments: of one part, in the order of time.
-        moved_m: that actors may move before something is other; all are kept if not given.
+        places: positions of all actors.
+        moments: moments of one part, in order of time.
+        moved_m: displacement of an actor that counts as a difference; all are kept if not given.
     """
     if moved_m is None or not len(moments):
         return moments
@@ -331,7 +330,7 @@ def _told_cut(
     one: tuple[str, NDArray[np.int64]],
     other: tuple[str, NDArray[np.int64]],
 ) -> dict[str, Any]:
-    """Return how many who move stand in a part's first frame as in the last of the one before."""
+    """Return how many moving actors overlap between the frames on both sides of a cut."""
     still, of = still_there(places, moves, int(one[1][-1]), int(other[1][0]))
     return {"from": one[0], "to": other[0], "moving": of, "still": still}
 

@@ -14,8 +14,8 @@ def tracer_on(backend: str | None = None) -> RayTracer:
 
     Args:
         backend: ``embree``; ``bvh``, built in; ``warp`` (the first CUDA device, else the
-            processor), or
-            Warp with a device: ``warp:cpu``, ``warp:cuda:1``. By default Embree, or ``bvh`` if
+            processor), or Warp with a device: ``warp:cpu``, ``warp:cuda:1``. By default Embree, or
+            ``bvh`` if
                 Embree is
             missing.
 

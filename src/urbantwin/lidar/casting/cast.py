@@ -67,8 +67,7 @@ def cast_world(
         world: the static world, as a single shape.
         glass: whether beams pass through panes.
         thorough: cast the whole footprint of every beam, not only at edges; finds objects thinner
-            than the
-            beam spacing.
+            than the beam spacing.
     """
     rays, rows, wide, around = beams.neighbours
     blocks = Blocks._make((*(np.array([value], np.int64) for value in (0, rows, wide, 0)), rays))

@@ -105,8 +105,7 @@ class Layers(NamedTuple):
         ray: (L,) int32, beam.
         actor: (L,) int32, actor; 0 for the static world.
         mask: (L,) uint8, bit mask of the beam's rays that hit it, with `layer_rule.ON_AXIS` if the
-            beam's
-            axis passes through the actor's bounds.
+            beam's axis passes through the actor's bounds.
         range_m: (L,) float32.
         cosine: (L,) float32, of the angle between the beam's axis and the surface's normal.
         face: (L,) int32, face of the actor's mesh.

@@ -31,10 +31,8 @@ class WarpTracer:
     """Casts on a device, which keeps shapes and beams; a turn sends its poses and rays.
 
     The kernel launches of a turn of some size are recorded once and replayed: packing arguments in
-    Python
-    takes longer than casting. Several threads may cast a turn each: while one waits for the device,
-    another
-    sends the next. See `tracer.RayTracer`.
+    Python takes longer than casting. Several threads may cast a turn each: while one waits for the
+    device, another sends the next. See `tracer.RayTracer`.
 
     Args:
         device: see `warp_shapes.warp_device`.

@@ -2,10 +2,8 @@
 
 `scatter` gives the backscatter of surfaces; `sunlight`, `clutter` and `model` the sensor's response
 (in compiled code: `compiled.response`); `draws` holds the random numbers. Everything follows from
-the
-strength of an echo: its signal-to-noise ratio relative to a target of the datasheet's reflectivity,
-at
-normal incidence and the datasheet's range.
+the strength of an echo: its signal-to-noise ratio relative to a target of the datasheet's
+reflectivity, at normal incidence and the datasheet's range.
 """
 
 from urbantwin.lidar.returns.draws import (

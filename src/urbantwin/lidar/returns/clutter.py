@@ -1,57 +1,41 @@
 """The atmosphere: extinction, and echoes of rain, snow and fog that a sensor takes for a target.
 
 **Extinction.** Visibility V is the meteorological optical range of the WMO (Guide to Instruments
-and
-Methods of Observation, WMO-No. 8, chapter 9): the distance at which a collimated beam falls to 5 %,
-so
-that by Koschmieder's law the extinction of visible light is ``-ln(0.05) / V = 3.0 / V``. Drops of
-fog,
-rain and snow are larger than the wavelength and attenuate all LiDARs alike. Haze attenuates less at
-longer wavelengths: ``(wavelength / 550 nm)^-q`` with the q of Kim, McArthur and Korevaar 2001
-(Proc.
-SPIE 4214, 26-37, eq. 4): 0 below 0.5 km of visibility, V - 0.5 up to 1 km, 0.16 V + 0.34 up to 6
-km,
-1.3 up to 50 km, 1.6 beyond.
+and Methods of Observation, WMO-No. 8, chapter 9): the distance at which a collimated beam falls to
+5 %, so that by Koschmieder's law the extinction of visible light is ``-ln(0.05) / V = 3.0 / V``.
+Drops of fog, rain and snow are larger than the wavelength and attenuate all LiDARs alike. Haze
+attenuates less at longer wavelengths: ``(wavelength / 550 nm)^-q`` with the q of Kim, McArthur and
+Korevaar 2001 (Proc. SPIE 4214, 26-37, eq. 4): 0 below 0.5 km of visibility, V - 0.5 up to 1 km,
+0.16 V + 0.34 up to 6 km, 1.3 up to 50 km, 1.6 beyond.
 
-**Rain.** Drop sizes are exponential (Marshall and Palmer 1948, J. Meteorol. 5, 165-166):
-``N0 exp(-L D)`` with N0 = 8000 per m3 and mm, L = 4.1 R^-0.21 per mm at R mm/h. A drop much larger
-than
+**Rain.** Drop sizes are exponential (Marshall and Palmer 1948, J. Meteorol. 5, 165-166): ``N0
+exp(-L D)`` with N0 = 8000 per m3 and mm, L = 4.1 R^-0.21 per mm at R mm/h. A drop much larger than
 the wavelength removes twice its cross-section (Van de Hulst 1957, Light Scattering by Small
-Particles,
-section 8.1), so the extinction is ``2 pi/4 x integral of D^2 N = pi N0 / L^3``: visibility gives L,
-and
-L the rate. Backwards a drop returns what its front reflects and its rear reflects and focuses:
-``F + F (1 - F)^2 (n / (2 - n))^2`` times an isotropic sphere, with Fresnel's F and the refractive
-index
-n of water (Van de Hulst, section 12.22): 0.095.
+Particles, section 8.1), so the extinction is ``2 pi/4 x integral of D^2 N = pi N0 / L^3``:
+visibility gives L, and L the rate. Backwards a drop returns what its front reflects and its rear
+reflects and focuses: ``F + F (1 - F)^2 (n / (2 - n))^2`` times an isotropic sphere, with Fresnel's
+F and the refractive index n of water (Van de Hulst, section 12.22): 0.095.
 
 **Snow.** Gunn and Marshall 1958 (J. Meteorol. 15, 452-461): N0 = 3800 R^-0.87, L = 2.55 R^-0.48, D
-of
-the melted drop; a flake of a tenth of water's density is ``10^(1/3)`` times as wide. It is a white
-sphere: two thirds of snow's reflectivity in backscatter (Lambert's sphere; Hapke 2012, Theory of
-Reflectance and Emittance Spectroscopy, 2nd edition, section 6.2).
+of the melted drop; a flake of a tenth of water's density is ``10^(1/3)`` times as wide. It is a
+white sphere: two thirds of snow's reflectivity in backscatter (Lambert's sphere; Hapke 2012, Theory
+of Reflectance and Emittance Spectroscopy, 2nd edition, section 6.2).
 
 **Fog** backscatters, per metre and steradian, its extinction divided by 18.8 sr (O'Connor et al.
-2004,
-J. Atmos. Ocean. Technol. 21, 777-786: water clouds at 905 nm).
+2004, J. Atmos. Ocean. Technol. 21, 777-786: water clouds at 905 nm).
 
 **Detection.** Detected drops and flakes along a beam are a Poisson process with rate per metre
 ``cross-section of the beam x integral of N(D) p(strength of D) dD``, with the sensor's detection
 probability p; the nearest is drawn. Fog returns in every pulse length `CELL_M`. The measured
-strength
-of each scatters as the detection curve says (p of a threshold is the probability to exceed it); the
-length with the highest measured strength is drawn, and a uniform position within it.
+strength of each scatters as the detection curve says (p of a threshold is the probability to exceed
+it); the length with the highest measured strength is drawn, and a uniform position within it.
 
 **Near range.** Collected power does not keep growing with 1/range^2: the image of a near object is
-larger than the detector of a receiver focused far away, which collects only
-``range^2 / (range^2 + focus^2)`` (geometric form factor of coaxial lidars, Measures 1984, Laser
-Remote
-Sensing, section 7.3; here with soft edges). This matters for drops and fog only. No maker publishes
-the
-focus: we take the one at which nothing below `FAINTEST` of white reaches strength 1 at any range.
-Then
-fog blinds the sensor below visibilities of about 40 m, as in a fog chamber (Bijelic et al. 2018,
-IEEE
+larger than the detector of a receiver focused far away, which collects only ``range^2 / (range^2 +
+focus^2)`` (geometric form factor of coaxial lidars, Measures 1984, Laser Remote Sensing, section
+7.3; here with soft edges). This matters for drops and fog only. No maker publishes the focus: we
+take the one at which nothing below `FAINTEST` of white reaches strength 1 at any range. Then fog
+blinds the sensor below visibilities of about 40 m, as in a fog chamber (Bijelic et al. 2018, IEEE
 IV, "A benchmark for lidar sensors in fog").
 
 A beam is `EXIT_M` wide where it leaves the sensor (datasheet of the OS1) and widens by its
@@ -233,8 +217,7 @@ class Clutter:
 
         Returns:
             Beam (C,) int32, range (C,) float32 and amplitude (C,) float32 of detected echoes; the
-            return mode
-            decides whether they are reported.
+            return mode decides whether they are reported.
         """
         drawn_m = self.range_of_draw.take(draws.detection)
         beam = np.flatnonzero(drawn_m < limit_m).astype(np.int32)

@@ -2,8 +2,7 @@
 
 Ray n of a sensor in a frame has the same two numbers per purpose whatever else is computed, in any
 order: Philox (Salmon et al. 2011, SC11, "Parallel random numbers: as easy as 1, 2, 3") keyed with
-seed,
-sensor and frame, with the purpose in its counter.
+seed, sensor and frame, with the purpose in its counter.
 """
 
 from __future__ import annotations
@@ -95,8 +94,7 @@ def truncated_noise(
     """Return standard normal numbers (N,) truncated to [low, high].
 
     A draw inside is kept. One outside is uniform over its tail and is mapped to the inside by the
-    inverse
-    distribution, which gives exactly the distribution of repeated drawing.
+    inverse distribution, which gives exactly the distribution of repeated drawing.
 
     Args:
         noise: (N,) draws.

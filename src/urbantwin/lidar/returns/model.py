@@ -2,50 +2,36 @@
 
 **Detection.** ``p = 1 / (1 + (half / strength)^k)``: `DETECTION_AT_REFERENCE` at strength 1, as
 Ouster's datasheets define range, and one half at `HALF_STRENGTH`: the OS1 datasheet has both, 90 %
-at
-100 m and 50 % at 120 m (80 % target), 90 % at 45 m and 50 % at 55 m (10 % target; cited as
-published,
-page not at hand to re-check): 1.2 times the range, ``1.2^-2 = 0.69`` in strength.
+at 100 m and 50 % at 120 m (80 % target), 90 % at 45 m and 50 % at 55 m (10 % target; cited as
+published, page not at hand to re-check): 1.2 times the range, ``1.2^-2 = 0.69`` in strength.
 
 **Range noise.** The timing error of a pulse has a part independent of the light (jitter, clock
-steps)
-and one inverse to the signal-to-noise ratio: the Cramer-Rao bound (Van Trees 1968, Detection,
-Estimation, and Modulation Theory I, section 4.2.3; Richmond and Cain 2010, Direct-Detection LADAR
-Systems, SPIE TT85, chapter 6). Both add in squares:
-``sigma = range_sigma_m x sqrt(1 + (KNEE_SNR / snr)^2)``. The datasheet of the first OS1 has both
-ends:
-1.5 cm above an SNR of 250 and 10 cm at 12, so the parts are equal at `KNEE_SNR` (at 100 it says 3
-cm, we
-1.9). Strength 1 is taken as the weakest of the three, `REFERENCE_SNR`. If the datasheet gives the
-scatter of a 10 % target at its range (``weak_sigma_m``), the knee follows from it: newer OS1 are
-two to
-three times as precise there (roads of real scans: `notebook/real_lidar.md`).
+steps) and one inverse to the signal-to-noise ratio: the Cramer-Rao bound (Van Trees 1968,
+Detection, Estimation, and Modulation Theory I, section 4.2.3; Richmond and Cain 2010,
+Direct-Detection LADAR Systems, SPIE TT85, chapter 6). Both add in squares: ``sigma = range_sigma_m
+x sqrt(1 + (KNEE_SNR / snr)^2)``. The datasheet of the first OS1 has both ends: 1.5 cm above an SNR
+of 250 and 10 cm at 12, so the parts are equal at `KNEE_SNR` (at 100 it says 3 cm, we 1.9). Strength
+1 is taken as the weakest of the three, `REFERENCE_SNR`. If the datasheet gives the scatter of a 10
+% target at its range (``weak_sigma_m``), the knee follows from it: newer OS1 are two to three times
+as precise there (roads of real scans: `notebook/real_lidar.md`).
 
 **Intensity.** Sensors report strength corrected for range, i.e. backscatter (times the transmission
-of
-the air, which no sensor knows). Diffuse white gives ``intensity_of_white``; below, the scale is
-linear.
-Above: if ``intensity_scale`` mentions retroreflectors (Velodyne, Ouster: codes above 100), codes
-grow
-with the logarithm up to ``intensity_max`` at `BEST_RETRO` (Ouster calls its scale logarithmic
-there,
-Velodyne only says that 255 is an ideal retroreflector); else the scale stays linear and saturates
-at
-``intensity_max`` (Hesai: 255 %). Near some sensors (``overlap_m``) codes are too low, because the
-receiver sees only part of the lit spot: ``1 / (1 + (overlap_m / range)^4)`` on two Ousters that
-report
-asphalt at 1 % next to them and at 5 % farther on; detection is not affected, light being abundant.
-Uncalibrated units have a factor (``measured_code_scale``). Points carry the code divided by the
-greatest, 0 to 1; on an unknown scale white is the greatest, 255.
+of the air, which no sensor knows). Diffuse white gives ``intensity_of_white``; below, the scale is
+linear. Above: if ``intensity_scale`` mentions retroreflectors (Velodyne, Ouster: codes above 100),
+codes grow with the logarithm up to ``intensity_max`` at `BEST_RETRO` (Ouster calls its scale
+logarithmic there, Velodyne only says that 255 is an ideal retroreflector); else the scale stays
+linear and saturates at ``intensity_max`` (Hesai: 255 %). Near some sensors (``overlap_m``) codes
+are too low, because the receiver sees only part of the lit spot: ``1 / (1 + (overlap_m /
+range)^4)`` on two Ousters that report asphalt at 1 % next to them and at 5 % farther on; detection
+is not affected, light being abundant. Uncalibrated units have a factor (``measured_code_scale``).
+Points carry the code divided by the greatest, 0 to 1; on an unknown scale white is the greatest,
+255.
 
 **Pulse stretching.** A beam of divergence d at range R covers ``R d tan(a)`` of range on a surface
-at
-incidence angle a: the pulse is longer and lower (Wagner et al. 2006, ISPRS J. Photogramm. 60(2),
-section
-3; Baltsavias 1999, ISPRS J. Photogramm. 54, 199-214). Pulse and beam are Gaussian, so widths add in
-squares; a receiver matched to its own pulse of length `CELL_M` sees of the peak
-``1 / sqrt(1 + (R d tan(a) / CELL_M)^2 / 2)`` and detects accordingly. The energy, and so the
-reported
+at incidence angle a: the pulse is longer and lower (Wagner et al. 2006, ISPRS J. Photogramm. 60(2),
+section 3; Baltsavias 1999, ISPRS J. Photogramm. 54, 199-214). Pulse and beam are Gaussian, so
+widths add in squares; a receiver matched to its own pulse of length `CELL_M` sees of the peak ``1 /
+sqrt(1 + (R d tan(a) / CELL_M)^2 / 2)`` and detects accordingly. The energy, and so the reported
 reflectivity, is unchanged: real OS1-128 report asphalt as bright at 4 degrees as at 8, but lose it.
 """
 
@@ -173,8 +159,7 @@ class ReturnModel:
 
     Amplitude is backscatter times the share of the beam that hits the surface times the two-way
     transmission of glass in front: 1 for a white surface at normal incidence that fills the beam.
-    Range is
-    in metres.
+    Range is in metres.
 
     Args:
         mounted: the sensor and its effects.

@@ -1,69 +1,49 @@
 """Backscatter of surfaces.
 
 Backscatter is relative to a white (100 %) Lambertian surface at normal incidence: a Lambertian
-surface
-gives ``reflectivity x cos(incidence)`` (Wagner et al. 2006, ISPRS J. Photogramm. 60(2), eq. 14).
+surface gives ``reflectivity x cos(incidence)`` (Wagner et al. 2006, ISPRS J. Photogramm. 60(2), eq.
+14).
 
 **Rough ground** has facets that face the beam at any incidence, and seen from the light source no
-facet
-is in another's shadow. Oren and Nayar 1994 (SIGGRAPH, 239-246, eq. 30) with light and view along
-one
-line give ``reflectivity x (A cos + B sin^2)``, with ``A = 1 - 0.5 s^2 / (s^2 + 0.33)``,
+facet is in another's shadow. Oren and Nayar 1994 (SIGGRAPH, 239-246, eq. 30) with light and view
+along one line give ``reflectivity x (A cos + B sin^2)``, with ``A = 1 - 0.5 s^2 / (s^2 + 0.33)``,
 ``B = 0.45 s^2 / (s^2 + 0.09)`` and s the standard deviation of the facets' slope, the material
-table's
-``roughness_deg``. Laser scanners' intensities of rough rock are corrected with it (Carrea et al.
-2016,
-ISPRS J. Photogramm. 113, 17-29).
+table's ``roughness_deg``. Laser scanners' intensities of rough rock are corrected with it (Carrea
+et al. 2016, ISPRS J. Photogramm. 113, 17-29).
 
 **Retroreflectors** add ``retro`` = pi x the coefficient of retroreflection (EN 12899-1, ISO 7591:
-cd
-per lx and m2), hundreds of times that of white paper; it falls with incidence as in EN 12899-1's
-table
-for white sheeting of class RA1: 70 at 5 deg, 30 at 30, 10 at 40. Glass beads in road paint are made
-for
-grazing light and add the same at every angle (pi x the coefficient of retroreflected luminance of
-EN
-1436).
+cd per lx and m2), hundreds of times that of white paper; it falls with incidence as in EN 12899-1's
+table for white sheeting of class RA1: 70 at 5 deg, 30 at 30, 10 at 40. Glass beads in road paint
+are made for grazing light and add the same at every angle (pi x the coefficient of retroreflected
+luminance of EN 1436).
 
 **Glass** transmits most of a beam (`pane` by the angle, times the material table's value at normal
 incidence) and scatters by its dirt alone; its specular reflection returns only within a fraction of
-a
-degree of normal incidence and is neglected. Fresnel's equations for unpolarised light: Born and
-Wolf
-1999, Principles of Optics, 7th edition, section 1.5.2; refractive indices: water 1.33 at 905 nm and
-1.32 at 1550 nm (Hale and Querry 1973, Appl. Opt. 12, 555-563), glass 1.51 (Schott N-BK7).
+a degree of normal incidence and is neglected. Fresnel's equations for unpolarised light: Born and
+Wolf 1999, Principles of Optics, 7th edition, section 1.5.2; refractive indices: water 1.33 at 905
+nm and 1.32 at 1550 nm (Hale and Querry 1973, Appl. Opt. 12, 555-563), glass 1.51 (Schott N-BK7).
 
 **Wet ground.** Light scattered inside a water film is reflected at its surface and hits the ground
 again, so a wet surface of reflectivity r has ``r / (r + n^2 (1 - r))`` (Angstrom 1925, Geogr. Ann.
-7,
-323-342; discussed by Lekner and Dorf 1988, Appl. Opt. 27(7), 1278-1280). Fresnel losses at the
-film's
-surface on the way in and out, relative to normal incidence, are reflected away. At 1550 nm water
-also
-absorbs: 10.6 per cm (Hale and Querry: k of 1.3e-4), at 905 nm less than 0.1 per cm. Glass beads
-under
-water do not retroreflect: EN 1436 requires 25 mcd/m2/lx of wet lines (class RW1) and 100 of dry
-ones
-(R2).
+7, 323-342; discussed by Lekner and Dorf 1988, Appl. Opt. 27(7), 1278-1280). Fresnel losses at the
+film's surface on the way in and out, relative to normal incidence, are reflected away. At 1550 nm
+water also absorbs: 10.6 per cm (Hale and Querry: k of 1.3e-4), at 905 nm less than 0.1 per cm.
+Glass beads under water do not retroreflect: EN 1436 requires 25 mcd/m2/lx of wet lines (class RW1)
+and 100 of dry ones (R2).
 
 **Texture.** Surfaces vary, and laser light speckles: returns scatter from beam to beam by a fifth
-to a
-third on real asphalt (second differences of reflectivity in scans of an OS1-128). The static world
-scatters log-normally with `TEXTURE` and mean 1, determined by the beam's number and the triangle: a
-fixed sensor sees the same value in every frame. Smooth paint of real cars does not: neighbouring
-returns differ by 2 to 4 % (Argoverse 2), so actors have no texture.
+to a third on real asphalt (second differences of reflectivity in scans of an OS1-128). The static
+world scatters log-normally with `TEXTURE` and mean 1, determined by the beam's number and the
+triangle: a fixed sensor sees the same value in every frame. Smooth paint of real cars does not:
+neighbouring returns differ by 2 to 4 % (Argoverse 2), so actors have no texture.
 
 **Patches.** Ground is worn, stained and repaired: two places of a real road differ the more the
-farther
-they are apart. `PATCHES` is fitted to the variogram of that OS1-128's reflectivity on a road from
-13 to
-18 m, where no ray is lost: 0.25 in the logarithm for neighbours, 0.33 at half a metre, 0.45 from
-some
-metres on; and to 0.54 at 7 m and 0.58 from 12 m on of a VLP-32C and an OS0-128 in two other
-streets. The
-median is the material table's. Dark patches are lost first, which makes drop-out begin early and
-grow
-slowly (`notebook/real_lidar.md`). Both are part of the effect ``noise``.
+farther they are apart. `PATCHES` is fitted to the variogram of that OS1-128's reflectivity on a
+road from 13 to 18 m, where no ray is lost: 0.25 in the logarithm for neighbours, 0.33 at half a
+metre, 0.45 from some metres on; and to 0.54 at 7 m and 0.58 from 12 m on of a VLP-32C and an
+OS0-128 in two other streets. The median is the material table's. Dark patches are lost first, which
+makes drop-out begin early and grow slowly (`notebook/real_lidar.md`). Both are part of the effect
+``noise``.
 """
 
 from __future__ import annotations

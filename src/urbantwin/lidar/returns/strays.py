@@ -1,20 +1,15 @@
 """Blooming and crosstalk: stray echoes of retroreflectors.
 
 A retroreflector returns hundreds of times as much light as white paper; a small part of it,
-scattered
-by the optics, is enough for a detection:
+scattered by the optics, is enough for a detection:
 
 - **Blooming**: around a sign or a plate neighbouring beams report a halo at its distance. Scatter
-  of
-  polished optics falls with a power of the angle, of 1 to 3 (Harvey and Shack; Fest 2013, Stray
-  Light
-  Analysis and Control, SPIE PM229, chapter 4). No maker publishes power or level: we take 3, and
-  `SKIRT`
-  of the light at one beam width, which makes halos of half a degree around a sign at 15 m for an
-  OS1.
+  of polished optics falls with a power of the angle, of 1 to 3 (Harvey and Shack; Fest 2013, Stray
+  Light Analysis and Control, SPIE PM229, chapter 4). No maker publishes power or level: we take 3,
+  and `SKIRT` of the light at one beam width, which makes halos of half a degree around a sign at 15
+  m for an OS1.
 - **Crosstalk**: channels that fire at the same time see `ISOLATION` of each other's light (40 dB);
-  an
-  assumption too, and off by default.
+  an assumption too, and off by default.
 
 Only echoes brighter than white, and strong enough, cause either.
 """

@@ -1,30 +1,23 @@
 """Sunlight: its illuminance, and the noise that it adds.
 
 Sunlight that a target scatters into the receiver adds shot noise, whose variance is proportional to
-the
-light (Richmond and Cain 2010, Direct-Detection LADAR Systems, SPIE TT85, chapter 5). With b the
-variance
-added by a white target in the datasheet's light, relative to the receiver's own, noise is
+the light (Richmond and Cain 2010, Direct-Detection LADAR Systems, SPIE TT85, chapter 5). With b the
+variance added by a white target in the datasheet's light, relative to the receiver's own, noise is
 ``sqrt(1 + b x light x reflectivity)`` times that in the dark.
 
 **b from the datasheet.** A target of 80 % at ``detection_range_80_m`` and one of 10 % at
-``detection_range_10_m`` are detected alike, both in 100 klx. By 1/range^2 the first returns
-``q = 8 (r10 / r80)^2`` times as much light; it needs more because of the sun on it, so
-``sqrt((1 + 0.8 b) / (1 + 0.1 b)) = q``, hence ``b = (q^2 - 1) / (0.8 - 0.1 q^2)``: 3.0 for the
-OS1-128
-(45 and 100 m), 1.5 for the HDL-64E, 0.5 for the OS2-128. Where q is below 1 (OS0, first OS1) the
-datasheet leaves no effect of the sun, and returns fall more slowly than with range^2: b is 0 and
-the
-exponent ``ln 8 / ln(r80 / r10)``. If one of the ranges is unknown, b is `ASSUMED_SUN_NOISE`, the
-median
-of the three.
+``detection_range_10_m`` are detected alike, both in 100 klx. By 1/range^2 the first returns ``q = 8
+(r10 / r80)^2`` times as much light; it needs more because of the sun on it, so ``sqrt((1 + 0.8 b) /
+(1 + 0.1 b)) = q``, hence ``b = (q^2 - 1) / (0.8 - 0.1 q^2)``: 3.0 for the OS1-128 (45 and 100 m),
+1.5 for the HDL-64E, 0.5 for the OS2-128. Where q is below 1 (OS0, first OS1) the datasheet leaves
+no effect of the sun, and returns fall more slowly than with range^2: b is 0 and the exponent ``ln 8
+/ ln(r80 / r10)``. If one of the ranges is unknown, b is `ASSUMED_SUN_NOISE`, the median of the
+three.
 
 **Illuminance.** Datasheets (Ouster's) state 100 klx, the direct sun of a clear sky at normal
-incidence;
-that is the default. Otherwise the clear sky of the Illuminating Engineering Society (IES RP-21-84,
-Recommended practice for the calculation of daylight availability): ``128 klx x exp(-0.21 m)`` at
-normal
-incidence with air mass m (Kasten and Young 1989, Appl. Opt. 28(22), 4735-4738) and
+incidence; that is the default. Otherwise the clear sky of the Illuminating Engineering Society (IES
+RP-21-84, Recommended practice for the calculation of daylight availability): ``128 klx x exp(-0.21
+m)`` at normal incidence with air mass m (Kasten and Young 1989, Appl. Opt. 28(22), 4735-4738) and
 ``0.8 + 15.5 sqrt(sin e)`` klx of the sky on level ground.
 """
 

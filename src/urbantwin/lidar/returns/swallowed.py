@@ -8,25 +8,17 @@ neighbours that return; of rays at people 2 % (fitted to KITTI and Argoverse 2:
 car alike in every frame. Panes vary in dirt by `DIRT`.
 
 **Ground** also loses beams: manhole covers, tar, puddles and ruts reflect or hide grazing light. Of
-rays
-at real roads a few in a thousand are lost near the sensor, and 1 to 2 % at 20 to 40 m, in few
-places:
-``GLANCING / cosine of incidence``, up to `MOST_THROWN_ON`, in patches of `PLACE_M` (fitted to
-KITTI,
-Argoverse 2 and two Ousters together, `real_lidar.md`).
+rays at real roads a few in a thousand are lost near the sensor, and 1 to 2 % at 20 to 40 m, in few
+places: ``GLANCING / cosine of incidence``, up to `MOST_THROWN_ON`, in patches of `PLACE_M` (fitted
+to KITTI, Argoverse 2 and two Ousters together, `real_lidar.md`).
 
 At any range some surfaces are too faint: the reflectivity at which half is missed is a property of
-the
-receiver (``measured_faintest`` of a sensor; `FAINTEST` if not measured). An HDL-64E reduces its
-laser
-power on bright targets, in eight steps, and drops what is below a fixed noise floor (User Manual
-63-HDL64ES3, Laser Output Power, Noise Level Adjustment); a VLP-32C still sees black cars with code
-0.
-With a threshold for each, one population of paint and glass explains the losses of both on real
-cars.
-Two VLP-16 at a roadside (LUMPI) see as little of panes as the HDL-64E. A Pandar64 (PandaSet) loses
-as
-little on panes as the VLP-32C, whose value is the default.
+the receiver (``measured_faintest`` of a sensor; `FAINTEST` if not measured). An HDL-64E reduces its
+laser power on bright targets, in eight steps, and drops what is below a fixed noise floor (User
+Manual 63-HDL64ES3, Laser Output Power, Noise Level Adjustment); a VLP-32C still sees black cars
+with code 0. With a threshold for each, one population of paint and glass explains the losses of
+both on real cars. Two VLP-16 at a roadside (LUMPI) see as little of panes as the HDL-64E. A
+Pandar64 (PandaSet) loses as little on panes as the VLP-32C, whose value is the default.
 """
 
 from __future__ import annotations

@@ -6,16 +6,12 @@ Three densities, averaged over time, in points per second and square metre:
 - **lying**: returns of a horizontal diffuse surface `LEVEL_M` above the ground: a bonnet, a roof, a
   load.
 - **facing**: returns of a diffuse surface there that faces the sensor: a car's side, a person. It
-  is the
-  mean over a band of `BAND_M` about `LEVEL_M`, estimated from the path length of the rays within
-  (the
-  track-length estimator of particle transport: Lux and Koblinger 1991, "Monte Carlo Particle
-  Transport
-  Methods", CRC Press), so that it holds for horizontal beams too.
+  is the mean over a band of `BAND_M` about `LEVEL_M`, estimated from the path length of the rays
+  within (the track-length estimator of particle transport: Lux and Koblinger 1991, "Monte Carlo
+  Particle Transport Methods", CRC Press), so that it holds for horizontal beams too.
 
 Ground returns are those of `expected_points`. The two surfaces are hypothetical; beams pass panes
-of
-glass on the way, and the first pane attenuates the return of a lying one. A ray counts with its
+of glass on the way, and the first pane attenuates the return of a lying one. A ray counts with its
 probability of a return by the sensor's model, with effects and weather. There are no actors.
 """
 
@@ -86,10 +82,8 @@ class Coverage:
 
         Returns:
             ``street_m2`` (area of the grid's streets) and, for each density, ``m2_from_N``: area of
-            streets
-            with at least N points per square metre and frame, ``m2_from_2_sensors``: with at least
-            one from
-            each of two sensors, and ``most``: the densest cell.
+            streets with at least N points per square metre and frame, ``m2_from_2_sensors``: with
+            at least one from each of two sensors, and ``most``: the densest cell.
         """
         cells = self.cells
         street = np.isin(cells.semantic, [semantic_id(name) for name in _STREET])

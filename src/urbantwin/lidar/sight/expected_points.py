@@ -1,10 +1,8 @@
 """Expected number of points of a sensor on the static world and on actors.
 
 A beam has its footprint, passes panes of glass, and returns with the probability of the sensor's
-model
-(`lidar.echoes`): the distribution from which `urbantwin record` draws. Sensors do not influence
-each
-other, so the points of a rig are the sum over its sensors.
+model (`lidar.echoes`): the distribution from which `urbantwin record` draws. Sensors do not
+influence each other, so the points of a rig are the sum over its sensors.
 """
 
 from __future__ import annotations
@@ -61,8 +59,7 @@ class ActorPoints(NamedTuple):
         points: (A,) float64, expected points.
         alone: (A,) float64, expected points without occlusion.
         blocker: (A,) int64, the object that hides most: index of an actor, or -1 less a semantic
-            class;
-            `NOBODY` for none.
+            class; `NOBODY` for none.
         taken: (A,) float64, number of points that it hides.
     """
 

@@ -30,8 +30,7 @@ class FieldOfView:
     """The elevations between the lowest and the highest beam, by sector of azimuth.
 
     Directions are unit vectors in the sensor frame (x forward, y left, z up). Sectors without a
-    working beam
-    are outside.
+    working beam are outside.
 
     Args:
         beams: (N, 3) working beams.
@@ -42,8 +41,7 @@ class FieldOfView:
     Attributes:
         range_m: minimum and maximum range, metres.
         all_around: lowest and highest elevation seen in every direction, radians; the first is
-            above the
-            second if a sector is empty.
+            above the second if a sector is empty.
         sample: (S, 3) some of the beams, evenly spread.
         per_steradian: mean number of beams per steradian of the field.
     """

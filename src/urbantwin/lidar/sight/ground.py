@@ -36,8 +36,7 @@ class JunctionGround:
 
     Attributes:
         points: (M, 3) centre of each square, `LEVEL_M` above the road, at the height of a car's or
-            person's
-            body. Site frame, metres.
+            person's body. Site frame, metres.
         middle: (2,) centre of the junction.
     """
 
@@ -122,8 +121,7 @@ def pole_places(
     """Return positions for a pole around the centre of a junction.
 
     At the side of a sidewalk or on open ground, beside a carriageway, not under a deck and not in
-    water;
-    buildings and trees are ignored.
+    water; buildings and trees are ignored.
 
     Args:
         network: the lanes.

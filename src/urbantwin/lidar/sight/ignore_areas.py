@@ -6,8 +6,7 @@ Reasons:
 - ``outside`` of the region of the twin: its traffic ends there.
 - ``far``: beyond the range of every sensor.
 - ``unseen``: a surface that faces the sensor would get less than `LEAST_POINTS` points per square
-  metre
-  and frame, as behind buildings (`coverage`, "facing").
+  metre and frame, as behind buildings (`coverage`, "facing").
 """
 
 from __future__ import annotations
@@ -59,8 +58,7 @@ def ignore_areas(
     """Return the areas where labels do not count, one for each reason that occurs.
 
     Areas of different reasons do not overlap. A rig on an actor sees every place at some time: it
-    has
-    ``outside`` only.
+    has ``outside`` only.
 
     Args:
         rig: the sensors.

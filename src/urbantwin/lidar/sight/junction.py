@@ -225,8 +225,7 @@ def _lit(
     """Return the visible share of the ground, weighted down where points would be sparse.
 
     The density of points on level ground is ``per_steradian`` h / r^3, with h the height above it
-    and r the
-    range. Squares with less than one point per square metre count proportionally.
+    and r the range. Squares with less than one point per square metre count proportionally.
     """
     if not len(ground.points):
         return 0.0

@@ -89,8 +89,7 @@ def stand_in_sight(
     """Return a rig with final positions of all sensors.
 
     A sensor whose position is ``proposed`` stays unless it sees clearly more from elsewhere, is
-    close to an
-    object, or cannot be there.
+    close to an object, or cannot be there.
 
     Args:
         spec: the rig as written.

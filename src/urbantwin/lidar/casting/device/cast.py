@@ -138,8 +138,8 @@ def cast_axes(
 ) -> None:
     """Cast the axes of beams: range and face (R,), -1 without a hit and -2 without a ray.
 
-    ``tally`` is 0 (for the number of layers), then how many axes met each actor (A,), then the
-    sums of the times (A,) at which they did, picoseconds.
+    ``tally`` is 0 (for the number of layers), then how many axes met each actor (A,), then the sums
+    of the times (A,) at which they did, picoseconds.
     """
     at = wp.tid()
     ray = blocks.ray[at]
