@@ -222,7 +222,8 @@ class Sensor:
         """Value of real units, else ``beam_divergence_deg``, else 0.18 by 0.09 degrees.
 
         The default is the VLS-128's, the only 905 nm sensor in the catalogue with a published
-        divergence. With infinitely thin rays, thin objects get too few points (`docs/returns.md`).
+        divergence. With infinitely thin rays, thin objects get too few points
+        (`docs/method/returns.md`).
         """
         published = self.beam_divergence_deg or _ASSUMED_DIVERGENCE_DEG
         return self.measured_divergence_deg or published

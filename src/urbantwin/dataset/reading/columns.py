@@ -52,7 +52,8 @@ _TRUE_AND_REPORTED = {f"{kind}_{name}": "float64" for kind in ("true", "reported
 #: One row per frame and box, in the frame of the points. The actor is in its box ``observed_s``
 #: after the time of the frame, when the rays hit it. ``occlusion`` and ``visibility`` are null for
 #: an actor that no ray reaches even without occlusion; one of ``difficulty`` and ``ignored`` is
-#: null (``docs/labels.md``). ``towed_by`` is the track of the towing actor, null for most.
+#: null (``docs/reference/labels.md``). ``towed_by`` is the track of the towing actor, null for
+#: most.
 BOXES = {
     "frame": "string",
     "time_s": "float64",

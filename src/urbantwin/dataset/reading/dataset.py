@@ -69,7 +69,7 @@ class Dataset(Frames):
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """``boxes.parquet``: one row per frame and box; see docs/labels.md for its columns."""
+        """``boxes.parquet``: one row per frame and box; columns in docs/reference/labels.md."""
         self.check_single()
         return read_table(self.folder / "boxes.parquet")
 

@@ -259,7 +259,7 @@ class Fleet(Sequence[FleetFrame]):
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """``boxes.parquet``: one row per frame and actor, in the site; see docs/nodes.md."""
+        """``boxes.parquet``: one row per frame and actor, in the site; see docs/howto/nodes.md."""
         return read_table(self.folder / "boxes.parquet", FLEET_BOXES)
 
     @cached_property

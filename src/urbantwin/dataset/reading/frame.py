@@ -245,7 +245,7 @@ class Frame:
         A point moves rigidly with its actor, from the actor's pose when the point was measured to
         its box in the next frame; the static world does not move. ``nan`` where unknown: points
         beside actors (class ``outlier``), on an actor that is not in the next frame, and all points
-        of the last frame. See docs/sequences.md.
+        of the last frame. See docs/reference/labels.md.
 
         Args:
             ego: include the sensor's own motion: the flow is from a point's coordinates in this

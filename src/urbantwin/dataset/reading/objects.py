@@ -50,7 +50,7 @@ class LabelledObjects:
             occlusion.
         truncation: (B,) 0..1.
         difficulty: (B,) ``easy``, ``moderate``, ``hard``; empty if the box does not count.
-        ignored: (B,) why a box does not count (docs/labels.md); empty if it does.
+        ignored: (B,) why a box does not count (docs/reference/labels.md); empty if it does.
         observed_s: (B,) time of the box, seconds relative to the frame's.
         parked: (B,) whether the actor is a parked vehicle.
         towed_by: (B,) track of the towing actor, -1 for none.

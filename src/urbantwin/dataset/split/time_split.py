@@ -91,7 +91,7 @@ class Split:
         moments: (T,) of all frames, as from `moments_of`.
         parts: indices of the moments of each part.
         cut: the same before thinning.
-        told: description that all datasets share; see docs/splits.md.
+        told: description that all datasets share; see docs/howto/datasets.md.
     """
 
     moments: NDArray[np.int64]
