@@ -19,7 +19,7 @@ from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.roads.argoverse import anchor_of
 from urbantwin.roads.argoverse.read import translate
 from urbantwin.roads.imported import is_map_of_roads, read_map
-from urbantwin.roads.marking.zebra import zebra_of_area
+from urbantwin.roads.marking.paint import zebra_of_area
 
 from ..real_files import argoverse_map
 from ..thorough import further

@@ -3,7 +3,7 @@
 import pytest
 
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
+from urbantwin.roads.opendrive.writing.write import as_right_hand_traffic
 
 #: Signals beyond the junction and mph; left-hand traffic, signals before and beyond; the near side.
 PLACES = ("quad_intersection", "perth_stretched_lights", "neukolln")

@@ -10,7 +10,7 @@ from lxml import etree
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import RoadSignal, SignalController
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.roads.opendrive.writing.carla_stages import _stages
+from urbantwin.roads.opendrive.writing.write import _stages
 
 
 def head(number, *links, road=1, kind="1000001"):

@@ -7,8 +7,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from urbantwin.roads.cross_section import cross_section, reinterpreted
+from urbantwin.roads.cross_section.from_tags import speed_of
 from urbantwin.roads.cross_section.lane_tags import count, metres
-from urbantwin.roads.cross_section.speed import speed_of
 
 MPH = 1609.344 / 3600
 

@@ -9,10 +9,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from urbantwin.roads.imported.crop import cropped, main_part
-from urbantwin.roads.imported.road_cut import part_of_road, with_border
-from urbantwin.roads.main_component import Part, main_component
+from urbantwin.roads.imported.crop import cropped, main_part, part_of_road, with_border
 from urbantwin.roads.model import LaneModel, Profile, RoadLink, splined
+from urbantwin.roads.region_pieces import Part, main_component
 
 from . import lane_town
 from .tee import EAST, FAR, JUNCTION, MOUTH, SOUTH, WEST, tee

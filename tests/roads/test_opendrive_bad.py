@@ -7,7 +7,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.model.consistency import check_model
+from urbantwin.roads.model.model import check_model
 from urbantwin.roads.opendrive import placed, read_opendrive
 
 LINE = '<geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry>'

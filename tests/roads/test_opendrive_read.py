@@ -13,9 +13,9 @@ from scipy.special import fresnel
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import Curve
-from urbantwin.roads.model.consistency import check_model
+from urbantwin.roads.model.model import check_model
 from urbantwin.roads.opendrive import placed, read_opendrive, write_opendrive
-from urbantwin.roads.opendrive.reading.clothoid import polynomial_pieces, spiral_pieces
+from urbantwin.roads.opendrive.reading.plan_view import polynomial_pieces, spiral_pieces
 from urbantwin.roads.signals import pose_of
 
 HERE = SiteFrame(48.7, 9.18)

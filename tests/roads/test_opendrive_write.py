@@ -11,7 +11,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, Profile
 from urbantwin.roads.opendrive import read_opendrive, write_opendrive
-from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
+from urbantwin.roads.opendrive.writing.write import as_right_hand_traffic
 
 HERE = SiteFrame(48.7, 9.18)
 FORMS = [("right", "1.8"), ("right", "1.4"), ("left", "1.8"), ("left", "1.4")]

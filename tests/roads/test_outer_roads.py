@@ -15,7 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
 from urbantwin.roads.loop import close_loop
-from urbantwin.roads.loop.exit_matching import match_exits
+from urbantwin.roads.loop.ring_road import match_exits
 from urbantwin.site import read_extract
 
 from ..thorough import further

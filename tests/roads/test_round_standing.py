@@ -7,7 +7,7 @@ import shapely
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
-from urbantwin.roads.standing import standing_on_ground
+from urbantwin.roads.round_standing import standing_on_ground
 from urbantwin.site.sketch import read_sketch
 from urbantwin.taxonomy import semantic_classes
 

@@ -7,7 +7,7 @@ import shapely
 from shapely import LineString, Polygon, box
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SiteFrame
-from urbantwin.roads.passage import ROAD_CLEARANCE_M
+from urbantwin.roads.building_ground import ROAD_CLEARANCE_M
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.building_height import building_rise
 from urbantwin.site.extract import OsmFeature

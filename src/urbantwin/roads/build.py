@@ -47,11 +47,12 @@ from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.model.lane_marks import without_lines
+from urbantwin.roads.model.road import without_lines
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import Lane, RoadNetwork
 from urbantwin.roads.rails import add_rails, with_trams
 from urbantwin.roads.region_pieces import region_pieces
+from urbantwin.roads.round_standing import islands, warnings_of_ways
 from urbantwin.roads.side_lanes import (
     CurbMove,
     add_side_lanes,
@@ -69,7 +70,6 @@ from urbantwin.roads.signals.pole_sites import FreeGround
 from urbantwin.roads.signals.programs import set_programs
 from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
-from urbantwin.roads.standing import islands, warnings_of_ways
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network

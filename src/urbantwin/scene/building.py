@@ -14,7 +14,7 @@ from shapely import Geometry, LineString, Polygon
 from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
-from urbantwin.roads.passage import ROAD_CLEARANCE_M, Passage, passages_of
+from urbantwin.roads.building_ground import ROAD_CLEARANCE_M, Passage, passages_of
 from urbantwin.scene.building_outline import (
     MappedBuilding,
     building_footprints,

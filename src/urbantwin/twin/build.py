@@ -24,8 +24,8 @@ from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.no_roads import no_roads
+from urbantwin.roads.round_standing import standing_on_ground
 from urbantwin.roads.signals import heads_of
-from urbantwin.roads.standing import standing_on_ground
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
 from urbantwin.scene.preview import ScenePreview, preview_of_scene

@@ -1,6 +1,6 @@
 """Vector maps of Argoverse 2, read as a lane model."""
 
-from urbantwin.roads.argoverse.cities import anchor_of, is_placed
+from urbantwin.roads.argoverse.file import anchor_of, is_placed
 from urbantwin.roads.argoverse.read import drivable_area, is_argoverse, read_argoverse
 
 __all__ = ["anchor_of", "drivable_area", "is_argoverse", "is_placed", "read_argoverse"]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame, area_union, areas_of
-from urbantwin.roads.argoverse.cities import city_of, lonlat_of
-from urbantwin.roads.argoverse.file import MapFile, is_argoverse, read_file
+from urbantwin.roads.argoverse.file import MapFile, city_of, is_argoverse, lonlat_of, read_file
 from urbantwin.roads.lanelet2.document import Document, Node, Relation, Way
 from urbantwin.roads.lanelet2.read import Translation, translated
 from urbantwin.roads.model import LaneModel

@@ -1,16 +1,15 @@
 """Cross sections of roads: lanes from a way's tags, and how netconvert is given them."""
 
-from urbantwin.roads.cross_section.from_tags import cross_section
+from urbantwin.roads.cross_section.from_tags import cross_section, reinterpreted
 from urbantwin.roads.cross_section.netconvert_input import MappedSegment, PreparedWays, prepare_ways
-from urbantwin.roads.cross_section.reinterpreted import reinterpreted
 from urbantwin.roads.cross_section.section import (
     CarriagewayLane,
     CrossSection,
     Parking,
     Roadside,
 )
-from urbantwin.roads.cross_section.signed_turns import SignedTurns
 from urbantwin.roads.cross_section.sumo_edges import write_sumo_edges
+from urbantwin.roads.cross_section.turn_lanes import SignedTurns
 
 __all__ = [
     "CarriagewayLane",

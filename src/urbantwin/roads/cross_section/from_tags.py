@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
 from urbantwin.roads.cross_section.cycleway import Cycleway, Cycleways, cycleways
 from urbantwin.roads.cross_section.defaults import Standard, standard_of
-from urbantwin.roads.cross_section.direction import (
+from urbantwin.roads.cross_section.lane_tags import (
     CLOSED,
     RESERVED,
     DirectionTags,
+    count,
     direction_tags,
+    lane_list,
+    metres,
     one_way,
 )
-from urbantwin.roads.cross_section.lane_tags import count, metres
-from urbantwin.roads.cross_section.placement import middle_of_road
+from urbantwin.roads.cross_section.layout import middle_of_road
 from urbantwin.roads.cross_section.roadside import parking, roadside
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
-from urbantwin.roads.cross_section.speed import speed_limit, speed_of
 from urbantwin.site.access import CYCLE_TRACK, Permission, permission_of
 
-__all__ = ["cross_section"]
+__all__ = ["cross_section", "reinterpreted"]
 
 #: Widths that lanes of motor traffic can have, metres; a width of the whole road that would give
 #: others is taken for something else.
@@ -39,6 +41,42 @@ ARROWS = frozenset(
     "left slight_left sharp_left through right slight_right sharp_right reverse merge_to_left "
     "merge_to_right".split()
 )
+KM_H, MPH, KNOT = 1 / 3.6, 0.44704, 0.514444
+#: Walking pace (Germany, StVO section 42 with sign 325.1: 4 to 7 km/h).
+WALK = 7 * KM_H
+#: Where there is no limit, people drive the advisory speed (Germany: 130 km/h).
+UNLIMITED = 130 * KM_H
+#: Speeds of the law in km/h: urban, rural, divided rural or trunk, motorway, living street.
+#: Source: OSM wiki, "Default speed limits" (the countries' road traffic acts).
+LAW: dict[str, tuple[float, float, float, float, float]] = {
+    "AT": (50, 100, 100, 130, 7), "AU": (50, 100, 100, 110, 10), "BE": (50, 70, 90, 120, 20),
+    "BR": (60, 80, 100, 110, 20), "CA": (50, 80, 90, 100, 20), "CH": (50, 80, 100, 120, 20),
+    "CN": (50, 70, 100, 120, 20), "CZ": (50, 90, 110, 130, 20), "DE": (50, 100, 130, 130, 7),
+    "DK": (50, 80, 80, 130, 15), "EE": (50, 90, 90, 110, 20), "ES": (50, 90, 90, 120, 20),
+    "FI": (50, 80, 100, 120, 20), "FR": (50, 80, 110, 130, 20), "GR": (50, 90, 110, 130, 20),
+    "HR": (50, 90, 110, 130, 20), "HU": (50, 90, 110, 130, 20), "IE": (50, 80, 100, 120, 20),
+    "IN": (50, 70, 80, 100, 20), "IT": (50, 90, 110, 130, 20), "JP": (40, 60, 60, 100, 20),
+    "KR": (50, 80, 90, 100, 20), "LT": (50, 90, 90, 130, 20), "LU": (50, 90, 90, 130, 20),
+    "LV": (50, 90, 90, 110, 20), "NL": (50, 80, 100, 100, 15), "NO": (50, 80, 80, 100, 15),
+    "NZ": (50, 100, 100, 100, 10), "PL": (50, 90, 100, 140, 20), "PT": (50, 90, 100, 120, 20),
+    "RO": (50, 90, 100, 130, 20), "RS": (50, 80, 100, 130, 10), "RU": (60, 90, 90, 110, 20),
+    "SE": (50, 70, 90, 110, 7), "SG": (50, 60, 70, 90, 20), "SI": (50, 90, 110, 130, 10),
+    "SK": (50, 90, 90, 130, 20), "TR": (50, 90, 110, 120, 20), "TW": (50, 60, 80, 100, 20),
+    "UA": (50, 90, 110, 130, 20), "ZA": (60, 100, 100, 120, 20),
+}  # fmt: skip
+LAW_MPH: dict[str, tuple[float, float, float, float, float]] = {
+    "GB": (30, 60, 70, 70, 20), "US": (30, 55, 55, 65, 15),
+}  # fmt: skip
+ELSEWHERE = (50.0, 80.0, 100.0, 120.0, 20.0)
+CONTEXTS = {
+    "urban": 0, "rural": 1, "nsl_single": 1, "nsl": 1, "nsl_restricted": 0, "trunk": 2,
+    "nsl_dual": 2, "express": 2, "expressway": 2, "motorroad": 2, "motorway": 3,
+    "living_street": 4, "pedestrian_zone": 4,
+}  # fmt: skip
+NUMBER = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?")
+ZONE = re.compile(r"zone:?\s*(\d+)|^(\d+)$")
+#: Values of ``oneway`` that are read as they are meant.
+_KNOWN = frozenset({"yes", "true", "1", "-1", "reverse", "no", "false", "0"})
 
 
 def cross_section(
@@ -285,3 +323,151 @@ def _carriageway(tags: Mapping[str, str]) -> float | None:
     """Return the mapped width from curb to curb, metres."""
     narrow = metres(tags.get("width:carriageway"))
     return narrow or metres(tags.get("width")) or metres(tags.get("est_width"))
+
+
+def speed_of(value: str, country: str = "") -> float | None:
+    """Return a value of ``maxspeed`` in m/s.
+
+    Args:
+        value: such as ``50``, ``20 mph``, ``walk``, ``none``, ``DE:urban``, ``DE:zone30``.
+        country: whose law applies to a value that names none.
+
+    Returns:
+        m/s; ``None`` where the value states no number, as ``signals`` and ``variable`` do.
+    """
+    # Of several values (``50;30``) the lowest is safe.
+    if ";" in value:
+        found = [speed_of(part, country) for part in value.split(";")]
+        return min((speed for speed in found if speed is not None), default=None)
+    text = value.strip()
+    plain = NUMBER.fullmatch(text.lower())
+    if plain:
+        unit = {"mph": MPH, "knots": KNOT}.get(plain[2] or "", KM_H)
+        speed = float(plain[1]) * unit
+        return speed if 0.2 < speed < 100.0 else None
+    if text.lower() == "walk":
+        return WALK
+    if text.lower() in ("none", "no", "unlimited"):
+        return UNLIMITED
+    code, _, context = text.partition(":")
+    if not context:
+        code, context = country, text
+    code = {"UK": "GB"}.get(code.upper()[:2], code.upper()[:2])
+    zone = ZONE.search(context)
+    if zone:
+        speed = float(zone[1] or zone[2]) * (MPH if code in LAW_MPH else KM_H)
+        return speed if 0.0 < speed < 100.0 else None
+    known = CONTEXTS.get(context.removeprefix("zone:"))
+    return None if known is None else _law(code)[known]
+
+
+def speed_limit(tags: Mapping[str, str], direction: str, country: str) -> float:
+    """Return the limit of one direction of a way, m/s.
+
+    Args:
+        tags: the way's tags.
+        direction: ``forward`` or ``backward``.
+        country: ISO 3166-1 alpha-2, for the law where nothing is mapped.
+    """
+    for key in (
+        f"maxspeed:{direction}",
+        "maxspeed",
+        "zone:maxspeed",
+        f"maxspeed:type:{direction}",
+        "maxspeed:type",
+        "source:maxspeed",
+        "zone:traffic",
+    ):
+        speed = speed_of(tags[key], country) if key in tags else None
+        if speed is not None:
+            return speed
+    return default_speed(tags.get("highway", ""), country)
+
+
+def default_speed(highway: str, country: str) -> float:
+    """Return the law's limit of a class of road within a town, m/s."""
+    urban, _, trunk, motorway, living = _law(country)
+    if highway == "motorway":
+        return motorway
+    if highway == "living_street":
+        return living
+    if highway in ("trunk", "motorway_link"):
+        return min(trunk, 80 * KM_H)
+    return urban
+
+
+def _law(country: str) -> tuple[float, ...]:
+    if country in LAW_MPH:
+        return tuple(speed * MPH for speed in LAW_MPH[country])
+    return tuple(speed * KM_H for speed in LAW.get(country, ELSEWHERE))
+
+
+def reinterpreted(tags: Mapping[str, str], section: CrossSection) -> list[str]:
+    """Return what of a way's tags its cross section leaves out or takes otherwise, each in words.
+
+    Args:
+        tags: the way's tags.
+        section: what was made of them.
+    """
+    return [*_direction(tags, section), *_counts(tags), *_lists(tags, section)]
+
+
+def _direction(tags: Mapping[str, str], section: CrossSection) -> list[str]:
+    found = []
+    oneway = tags.get("oneway", "no")
+    if oneway == "reversible":
+        found.append("oneway=reversible: traffic runs as the way is drawn")
+    elif oneway == "alternating" and not section.one_lane:
+        found.append("oneway=alternating: each direction has its lane, and nobody waits")
+    elif oneway not in (*_KNOWN, "alternating"):
+        found.append(f"oneway={oneway:.20}: taken for no")
+    if any(lane.both_ways for lane in section.forward):
+        found.append("a lane for both directions: a turning lane of the way's own direction")
+    way = one_way(tags)
+    against = section.lanes(forward=way == "backward")
+    if way == "both" or any("bicycle" in lane.allowed for lane in against):
+        return found
+    opposite = {key: value for key, value in tags.items() if key.startswith("cycleway")}
+    told = [f"{key}={value}" for key, value in opposite.items() if value.startswith("opposite")]
+    if tags.get("oneway:bicycle") in ("no", "-1"):
+        told.insert(0, f"oneway:bicycle={tags['oneway:bicycle']}")
+    if told:
+        found.append(f"{told[0]:.40}: bicycles ride with the traffic only")
+    return found
+
+
+def _counts(tags: Mapping[str, str]) -> list[str]:
+    """Return the total of lanes where the parts that are mapped make another one."""
+    total = count(tags.get("lanes"))
+    parts = [count(tags.get(f"lanes:{name}")) for name in ("forward", "backward")]
+    known = [number for number in parts if number is not None]
+    if total is None or not known:
+        return []
+    made = sum(known) + (count(tags.get("lanes:both_ways")) or 0)
+    whole = len(known) == 2 or one_way(tags) != "both"
+    if "turn:lanes:both_ways" in tags and "lanes:both_ways" not in tags:
+        made += 1
+    if made == total or (made < total and not whole):
+        return []
+    told = " and ".join(
+        f"lanes:{name}={number}"
+        for name, number in zip(("forward", "backward"), parts, strict=True)
+        if number is not None
+    )
+    return [f"lanes={total}, but {told}: the parts are taken"]
+
+
+def _lists(tags: Mapping[str, str], section: CrossSection) -> list[str]:
+    """Return the lists of turns that have another number of values than there are lanes."""
+    found = []
+    way = one_way(tags)
+    for direction in ("forward", "backward") if way == "both" else (way,):
+        lanes = section.lanes(forward=direction == "forward")
+        listed = [lane for lane in lanes if lane.listed]
+        counts = {len(listed), sum(lane.kind != "bicycle" for lane in listed)}
+        for suffix in (direction, "") if way != "both" else (direction,):
+            values = lane_list(tags, "turn:lanes", suffix)
+            if values is not None and len(values) not in counts:
+                key = f"turn:lanes:{suffix}" if suffix else "turn:lanes"
+                found.append(f"{key} of {len(values)} values for {len(listed)} lanes: not used")
+    return found

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from urbantwin.roads.cross_section.defaults import standard_of
-from urbantwin.roads.cross_section.direction import DirectionTags, direction_tags, one_way
 from urbantwin.roads.cross_section.from_tags import cross_section
-from urbantwin.roads.cross_section.lane_tags import metres
-from urbantwin.roads.cross_section.placement import MIDDLE
+from urbantwin.roads.cross_section.lane_tags import DirectionTags, direction_tags, metres, one_way
+from urbantwin.roads.cross_section.layout import MIDDLE
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 
 __all__ = ["ImpossibleLaneError", "Street", "with_lane", "without_lane"]

@@ -3,9 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-__all__ = ["count", "lane_list", "metres"]
+from urbantwin.roads.cross_section.defaults import default_lanes
+from urbantwin.site.access import permission_of
+
+__all__ = [
+    "CLOSED",
+    "RESERVED",
+    "DirectionTags",
+    "count",
+    "direction_tags",
+    "lane_list",
+    "metres",
+    "one_way",
+]
 
 #: Metres of a unit (OSM wiki, "Map features/Units"; metres where none is given).
 UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "ft": 0.3048, "'": 0.3048, "in": 0.0254, '"': 0.0254}
@@ -13,6 +27,44 @@ LENGTH = re.compile(r"^\s*(\d+(?:[.,]\d+)?)\s*(m|cm|ft|in|'|\")?\s*$")
 FEET_AND_INCHES = re.compile(r"^\s*(\d+)\s*'\s*(\d+(?:\.\d+)?)\s*\"?\s*$")
 #: Longest length and largest count that a road can have; larger values are mapping errors.
 LONGEST_M, MOST = 100.0, 12
+#: Tags with one value for each lane, the more reliable first.
+LISTS = (
+    "turn:lanes",
+    "bus:lanes",
+    "psv:lanes",
+    "bicycle:lanes",
+    "vehicle:lanes",
+    "motor_vehicle:lanes",
+    "access:lanes",
+    "width:lanes",
+    "maxspeed:lanes",
+    "motorcycle:lanes",
+    "hgv:lanes",
+    "change:lanes",
+)
+CLOSED = frozenset({"no", "private"})
+RESERVED = frozenset({"designated", "official", "lane"})
+
+
+@dataclass(frozen=True)
+class DirectionTags:
+    """What the tags say of the lanes of one direction.
+
+    Attributes:
+        slots: how many lanes they count, cycle lanes between motor lanes included.
+        motor: how many of these are for motor traffic.
+        lists: tag -> one value for each slot, left to right in the direction of travel.
+        buses: how many lanes at the curb are for buses, where no list says which.
+    """
+
+    slots: int
+    motor: int
+    lists: Mapping[str, Sequence[str]]
+    buses: int = 0
+
+    def value(self, key: str, slot: int) -> str:
+        """Return a lane's value of a tag; empty where it has none."""
+        return self.lists[key][slot] if key in self.lists else ""
 
 
 def metres(text: str | None) -> float | None:
@@ -49,3 +101,200 @@ def lane_list(tags: Mapping[str, str], key: str, direction: str = "") -> list[st
     """
     text = tags.get(f"{key}:{direction}" if direction else key)
     return None if text is None else [value.strip() for value in text.split("|")]
+
+
+def one_way(tags: Mapping[str, str]) -> str:
+    """Return ``forward``, ``backward`` or ``both`` (OSM wiki, "Key:oneway").
+
+    Reversible roads are taken as they are drawn: they carry one direction at a time.
+    """
+    value = tags.get("oneway", "")
+    if value in ("yes", "true", "1", "reversible"):
+        return "forward"
+    if value in ("-1", "reverse"):
+        return "backward"
+    if value in ("no", "false", "0", "alternating"):
+        return "both"
+    implied = tags.get("junction") in ("roundabout", "circular")
+    return "forward" if implied or tags.get("highway") in ("motorway", "motorway_link") else "both"
+
+
+def direction_tags(
+    tags: Mapping[str, str], driving_side: str
+) -> tuple[DirectionTags | None, DirectionTags | None, int]:
+    """Return the forward lanes, the backward lanes and the number of lanes shared by both."""
+    way = one_way(tags)
+    if way == "both":
+        return _two_way(tags, driving_side)
+    total = count(tags.get("lanes"))
+    against = "backward" if way == "forward" else "forward"
+    contraflow = _contraflow_buses(tags, against)
+    wanted = count(tags.get(f"lanes:{way}"))
+    if wanted is None and total is not None:
+        wanted = max(1, total - contraflow)
+    lists = _lists(tags, way) or _lists(tags, "")
+    main = _fitted(tags, way, wanted, lists, ("left", "right"))
+    main = _with_lanes_for_cars(main, tags, way, driving_side)
+    other = DirectionTags(contraflow, contraflow, {}, contraflow) if contraflow else None
+    return (main, other, 0) if way == "forward" else (other, main, 0)
+
+
+def _two_way(
+    tags: Mapping[str, str], driving_side: str
+) -> tuple[DirectionTags, DirectionTags, int]:
+    total = count(tags.get("lanes"))
+    shared = count(tags.get("lanes:both_ways")) or int(_has_turning_lane(tags))
+    lists = {name: _lists(tags, name) for name in ("forward", "backward")}
+    wanted = {name: count(tags.get(f"lanes:{name}")) for name in lists}
+    for name, values in lists.items():
+        if wanted[name] is None and values:
+            slots = len(next(iter(values.values())))
+            wanted[name] = max(1, slots - len(_cycle_slots(values, slots)))
+    if total is not None:
+        rest = total - shared
+        for name, other in (("forward", "backward"), ("backward", "forward")):
+            known = wanted[other]
+            if wanted[name] is None and known is not None:
+                wanted[name] = max(1, rest - known)
+        if wanted["forward"] is None:
+            # Of an odd number the direction that the way is drawn in has one more.
+            wanted["forward"] = max(1, (rest + 1) // 2)
+            wanted["backward"] = max(1, rest // 2)
+    _share_whole_lists(tags, lists, wanted, driving_side)
+    other_side = "left" if driving_side == "right" else "right"
+    sides = {"forward": (driving_side,), "backward": (other_side,)}
+    forward, backward = (
+        _with_lanes_for_cars(_fitted(tags, n, wanted[n], lists[n], sides[n]), tags, n, driving_side)
+        for n in lists
+    )
+    return forward, backward, shared
+
+
+def _has_turning_lane(tags: Mapping[str, str]) -> bool:
+    """Whether tags other than its count say that a lane for both directions lies in the middle."""
+    return "turn:lanes:both_ways" in tags or tags.get("centre_turn_lane") == "yes"
+
+
+def _with_lanes_for_cars(
+    found: DirectionTags, tags: Mapping[str, str], name: str, driving_side: str
+) -> DirectionTags:
+    """Return a direction whose bus lanes come on top where they would leave none for cars.
+
+    A street that is open to cars has a lane for them: ``lanes`` does not count its bus lanes.
+    """
+    listed = {"bus:lanes", "psv:lanes"} & found.lists.keys()
+    cars = permission_of(tags, walkers_on_lanes=False, direction=name).cars
+    if found.buses < found.motor or listed or not cars:
+        return found
+    more = [""] * found.buses
+    lists = {
+        key: [*row, *more] if driving_side == "right" else [*more, *row]
+        for key, row in found.lists.items()
+    }
+    return DirectionTags(found.slots + found.buses, found.motor + found.buses, lists, found.buses)
+
+
+def _lists(tags: Mapping[str, str], direction: str) -> dict[str, list[str]]:
+    """Return the lists of a direction that agree on the number of lanes."""
+    found = {key: values for key in LISTS if (values := lane_list(tags, key, direction))}
+    if not found:
+        return {}
+    lengths = Counter(len(values) for values in found.values())
+    first = len(next(iter(found.values())))
+    length = max(lengths, key=lambda n: (lengths[n], n == first))
+    return {key: values for key, values in found.items() if len(values) == length}
+
+
+def _share_whole_lists(
+    tags: Mapping[str, str],
+    lists: dict[str, dict[str, list[str]]],
+    wanted: Mapping[str, int | None],
+    driving_side: str,
+) -> None:
+    """Give both directions their part of lists without a direction.
+
+    Such a list counts all lanes of the road from the left, as seen along the way; one that counts
+    only as many as run forward is taken for these.
+    """
+    whole = _lists(tags, "")
+    forward, backward = wanted["forward"], wanted["backward"]
+    for key, values in whole.items():
+        ahead = forward if forward is not None else len(values)
+        if len(values) == ahead:
+            lists["forward"].setdefault(key, values)
+        elif backward is not None and len(values) == ahead + backward:
+            first, last = (backward, ahead) if driving_side == "right" else (ahead, backward)
+            left, right = values[:first], values[first : first + last]
+            mine, theirs = (right, left) if driving_side == "right" else (left, right)
+            lists["forward"].setdefault(key, mine)
+            if key != "turn:lanes":
+                lists["backward"].setdefault(key, theirs[::-1])
+
+
+def _fitted(
+    tags: Mapping[str, str],
+    name: str,
+    wanted: int | None,
+    lists: Mapping[str, list[str]],
+    sides: tuple[str, ...],
+) -> DirectionTags:
+    """Decide how many lanes a direction has; lists that do not fit are dropped.
+
+    ``sides``: the sides of the road at which it has its curb: both for a one-way road.
+    """
+    one = len(sides) == 2
+    slots = len(next(iter(lists.values()))) if lists else 0
+    cycles = len(_cycle_slots(lists, slots)) if slots else 0
+    if wanted is None:
+        wanted = slots - cycles or default_lanes(tags.get("highway", ""), one_way=one)
+    buses = _bus_lanes(tags, name, sides)
+    if lists and slots == wanted + cycles:
+        return DirectionTags(slots, wanted, lists, min(buses, wanted))
+    if lists and slots == wanted:
+        return DirectionTags(slots, slots - cycles, lists, min(buses, wanted))
+    kept = {key: values for key, values in lists.items() if len(values) == wanted}
+    return DirectionTags(wanted, wanted, kept, min(buses, wanted))
+
+
+def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
+    """Return which lanes of lists are for bicycles only."""
+    found = []
+    for k in range(slots):
+        values = {key: row[k] for key, row in lists.items() if k < len(row)}
+        closed = any(
+            values.get(key) in CLOSED
+            for key in ("vehicle:lanes", "motor_vehicle:lanes", "access:lanes")
+        )
+        buses = any(values.get(key) in RESERVED for key in ("bus:lanes", "psv:lanes"))
+        known = any(key in values for key in ("vehicle:lanes", "motor_vehicle:lanes"))
+        if values.get("bicycle:lanes") in RESERVED and not buses and (closed or not known):
+            found.append(k)
+    return found
+
+
+def _bus_lanes(tags: Mapping[str, str], name: str, sides: tuple[str, ...]) -> int:
+    """Return how many lanes of a direction are for buses, by counts and ``busway``."""
+    for key in ("lanes:bus", "lanes:psv"):
+        number = count(tags.get(f"{key}:{name}"))
+        if number is not None:
+            return number
+        number = count(tags.get(key))
+        if number is not None:
+            return number if len(sides) == 2 else number // 2
+    values = [tags.get("busway"), tags.get("busway:both")]
+    values += [tags.get(f"busway:{side}") for side in sides]
+    return int("lane" in values)
+
+
+def _contraflow_buses(tags: Mapping[str, str], against: str) -> int:
+    """Return how many bus lanes run against a one-way road."""
+    for key in ("lanes:bus", "lanes:psv"):
+        number = count(tags.get(f"{key}:{against}"))
+        if number:
+            return number
+    values = {tags.get(key) for key in ("busway", "busway:left", "busway:right")}
+    opens = "no" in (tags.get("oneway:bus"), tags.get("oneway:psv"))
+    listed = count(tags.get(f"lanes:{against}"))
+    if opens and listed:
+        return listed
+    return int("opposite_lane" in values)

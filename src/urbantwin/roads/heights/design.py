@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from urbantwin.roads.heights.design_limits import Limits
+from urbantwin.roads.heights.cross_fall import Limits
 from urbantwin.roads.heights.stations import Stations
 
 __all__ = ["Pins", "design_profiles", "profile_slopes", "smoothed"]

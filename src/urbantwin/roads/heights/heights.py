@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,25 +10,22 @@ from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
 from urbantwin.roads.grade_separation import Lift
-from urbantwin.roads.heights.connecting_roads import with_fitted_heights
 from urbantwin.roads.heights.cross_fall import (
     FINE_M,
     cross_falls,
+    limits_of,
     line_across,
     run_out,
     smooth_step,
 )
 from urbantwin.roads.heights.design import Pins, design_profiles, profile_slopes, smoothed
-from urbantwin.roads.heights.design_limits import limits_of
-from urbantwin.roads.heights.ground import RoadGround
-from urbantwin.roads.heights.junction_mouth import levels_at_ends
+from urbantwin.roads.heights.junction_mouth import Mouths, levels_at_ends
 from urbantwin.roads.heights.overlap import NO_OVERLAPS, Overlaps, find_overlaps
-from urbantwin.roads.heights.profiles import hermite_profiles
-from urbantwin.roads.heights.stations import SHARPEST, Stations, stations_of
+from urbantwin.roads.heights.stations import SHARPEST, RoadGround, Stations, stations_of
 from urbantwin.roads.heights.surface import Base, RoadSurface
-from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.model import LaneModel, ModelRoad, Profile
 
-__all__ = ["with_heights"]
+__all__ = ["hermite_profiles", "with_heights"]
 
 #: Spacing of the stations that streets are designed at, and of those that areas are drawn by, m.
 STEP_M, DENSE_M = 2.5, 1.0
@@ -45,6 +42,14 @@ EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
 SLOPE_REACH_M = 1.0
 #: Bank is smoothed over this length, metres.
 BANK_SMOOTHING_M = 2.0
+#: Decimals of metres, and of metres per metre, that are kept.
+DIGITS = 9
+#: Pieces that bend less than this are straight, 1/m.
+STRAIGHT = 1e-8
+#: Spacing of the knots, metres, and how much a way may turn from one to the next, radians.
+STEP_CONNECTING_M, TURN_CONNECTING = 2.5, 0.2
+#: Offsets across a lane that the surface is sampled at.
+SAMPLES_CONNECTING = 5
 
 
 def with_heights(
@@ -217,3 +222,92 @@ def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
     found = np.array([road.level > 0 for road in stations.roads])
     lift = base.lift_at(stations.pose[:, :2], 0)
     return found | (np.maximum.reduceat(lift, stations.first[:-1]) > 0.02)
+
+
+def hermite_profiles(
+    stations: Stations, value: NDArray[np.float64], slope: NDArray[np.float64]
+) -> list[Profile]:
+    """Return a profile a road, with the values (M,) and slopes (M,) at its stations.
+
+    Straight lines are one piece, however long.
+    """
+    # The solvers' rounding noise is removed.
+    value, slope = np.round(value, DIGITS) + 0.0, np.round(slope, DIGITS) + 0.0
+    inner = np.ones(len(value) - 1, bool)
+    inner[stations.edges()[1][:-1]] = False
+    step = np.where(inner, np.diff(stations.s), 1.0)
+    rise = np.diff(value)
+    c = (3.0 * rise - step * (2.0 * slope[:-1] + slope[1:])) / step**2
+    d = (step * (slope[:-1] + slope[1:]) - 2.0 * rise) / step**3
+    abcd = np.column_stack([value[:-1], slope[:-1], c, d])
+    # A piece that only goes on with the straight line before it is left out.
+    line = np.abs(abcd[:, 2:] * [1.0, 10.0]).max(axis=1) < STRAIGHT
+    goes_on = np.zeros(len(abcd), bool)
+    goes_on[1:] = line[1:] & line[:-1] & (np.abs(np.diff(abcd[:, 1])) < STRAIGHT)
+    goes_on[stations.first[:-1]] = False
+    found = []
+    for k in range(len(stations.roads)):
+        part = slice(int(stations.first[k]), int(stations.first[k + 1]) - 1)
+        keep = ~goes_on[part]
+        found.append(Profile(stations.s[part][keep], abcd[part][keep]))
+    return found
+
+
+def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tuple[ModelRoad, ...]:
+    """Return connecting roads with heights: on the surface, and smooth into the streets they join.
+
+    Args:
+        ways: connecting roads.
+        surface: the surface of the streets.
+    """
+    if not ways:
+        return ()
+    stations = stations_of(ways, STEP_CONNECTING_M, TURN_CONNECTING)
+    t = stations.across(SAMPLES_CONNECTING)
+    xy = stations.beside(t)
+    z = np.zeros(t.shape)
+    levels = np.array([road.level for road in ways])[stations.road]
+    for level in np.unique(levels):
+        here = levels == level
+        z[here] = surface.height(xy[here].reshape(-1, 2), int(level)).reshape(
+            -1, SAMPLES_CONNECTING
+        )
+    rise, bank = line_across(t, z)
+    along, across = _pins(stations, surface.mouths, surface.mouth_of)
+    for side, at in enumerate(stations.edges()):
+        rise[at] = np.where(along.pinned[side], along.value[side], rise[at])
+        bank[at] = np.where(along.pinned[side], across.value[side], bank[at])
+    elevation = hermite_profiles(stations, rise, profile_slopes(stations, rise, along))
+    turn = profile_slopes(stations, bank, across)
+    banks = hermite_profiles(stations, np.arctan(bank), turn / (1.0 + bank**2))
+    return tuple(
+        replace(road, elevation=e, bank=b)
+        for road, e, b in zip(ways, elevation, banks, strict=True)
+    )
+
+
+def _pins(
+    ways: Stations, mouths: Mouths, mouth_of: Mapping[tuple[int, str], int]
+) -> tuple[Pins, Pins]:
+    """Return what profiles of elevation and of bank must meet where ways meet streets."""
+    links = [[road.predecessor, road.successor] for road in ways.roads]
+    number = np.array(
+        [
+            [mouth_of.get((link.id, link.contact), -1) if link else -1 for link in pair]
+            for pair in links
+        ]
+    ).T
+    held = number >= 0
+    which = np.where(held, number, 0)
+    place = np.stack([ways.pose[at] for at in ways.edges()])
+    t = mouths.seen_from(which, place[..., :2])[1]
+    # 1 where the way runs on as the street does, out of its end or in at its start.
+    sign = np.array([[1.0], [-1.0]]) * mouths.out[which]
+    slope = sign * mouths.slope(which, t)
+    _, bank, crown = np.moveaxis(mouths.height[which], -1, 0)
+    # Along a way that bends the surface goes on in its tangent plane: grade turns into bank.
+    turn = mouths.turn(which, t) - ways.bend * slope
+    return (
+        Pins(held, mouths.rise(which, t), ways.pace * slope),
+        Pins(held, sign * (bank - np.sign(t) * crown), ways.pace * turn),
+    )

@@ -16,9 +16,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.imported.access import allowed
+from urbantwin.roads.imported.crop import part_of_road
+from urbantwin.roads.imported.lane_links import allowed
 from urbantwin.roads.imported.plain_xml import OUTER
-from urbantwin.roads.imported.road_cut import part_of_road
 from urbantwin.roads.loop.dubins import BUS_RADIUS_M, Pose2, dubins_path
 from urbantwin.roads.model import (
     Connection,

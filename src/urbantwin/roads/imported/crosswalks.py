@@ -8,9 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.imported.access import allowed
-from urbantwin.roads.imported.edges import Edge
-from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.imported.edges import Edge, Nodes
+from urbantwin.roads.imported.lane_links import allowed
 from urbantwin.roads.model import LaneModel, RoadArea
 
 __all__ = ["Crosswalk", "crosswalks_of_model"]

@@ -8,17 +8,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urbantwin.roads.imported.access import allowed
 from urbantwin.roads.imported.edges import Edge, linked
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadLink, SectionLane
 
-__all__ = ["LaneLink", "Lanes", "lane_links"]
+__all__ = ["VEHICLE_CLASSES", "LaneLink", "Lanes", "allowed", "lane_links", "speed"]
 
 #: Ends of lanes that are this close meet, where the map does not say what a lane leads to, metres.
 MEET_M = 1.0
-
 #: Road, index of the section, id of the lane.
 Place = tuple[int, int, int]
+#: SUMO's vehicle classes of each of our classes of actors, with those that drive where it does.
+VEHICLE_CLASSES = {
+    "car": "passenger private emergency authority army vip hov taxi custom1 custom2 evehicle",
+    "truck": "truck trailer delivery",
+    "bus": "bus coach",
+    "motorcycle": "motorcycle moped",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+}
+#: Who uses a lane where the map does not say, by the lane's kind.
+USUAL = {
+    "driving": ("car", "truck", "bus", "motorcycle", "bicycle"),
+    "bus": ("bus", "bicycle"),
+    "bicycle": ("bicycle",),
+    "sidewalk": ("pedestrian",),
+}
+#: Where the map states no speed limit: the usual one in towns, and of bicycles, m/s.
+TOWN_MS, BICYCLE_MS, WALKING_MS = 50 / 3.6, 25 / 3.6, 1.39
+#: Largest speed limit of streets with bicycles on the carriageway, m/s.
+FAST_MS = 75 / 3.6
 
 
 @dataclass(frozen=True)
@@ -261,3 +279,17 @@ def _nearest(
             found.append((float(np.linalg.norm(there - here)), edge))
     best = min(found, key=lambda item: item[0], default=(np.inf, None))
     return best[1] if best[0] <= MEET_M else None
+
+
+def allowed(lane: SectionLane) -> tuple[str, ...]:
+    """Return the classes of actors that use a lane: as the map says, else as usual."""
+    if lane.allowed:
+        return lane.allowed
+    usual = USUAL.get(lane.kind, ())
+    return tuple(x for x in usual if x != "bicycle" or lane.speed_limit <= FAST_MS)
+
+
+def speed(lane: SectionLane) -> float:
+    """Return a lane's speed limit: as the map says, else as usual."""
+    usual = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
+    return lane.speed_limit or usual

@@ -13,11 +13,9 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
-from urbantwin.roads.imported.access import VEHICLE_CLASSES, allowed, speed
 from urbantwin.roads.imported.crosswalks import Crosswalk
-from urbantwin.roads.imported.edges import Edge
-from urbantwin.roads.imported.lane_links import LaneLink, Place
-from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.imported.edges import Edge, Nodes
+from urbantwin.roads.imported.lane_links import VEHICLE_CLASSES, LaneLink, Place, allowed, speed
 from urbantwin.roads.junctions.plain import shape_text
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 

@@ -12,14 +12,16 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.roads.imported.crop import with_border
 from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
-from urbantwin.roads.imported.edges import edges_of_model
+from urbantwin.roads.imported.edges import Nodes, edges_of_model, loops
 from urbantwin.roads.imported.lane_links import Lanes, Place, lane_links
-from urbantwin.roads.imported.nodes import Nodes, loops
 from urbantwin.roads.imported.plain_xml import OUTER, PlainNetwork, junction_outline, write_plain
-from urbantwin.roads.imported.road_cut import with_border
-from urbantwin.roads.imported.signal_programs import with_programs
-from urbantwin.roads.imported.traffic_lights import lights_of_model, lights_of_places
+from urbantwin.roads.imported.signal_programs import (
+    lights_of_model,
+    lights_of_places,
+    with_programs,
+)
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 from urbantwin.roads.signals.default_programs import set_default_programs

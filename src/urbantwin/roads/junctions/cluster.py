@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from urbantwin.roads.junctions.mapped_marks import Marks
+from urbantwin.roads.junctions.mapped_crossings import Marks
 from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
 
 __all__ = [

@@ -16,7 +16,6 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
-from urbantwin.roads.junctions.edge_split import split_edges
 from urbantwin.roads.junctions.mapped_crossings import MappedCrossing
 from urbantwin.roads.junctions.plain import (
     INTO_M,
@@ -30,7 +29,7 @@ from urbantwin.roads.junctions.plain import (
     shape_text,
 )
 from urbantwin.roads.junctions.round_node import is_driven
-from urbantwin.roads.junctions.strip import Strip, cut
+from urbantwin.roads.junctions.strip import Strip, cut, split_edges
 from urbantwin.roads.model.curve import aside
 
 __all__ = ["with_crossings"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -20,7 +20,15 @@ from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.sidewalk import WALKED
 from urbantwin.site.extract import Extract, Way, WayPiece
 
-__all__ = ["WALKED", "MappedCrossing", "is_crossing_node", "is_crossing_way", "mapped_crossings"]
+__all__ = [
+    "WALKED",
+    "MappedCrossing",
+    "Marks",
+    "is_crossing_node",
+    "is_crossing_way",
+    "mapped_crossings",
+    "mapped_marks",
+]
 
 #: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
 #: less than that to each other's side.
@@ -85,6 +93,14 @@ class _Place:
     pieces: tuple[WayPiece, ...]
     xy: NDArray[np.float64]
     name: str
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What lies across edges: edge id -> shares of the edge's length from its start, ascending."""
+
+    stop_lines: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    crossings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 def mapped_crossings(
@@ -276,3 +292,40 @@ def _is_same(crossing: MappedCrossing, other: MappedCrossing) -> bool:
         and abs(_cross(gap, crossing.ahead)) < BESIDE_M
         and abs(float(crossing.ahead @ other.ahead)) > np.cos(ACROSS)
     )
+
+
+def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collection[int]) -> Marks:
+    """Return stop lines and crossings of the map along the edges that pieces become.
+
+    Args:
+        extract: the map.
+        pieces: segments of ways; each becomes the edge of its id, and the one of minus its id.
+        meeting: nodes where streets meet, whose signals are no stop lines.
+    """
+    # A footway that only meets a street is no crossing of it.
+    crossed = {node for way in extract.highways() if is_crossing_way(way) for node in way.nodes}
+    lines: dict[str, list[float]] = defaultdict(list)
+    crossings: dict[str, list[float]] = defaultdict(list)
+    for piece in pieces:
+        if len(piece.nodes) < 2:
+            continue
+        steps = np.linalg.norm(np.diff(piece.points, axis=0), axis=1)
+        share = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-9)
+        for node, at in zip(piece.nodes, share.tolist(), strict=True):
+            if node in meeting:
+                continue
+            tags = extract.node_tags.get(node, {})
+            if is_crossing_node(tags) or (node in crossed and tags.get("crossing") != "no"):
+                crossings[str(piece.id)].append(at)
+                crossings[f"-{piece.id}"].append(1.0 - at)
+            if tags.get("highway") == "traffic_signals":
+                told = tags.get("traffic_signals:direction", "")
+                if told != "backward":
+                    lines[str(piece.id)].append(at)
+                if told != "forward":
+                    lines[f"-{piece.id}"].append(1.0 - at)
+    return Marks(_sorted(lines), _sorted(crossings))
+
+
+def _sorted(found: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    return {edge: tuple(sorted(set(shares))) for edge, shares in found.items()}

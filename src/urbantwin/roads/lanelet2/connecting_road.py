@@ -14,8 +14,7 @@ from urbantwin.roads.lanelet2.border import Border
 from urbantwin.roads.lanelet2.group import Member
 from urbantwin.roads.lanelet2.lane_sections import Row, heights_of, section_of
 from urbantwin.roads.lanelet2.reference_line import LEAST_SHARE, Followed, Pose, smooth_curve
-from urbantwin.roads.lanelet2.street import Street
-from urbantwin.roads.lanelet2.track import Track, joined
+from urbantwin.roads.lanelet2.street import Street, Track, joined
 from urbantwin.roads.model import ModelRoad, Profile, RoadLink
 
 __all__ = ["ConnectingRoad", "Gate", "connecting_road_of", "gates_of", "routes"]

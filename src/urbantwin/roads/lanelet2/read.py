@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import shapely
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.driving_side import driving_side
-from urbantwin.roads.lanelet2.attributes import attributes_of
 from urbantwin.roads.lanelet2.build import BuiltRoads, LaneAt, build_streets_and_junctions
+from urbantwin.roads.lanelet2.connecting_road import ConnectingRoad
 from urbantwin.roads.lanelet2.document import Document, read_document
-from urbantwin.roads.lanelet2.junction import junctions_of
+from urbantwin.roads.lanelet2.group import Member
+from urbantwin.roads.lanelet2.lane_sections import Row
 from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelet_of
 from urbantwin.roads.lanelet2.markings import BuiltMap, areas_of, hosts_of, island_ways, stop_lines
 from urbantwin.roads.lanelet2.projection import Places, places_of
@@ -25,11 +27,17 @@ from urbantwin.roads.lanelet2.regulatory_elements import (
     sign_ways,
     signals_of,
 )
-from urbantwin.roads.lanelet2.traffic_rules import PAINTED
-from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.model.lane_marks import with_lane_marks
+from urbantwin.roads.lanelet2.street import Street
+from urbantwin.roads.lanelet2.traffic_rules import PAINTED, default_speed, speed_of
+from urbantwin.roads.model import Connection, LaneModel, ModelJunction, ModelRoad, RoadLink
+from urbantwin.roads.model.road import with_lane_marks
 
 __all__ = ["Translation", "read_lanelet2", "translate", "translated"]
+
+#: Ways that lie over each other by more than this belong to one junction, square metres.
+OVERLAP_M2 = 0.5
+#: Least vertical distance of ways that pass over each other, metres.
+CLEARANCE_M = 2.5
 
 
 @dataclass(frozen=True)
@@ -254,3 +262,130 @@ def _loose(parts: BuiltRoads) -> list[int]:
         if any(parts.topology.place[ids[k]][0] != mine for k in hits):
             found.append(i)
     return found
+
+
+def junctions_of(
+    streets: Sequence[Street], connecting_roads: Sequence[ConnectingRoad], first: int
+) -> tuple[tuple[ModelRoad, ...], tuple[ModelJunction, ...]]:
+    """Return all roads, linked to each other and to junctions, and the junctions.
+
+    Args:
+        streets: the streets.
+        connecting_roads: the ways through junctions.
+        first: id of the first junction.
+    """
+    number = _clusters(connecting_roads)
+    identity = {k: first + n for n, k in enumerate(dict.fromkeys(number))}
+    at: dict[tuple[int, bool], int] = {}
+    rows: dict[int, list[Connection]] = {i: [] for i in identity.values()}
+    roads = []
+    for way, cluster in zip(connecting_roads, number, strict=True):
+        junction = identity[cluster]
+        for gate in (way.start, way.end):
+            at[gate.street.road.id, gate.end] = junction
+        road = replace(way.road, junction=junction)
+        lane = road.sections[0].lanes[0].id
+        rows[junction].append(
+            Connection(
+                way.start.street.road.id,
+                road.id,
+                "start",
+                ((way.start.lane, lane),),
+            )
+        )
+        roads.append(road)
+    linked = [
+        replace(
+            street.road,
+            predecessor=_link(at.get((street.road.id, False))),
+            successor=_link(at.get((street.road.id, True))),
+        )
+        for street in streets
+    ]
+    junctions = tuple(ModelJunction(i, "", tuple(rows[i])) for i in sorted(rows))
+    return (*linked, *roads), junctions
+
+
+def _link(junction: int | None) -> RoadLink | None:
+    return None if junction is None else RoadLink("junction", junction)
+
+
+def _clusters(connecting_roads: Sequence[ConnectingRoad]) -> list[int]:
+    """Return for each way the number of the first way of its junction."""
+    parent = list(range(len(connecting_roads)))
+
+    def root(k: int) -> int:
+        while parent[k] != k:
+            k = parent[k]
+        return k
+
+    def join(a: int, b: int) -> None:
+        a, b = root(a), root(b)
+        parent[max(a, b)] = min(a, b)
+
+    first: dict[tuple[int, bool], int] = {}
+    for k, way in enumerate(connecting_roads):
+        for gate in (way.start, way.end):
+            join(k, first.setdefault((gate.street.road.id, gate.end), k))
+    areas = np.array([way.area for way in connecting_roads], object)
+    tree = shapely.STRtree(areas)
+    for a, b in zip(*tree.query(areas, predicate="intersects"), strict=True):
+        if a < b and root(a) != root(b):
+            common = shapely.intersection(areas[a], areas[b])
+            if common.area > OVERLAP_M2 and _level(
+                connecting_roads[a], connecting_roads[b], common
+            ):
+                join(int(a), int(b))
+    return [root(k) for k in range(len(connecting_roads))]
+
+
+def _level(a: ConnectingRoad, b: ConnectingRoad, common: shapely.Geometry) -> bool:
+    point = np.array(common.representative_point().coords)[:, :2]
+    heights = []
+    for road in (a.road, b.road):
+        s, t = road.curve.locate(point)
+        heights.append(float(road.heights(np.clip(s, 0.0, road.length), t)[0]))
+    return abs(heights[0] - heights[1]) < CLEARANCE_M
+
+
+def attributes_of(document: Document) -> Callable[[Member], Row]:
+    """Return a function that gives the attributes of a lanelet, seen along its road.
+
+    The speed limit is that of its tag ``speed_limit``, else of its regulatory element, else of a
+    tag ``maxspeed`` as street maps have it, else that of its subtype and location.
+    """
+    limits: dict[int, float | None] = {}
+    for identity, relation in document.relations.items():
+        if relation.tags.get("subtype") == "speed_limit":
+            signs = [
+                document.ways[way].tags.get("subtype", "")
+                for way in relation.of_role("refers")
+                if way in document.ways
+            ]
+            limits[identity] = speed_of([relation.tags.get("sign_type", ""), *signs])
+
+    def row(member: Member) -> Row:
+        lanelet = member.lanelet
+        tags = lanelet.tags
+        regulated = next((limits[i] for i in lanelet.regulations if limits.get(i)), None)
+        speed = (
+            speed_of([tags.get("speed_limit", "")])
+            or regulated
+            or speed_of([tags.get("maxspeed", "")])
+            or default_speed(tags)
+        )
+        left, right = (
+            (way, turned == member.forward)
+            for way, turned in zip(lanelet.ways, lanelet.turned, strict=True)
+        )
+        if not member.forward:
+            left, right = right, left
+        return Row(
+            lanelet.kind,
+            member.forward,
+            speed if lanelet.drives else 0.0,
+            lanelet.allowed,
+            (left, right),
+        )
+
+    return row

@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
-from urbantwin.roads.loop.dimensions import half_width
 from urbantwin.roads.loop.free_space import band
-from urbantwin.roads.loop.layout import Gate, Layout
+from urbantwin.roads.loop.layout import Gate, Layout, half_width
 from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
 from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
 from urbantwin.roads.loop.turnaround import BENDS, add_turnaround, join_carriageways, near_pairs

@@ -7,12 +7,12 @@ from collections import Counter
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags
 from urbantwin.roads.loop.dubins import Pose2
-from urbantwin.roads.loop.exit_matching import match_exits, ring_distance
 from urbantwin.roads.loop.free_space import Points, band, dubins_points, unit
-from urbantwin.roads.loop.layout import Gate, Layout
+from urbantwin.roads.loop.layout import CLEARANCE_M, Gate, Layout, half_width, outer_tags
 
 __all__ = ["WAY_OUT_M", "add_ring_roads"]
 
@@ -156,3 +156,44 @@ def _course(ring: shapely.LinearRing, station: float, sense: float) -> float:
     near = [(station + sense * d) % length for d in (-1.0, 1.0)]
     (x0, y0), (x1, y1) = shapely.get_coordinates(ring.interpolate(near))
     return math.atan2(y1 - y0, x1 - x0)
+
+
+def ring_distance(
+    start: NDArray[np.float64], end: NDArray[np.float64], length: float
+) -> NDArray[np.float64]:
+    """Return the distances (N, M) between places (N,) and (M,) the shorter way round a ring."""
+    gap = np.abs(np.asarray(start)[:, None] - np.asarray(end)[None])
+    return np.asarray(np.minimum(gap, length - gap))
+
+
+def match_exits(
+    exits: NDArray[np.float64], entries: NDArray[np.float64], length: float
+) -> list[tuple[int, int]]:
+    """Return pairs (exit, entry) so that each is in one pair at least and the roads are short.
+
+    The cost of a pair is the square root of its way along the border. With a concave cost the
+    cheapest pairs never cross each other, because uncrossing two of them always saves (McCann,
+    "Exact solutions to the transportation problem on the line", Proceedings of the Royal Society
+    A 455, 1999), so that roads outside the region can be drawn without crossings.
+
+    Args:
+        exits: (N,) places of the exits along the border, metres.
+        entries: (M,) places of the entries.
+        length: of the border.
+    """
+    if not len(exits) or not len(entries):
+        return []
+    cost = np.sqrt(ring_distance(exits, entries, length))
+    swap = len(exits) < len(entries)
+    if swap:
+        cost = cost.T
+    # The more numerous side has one pair each; what finds no partner of its own shares the
+    # nearest.
+    rows, columns = cost.shape
+    padded = np.hstack([cost, np.repeat(cost.min(axis=1, keepdims=True), rows - columns, axis=1)])
+    row, column = linear_sum_assignment(padded)
+    pairs = [
+        (int(r), int(c) if c < columns else int(cost[r].argmin()))
+        for r, c in zip(row, column, strict=True)
+    ]
+    return sorted((c, r) if swap else (r, c) for r, c in pairs)

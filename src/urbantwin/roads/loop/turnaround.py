@@ -10,10 +10,16 @@ from typing import Protocol, TypeVar
 import numpy as np
 import shapely
 
-from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
 from urbantwin.roads.loop.dubins import BUS_RADIUS_M
 from urbantwin.roads.loop.free_space import Points, band, dubins_points, unit
-from urbantwin.roads.loop.layout import Gate, Layout
+from urbantwin.roads.loop.layout import (
+    CLEARANCE_M,
+    Gate,
+    Layout,
+    half_width,
+    outer_tags,
+    turning_radius,
+)
 from urbantwin.roads.loop.road_ends import LooseEnd
 
 __all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]

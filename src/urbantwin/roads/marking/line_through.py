@@ -18,7 +18,7 @@ from urbantwin.roads.marking.lines import MOTOR, Line
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 from urbantwin.roads.network import RoadNetwork
 
-__all__ = ["lines_through"]
+__all__ = ["guide_lines", "lines_through"]
 
 #: Ways that turn by more do not go straight on, radians.
 STRAIGHT = np.radians(25.0)
@@ -27,6 +27,9 @@ PARTED_M = 1.0
 #: Room beside crossings, metres.
 CLEAR_M = 0.5
 STEP_M = 1.0
+#: Ways that turn less, or that are shorter, are found without a line: radians, metres.
+TURN, LENGTH_M = np.radians(50.0), 22.0
+GUIDE_STEP_M = 0.5
 
 
 def lines_through(network: RoadNetwork, model: LaneModel) -> Iterator[Line]:
@@ -105,3 +108,22 @@ def _between(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
     ) / 2
     if (np.linalg.norm(there - here, axis=1) < wide + PARTED_M).all():
         yield shapely.LineString((here + there) / 2)
+
+
+def guide_lines(model: LaneModel) -> Iterator[Line]:
+    """Yield the outer border of every long turn across oncoming traffic at signals."""
+    controlled = {junction for item in model.controllers for junction in item.junctions}
+    inner = 1.0 if model.driving_side == "right" else -1.0
+    for road in model.roads:
+        if road.junction not in controlled or road.length < LENGTH_M:
+            continue
+        section = road.sections[0]
+        lane = section.lanes[0]
+        s = np.linspace(0.0, road.length, int(road.length / GUIDE_STEP_M) + 2)
+        heading = np.unwrap(road.curve.at(s)[:, 2])
+        if lane.kind not in MOTOR or inner * (heading[-1] - heading[0]) < TURN:
+            continue
+        # A connecting road's one lane has its reference line on its left or right: the border away
+        # from the turn's centre is the one towards the kerb.
+        t = road.middle(section, lane, s) - inner * lane.width.at(s) / 2
+        yield Line("guide", road.place(s, t)[:, :2], road.level, lane.strip)

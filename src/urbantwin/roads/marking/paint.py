@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
+import shapely.ops
 from numpy.typing import NDArray
 
-from urbantwin.roads.marking.crossing_marks import crossing_marks
+from urbantwin.geometry import moved_left
 from urbantwin.roads.marking.give_way import parking_bays, teeth
-from urbantwin.roads.marking.guide_line import guide_lines
-from urbantwin.roads.marking.line_through import lines_through
+from urbantwin.roads.marking.line_through import guide_lines, lines_through
 from urbantwin.roads.marking.lines import (
     DASH_M,
     GAP_M,
@@ -28,18 +28,22 @@ from urbantwin.roads.marking.lines import (
     strokes,
 )
 from urbantwin.roads.marking.turn_arrow import turn_arrow
-from urbantwin.roads.marking.zebra import zebra_of_area
 from urbantwin.roads.model import MINI_ROUNDABOUT, LaneModel, RoadArea
 from urbantwin.roads.network import Lane, RoadNetwork
 
-__all__ = ["PAINT_KINDS", "Paint", "painted"]
+__all__ = ["PAINT_KINDS", "Paint", "painted", "zebra"]
 
 #: Kinds of markings; ``zebra`` are stripes, ``crossing`` what marks crossings otherwise.
 PAINT_KINDS = ("zebra", "crossing", "line", "stop", "arrow", "teeth", "bay", "disc")
 #: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
 LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
-
 Quad = NDArray[np.float64]
+#: Stripes of a zebra crossing, metres: painted, and from one to the next.
+STRIPE_M, PERIOD_M = 0.5, 1.0
+#: Width, length of a mark and from one to the next, metres. Lines: US MUTCD 3B.18 (6 to 24 inches);
+#: dashes: German RMS 1 (0.12 m, 0.5 m painted, 0.2 m bare); dots: UK TSRGD, schedule 14 (studs of
+#: about 0.1 m, 0.25 to 0.72 m apart).
+BORDERS = {"lines": (0.3, 0.0, 0.0), "dashes": (0.12, 0.5, 0.7), "dots": (0.1, 0.1, 0.5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,3 +178,65 @@ def _stop_lines(network: RoadNetwork) -> Iterator[tuple[int, Quad]]:
         front = np.array([head.x, head.y]) - 0.1 * along
         back = front - STOP_LINE_M * along
         yield lane.level, np.array([back - across, front - across, front + across, back + across])
+
+
+def zebra(lane: Lane) -> list[NDArray[np.float64]]:
+    """Return the stripes of a crossing, (4, 2) corners each, site frame, metres."""
+    return _stripes(shapely.LineString(lane.centre[:, :2]), lane.width)
+
+
+def zebra_of_area(model: LaneModel, area: RoadArea) -> list[NDArray[np.float64]]:
+    """Return the stripes of a mapped crosswalk that joins no sidewalks, as ``zebra`` does.
+
+    People walk along the longer side of the rectangle around it.
+    """
+    corners = shapely.MultiPoint(placed(model, area.road, area.s, area.corners))
+    around = shapely.minimum_rotated_rectangle(corners)
+    if not isinstance(around, shapely.Polygon):
+        return []
+    ring = shapely.get_coordinates(around)[:4]
+    sides = np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1)
+    k = int(np.argmin(sides[:2]))
+    ends = [(ring[k] + ring[k + 1]) / 2, (ring[k + 2] + ring[(k + 3) % 4]) / 2]
+    return _stripes(shapely.LineString(ends), float(sides[k]))
+
+
+def _stripes(line: shapely.LineString, width: float) -> list[NDArray[np.float64]]:
+    if line.length < STRIPE_M:
+        return []
+    count = int((line.length + PERIOD_M - STRIPE_M) // PERIOD_M)
+    margin = (line.length - (count - 1) * PERIOD_M - STRIPE_M) / 2
+    stripes = []
+    for number in range(count):
+        at = margin + number * PERIOD_M
+        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + STRIPE_M))
+        across = np.array([a[1] - b[1], b[0] - a[0]])
+        across *= width / 2 / np.linalg.norm(across)
+        stripes.append(np.array([a - across, b - across, b + across, a + across]))
+    return stripes
+
+
+def crossing_marks(lane: Lane) -> tuple[str, list[NDArray[np.float64]]]:
+    """Return the kind of paint of a crossing, and its quadrilaterals, (4, 2) each, site frame.
+
+    A crossing of which nobody told has stripes.
+    """
+    if lane.marking == "none":
+        return "crossing", []
+    if lane.marking not in BORDERS:
+        return "zebra", zebra(lane)
+    width, mark, period = BORDERS[lane.marking]
+    quads = []
+    for side in (-1, 1):
+        border = shapely.LineString(moved_left(lane.centre[:, :2], side * (lane.width - width) / 2))
+        count = int((border.length + period - mark) // period) if period else 1
+        margin = (border.length - (count - 1) * period - mark) / 2 if period else 0.0
+        for number in range(count):
+            at = margin + number * period
+            piece = shapely.ops.substring(border, at, at + (mark or border.length))
+            points = shapely.get_coordinates(piece)
+            for a, b in pairwise(points):
+                across = np.array([a[1] - b[1], b[0] - a[0]])
+                across *= width / 2 / max(float(np.linalg.norm(across)), 1e-9)
+                quads.append(np.array([a - across, b - across, b + across, a + across]))
+    return "crossing", quads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -10,11 +11,10 @@ import shapely.ops
 from numpy.typing import NDArray
 from shapely.affinity import affine_transform
 
-from urbantwin.roads.marking.approach_line import approach_line
-from urbantwin.roads.marking.lane_turns import turns
+from urbantwin.geometry import wrapped
 from urbantwin.roads.network import Lane, RoadNetwork
 
-__all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]
+__all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow", "turns"]
 
 #: Length of an arrow, and how far its tip is from the stop line, metres.
 ARROW_M, BEFORE_STOP_M = 6.0, 2.5
@@ -35,6 +35,10 @@ ORDER: tuple[str, ...] = ("left", "through", "right", "around")
 BENT_M = 0.1
 #: An arrow of unit length is drawn for lanes this wide, metres; narrower ones get narrower arrows.
 LANE_M, WIDEST = 3.0, 1.15
+#: How far upstream the line goes, metres; ways that turn by less lead straight on, radians.
+UPSTREAM_M, STRAIGHT = 20.0, np.radians(45.0)
+#: Changes of heading up to this go straight on, from ``U_TURN`` they turn round, radians.
+STRAIGHT_ON, U_TURN = np.radians(30.0), np.radians(150.0)
 
 
 def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
@@ -150,3 +154,103 @@ def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
 
 def _stroke(path: list[tuple[float, float]], width: float) -> shapely.Geometry:
     return shapely.LineString(path).buffer(width / 2, cap_style="flat", join_style="mitre")
+
+
+def approach_line(network: RoadNetwork, lane: Lane) -> shapely.LineString | None:
+    """Return the line along which a short signed lane's arrow stands, to the lane's end.
+
+    It begins on the way that leads most nearly straight into the lane, and on the lane before that
+    if nothing else is signed there; only lanes that nobody drives across are part of it.
+
+    Returns:
+        The line; ``None`` where the lane leads straight on to one with the same arrows, whose
+        arrow serves both.
+    """
+    if lane.id not in network.stopped_lanes:
+        for way, after in _ways(network, lane, ahead=True):
+            if after.arrows == lane.arrows and _is_free(network, way):
+                return None
+    points = lane.centre[:, :2]
+    before = sorted(
+        (abs(_turn(way)), way.id, way, first)
+        for way, first in _ways(network, lane, ahead=False)
+        if abs(_turn(way)) < STRAIGHT and _is_free(network, way)
+    )
+    for _, _, way, first in before[:1]:
+        points = np.vstack([way.centre[:-1, :2], points])
+        if first.arrows is None or first.arrows == lane.arrows:
+            points = np.vstack([first.centre[:-1, :2], points])
+    line = shapely.LineString(points)
+    return shapely.ops.substring(line, max(line.length - UPSTREAM_M, 0.0), line.length)
+
+
+def _ways(network: RoadNetwork, lane: Lane, *, ahead: bool) -> Iterator[tuple[Lane, Lane]]:
+    """Yield the ways through a junction at a lane's end or start, each with the lane beyond it."""
+    for name in lane.successors if ahead else network.lanes_into.get(lane.id, ()):
+        way = network.lane_by_id.get(name)
+        if way is None or not way.junction:
+            continue
+        for other in way.successors if ahead else network.lanes_into.get(way.id, ()):
+            beyond = network.lane_by_id.get(other)
+            if beyond is not None and not beyond.junction:
+                yield way, beyond
+
+
+def _turn(way: Lane) -> float:
+    legs = np.diff(way.centre[:, :2], axis=0)
+    first, last = (float(np.arctan2(leg[1], leg[0])) for leg in (legs[0], legs[-1]))
+    return float(wrapped(last - first))
+
+
+def _is_free(network: RoadNetwork, way: Lane) -> bool:
+    """Whether a way is at no signal, and only ways from or to its own lanes meet it."""
+    own = {*network.lanes_into.get(way.id, ())}
+    if own & network.stopped_lanes:
+        return False
+    line = shapely.LineString(way.centre[:, :2])
+    return not any(
+        line.intersects(shapely.LineString(other.centre[:, :2]))
+        for other in network.lanes
+        if other.junction == way.junction
+        and other.kind in ("connection", "crossing")
+        and not own & {other.id, *network.lanes_into.get(other.id, ())}
+        and not set(other.successors) & {way.id, *way.successors}
+        and other.id != way.id
+    )
+
+
+def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
+    """Return where traffic of a lane may go at its end: left, through, right, around.
+
+    Nothing for a lane that ends at no junction.
+    """
+    found = set()
+    start = _heading(lane.centre[-2:, :2])
+    for name in lane.successors:
+        way = network.lane_by_id.get(name)
+        if way is None or not way.junction:
+            continue
+        for last in _ends_of_way(network, way):
+            change = wrapped(_heading(last.centre[-2:, :2]) - start)
+            if abs(change) <= STRAIGHT_ON:
+                found.add("through")
+            elif abs(change) >= U_TURN:
+                found.add("around")
+            else:
+                found.add("left" if change > 0 else "right")
+    return tuple(name for name in ("left", "through", "right", "around") if name in found)
+
+
+def _ends_of_way(network: RoadNetwork, way: Lane, depth: int = 6) -> Iterator[Lane]:
+    """Yield the last lane within the junction of every way on from one of its lanes."""
+    following = [network.lane_by_id.get(name) for name in way.successors]
+    inside = [lane for lane in following if lane and lane.junction == way.junction]
+    if not inside or depth == 0:
+        yield way
+    else:
+        for lane in inside:
+            yield from _ends_of_way(network, lane, depth - 1)
+
+
+def _heading(ends: NDArray[np.float64]) -> float:
+    return float(np.arctan2(*(ends[1] - ends[0])[::-1]))

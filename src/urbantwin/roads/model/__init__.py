@@ -1,6 +1,5 @@
 """The lane model: roads of reference lines, profiles and lane sections, joined at junctions."""
 
-from urbantwin.roads.model.carriageway import carriageway_in_plan
 from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
 from urbantwin.roads.model.furniture import (
     CROSSING_MARKINGS,
@@ -9,7 +8,6 @@ from urbantwin.roads.model.furniture import (
     RoadSignal,
     SignalController,
 )
-from urbantwin.roads.model.junction import Connection, ModelJunction
 from urbantwin.roads.model.lane_section import (
     CURB_HEIGHT_M,
     LANE_KINDS,
@@ -18,7 +16,7 @@ from urbantwin.roads.model.lane_section import (
     SectionLane,
     turned_round,
 )
-from urbantwin.roads.model.model import LaneModel
+from urbantwin.roads.model.model import Connection, LaneModel, ModelJunction, carriageway_in_plan
 from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.model.road import ModelRoad, RoadLink
 

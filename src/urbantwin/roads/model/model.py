@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Collection, Iterable
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
 
 from urbantwin.artefact import as_json, write_json
-from urbantwin.artefact.typed_document import read_typed
-from urbantwin.roads.model.consistency import check_model
+from urbantwin.artefact.typed_document import Pairs, read_typed
+from urbantwin.errors import InputError
+from urbantwin.geometry import area_union
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
-from urbantwin.roads.model.junction import ModelJunction
+from urbantwin.roads.model.lane_section import LANE_KINDS
+from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.model.road import ModelRoad
+from urbantwin.roads.network import CARRIAGEWAY_KINDS
+from urbantwin.taxonomy import ROAD_USERS
 
-__all__ = ["LaneModel"]
+if TYPE_CHECKING:
+    from urbantwin.roads.model.model import LaneModel
+
+__all__ = ["Connection", "LaneModel", "ModelJunction", "carriageway_in_plan"]
+
+#: No road of a site is longer, metres.
+_LONGEST_M = 1e6
+_PROFILES = ("offset", "elevation", "bank", "crown")
+STEP_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -71,3 +88,145 @@ class LaneModel:
         model = read_typed(path, cls, "a twin's lane_model.json")
         check_model(model, path)
         return model
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A way through a junction.
+
+    Attributes:
+        incoming: the road that traffic comes from.
+        connecting: the road that leads through the junction.
+        contact: the end of the connecting road that meets the incoming one: ``start`` or ``end``.
+        links: pairs of lanes: of the incoming road, of the connecting road.
+    """
+
+    incoming: int
+    connecting: int
+    contact: str
+    links: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class ModelJunction:
+    """Where roads meet.
+
+    Attributes:
+        id: its id, unique among junctions.
+        name: id of the junction in the SUMO network and in ``RoadNetwork``; empty if none yet.
+        connections: every way through.
+        outline: (M, 2) its border in plan; empty where unknown.
+        level: 0 on the ground, 1, 2, ... above other roads.
+        members: ids of all junctions of the SUMO network that are one here, with ``name``.
+    """
+
+    id: int
+    name: str
+    connections: tuple[Connection, ...]
+    outline: Pairs = field(default_factory=lambda: np.zeros((0, 2)))
+    level: int = 0
+    members: tuple[str, ...] = ()
+
+
+def check_model(model: LaneModel, file: Path) -> None:
+    """Refuse a model with references to nothing, or with roads that cannot be drawn.
+
+    Raises:
+        InputError: an id is given twice or is of nothing, a curve or a profile has no pieces, a
+            road has no lanes or no end; the field is named.
+    """
+    if model.driving_side not in ("right", "left"):
+        raise InputError(
+            "is not a side of the road", file=file, place="driving_side", expected="right or left"
+        )
+    for name in ("roads", "junctions", "areas", "signals", "controllers"):
+        ids = [one.id for one in getattr(model, name)]
+        if len(set(ids)) < len(ids):
+            raise InputError("has an id twice", file=file, place=name)
+    roads, junctions = model.road_by_id, model.junction_by_id
+    for number, road in enumerate(model.roads):
+        _check_road(road, file, f"roads[{number}]")
+        _known([road.junction], {-1, *junctions}, file, f"roads[{number}].junction")
+    for number, junction in enumerate(model.junctions):
+        for index, one in enumerate(junction.connections):
+            place = f"junctions[{number}].connections[{index}]"
+            _known((one.incoming, one.connecting), roads, file, place)
+    for name in ("areas", "signals"):
+        for number, item in enumerate(getattr(model, name)):
+            _known([item.road], roads, file, f"{name}[{number}].road")
+    heads = {one.id for one in model.signals}
+    for number, controller in enumerate(model.controllers):
+        _known(controller.signals, heads, file, f"controllers[{number}].signals")
+        _known(controller.junctions, junctions, file, f"controllers[{number}].junctions")
+
+
+def _check_road(road: ModelRoad, file: Path, place: str) -> None:
+    pieces = road.curve.pieces
+    if not pieces or any(len(one.u) not in (0, 4) or len(one.v) != len(one.u) for one in pieces):
+        raise InputError("is not a curve", file=file, place=f"{place}.curve", expected="pieces")
+    lengths = [one.length for one in pieces]
+    if min(lengths) < 0 or sum(lengths) > _LONGEST_M:
+        raise InputError("has no length", file=file, place=f"{place}.curve", expected="metres")
+    for name in _PROFILES:
+        _check_profile(getattr(road, name), file, f"{place}.{name}")
+    if not road.sections:
+        raise InputError("has no sections", file=file, place=place, expected="one at least")
+    starts = [one.s for one in road.sections]
+    if starts != sorted(starts):
+        raise InputError("has sections out of order", file=file, place=place)
+    for number, section in enumerate(road.sections):
+        here = f"{place}.sections[{number}]"
+        if len(section.by_id) < len(section.lanes) or 0 in section.by_id:
+            raise InputError("has lanes without ids of their own", file=file, place=here)
+        for index, lane in enumerate(section.lanes):
+            if lane.kind not in LANE_KINDS or not set(lane.allowed) <= set(ROAD_USERS):
+                raise InputError(
+                    f"is of kind {lane.kind[:40]!r} for {', '.join(lane.allowed)[:80]}",
+                    file=file,
+                    place=f"{here}.lanes[{index}]",
+                    expected=f"one of {', '.join(LANE_KINDS)} for classes of actors",
+                )
+            _check_profile(lane.width, file, f"{here}.lanes[{index}].width")
+            if any(k not in section.by_id for k in range(_step(lane.id), lane.id, _step(lane.id))):
+                raise InputError("has lanes that do not touch", file=file, place=here)
+
+
+def _step(identity: int) -> int:
+    return 1 if identity > 0 else -1
+
+
+def _check_profile(profile: Profile, file: Path, place: str) -> None:
+    start = profile.start
+    if not len(start) or len(start) != len(profile.abcd) or (np.diff(start) < 0).any():
+        raise InputError("is not a profile", file=file, place=place, expected="cubics in order")
+
+
+def _known(wanted: Iterable[int], known: Collection[int], file: Path, place: str) -> None:
+    for one in wanted:
+        if one not in known:
+            raise InputError(f"names {one}, which is not there", file=file, place=place)
+
+
+def carriageway_in_plan(model: LaneModel, area: shapely.Polygon) -> shapely.Geometry:
+    """Return the union of the lanes for vehicles that lie at ground level and meet ``area``."""
+    pieces = []
+    shapely.prepare(area)
+    for road in model.roads:
+        if road.level:
+            continue
+        for section, end in zip(road.sections, road.section_ends, strict=True):
+            lanes = [lane for lane in section.lanes if lane.kind in CARRIAGEWAY_KINDS]
+            if not lanes or end <= section.s:
+                continue
+            s = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 1))
+            line = shapely.LineString(road.curve.beside(s, np.zeros(len(s))))
+            if not shapely.dwithin(line, area, 60.0):
+                continue
+            for lane in lanes:
+                sides = [
+                    road.curve.beside(s, road.border(section, lane, s, outer=outer))
+                    for outer in (False, True)
+                ]
+                strip = shapely.Polygon(np.vstack([sides[0], sides[1][::-1]]))
+                pieces.append(shapely.make_valid(strip))
+    return area_union([piece for piece in pieces if piece.area > 0])

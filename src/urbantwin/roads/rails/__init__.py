@@ -1,6 +1,5 @@
 """Rails that trams run on: directed tracks of the map, and their part of SUMO's network."""
 
-from urbantwin.roads.rails.sumo_rails import add_rails
-from urbantwin.roads.rails.tracks import Track, with_trams
+from urbantwin.roads.rails.tracks import Track, add_rails, with_trams
 
 __all__ = ["Track", "add_rails", "with_trams"]

@@ -6,11 +6,14 @@ A tram that leaves the region comes back over an outer track. Nobody sees those:
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import shapely
+from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
@@ -18,11 +21,10 @@ from urbantwin.ground import Elevation
 from urbantwin.number_text import finite_number
 from urbantwin.roads.grade_separation import way_layer
 from urbantwin.roads.network import BusStop, RoadNetwork, Track
-from urbantwin.roads.rails.directed_ways import tram_ways, ways_run
-from urbantwin.site.extract import Extract
+from urbantwin.site.extract import Extract, Relation, Way
 from urbantwin.site.extract_coverage import mapped_area
 
-__all__ = ["Track", "with_trams"]
+__all__ = ["Track", "add_rails", "with_trams"]
 
 #: From a track to the next one a tram turns by less than this; what turns more is a crossing of
 #: rails. Directions are measured over some metres.
@@ -42,6 +44,14 @@ STOP_M, SAME_STOP_M = 4.0, 30.0
 SPEED_MS = 50 / 3.6
 #: The shortest piece of track, metres.
 SHORTEST_M = 0.5
+RAILWAYS, ROUTES = ("tram", "light_rail"), ("tram", "light_rail")
+#: A track that is so far from another one, and runs with it, is one of a pair, metres.
+PAIR_M = (2.0, 7.0)
+PARALLEL_COS = np.cos(np.radians(20.0))
+_YES = {"yes": {1}, "forward": {1}, "1": {1}, "-1": {-1}, "reverse": {-1}, "backward": {-1}}
+_BOTH = {"no": {1, -1}, "both": {1, -1}, "bidirectional": {1, -1}}
+#: Width of a tram's lane, metres: its clearance.
+RAIL_M = 2.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,3 +282,207 @@ def _direction(line: NDArray[np.float64]) -> NDArray[np.float64]:
     whole = shapely.LineString(line)
     ahead = shapely.get_coordinates(whole.interpolate(min(CHORD_M, whole.length)))[0] - line[0]
     return np.asarray(ahead / max(float(np.linalg.norm(ahead)), 1e-9))
+
+
+def tram_ways(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> list[Way]:
+    """Return the tracks in the open that lines run on; where no line is mapped, all but sidings."""
+    tracks = [
+        way
+        for _, way in sorted(extract.ways.items())
+        if way.tags.get("railway") in RAILWAYS
+        and way.tags.get("tunnel", "no") == "no"
+        and way_layer(way.tags) >= 0
+        and len(line := extract.way_line(way, frame)) > 1
+        and region.intersects(shapely.LineString(line))
+    ]
+    used = {way for route in _routes(extract) for kind, way, _ in route.members if kind == "w"}
+    on_lines = [way for way in tracks if way.id in used]
+    return on_lines or [way for way in tracks if "service" not in way.tags]
+
+
+def ways_run(
+    extract: Extract, frame: SiteFrame, ways: Sequence[Way], driving_side: str
+) -> dict[int, frozenset[int]]:
+    """Return for each way whether trams run along it (1), against it (-1), or both.
+
+    What the way's tags say counts first (``railway:preferred_direction``, ``oneway``), then the
+    order of the ways in mapped lines, then on which side the other track of a pair lies. A track
+    by itself is used in both directions.
+    """
+    lines = {way.id: extract.way_line(way, frame) for way in ways}
+    by_route = _directions_of_routes(extract, {way.id: way for way in ways})
+    found = {}
+    for way in ways:
+        said = way.tags.get("railway:preferred_direction") or way.tags.get("oneway", "")
+        tagged = _YES.get(said) or _BOTH.get(said)
+        beside = _of_pair(way.id, lines, driving_side)
+        found[way.id] = frozenset(tagged or by_route.get(way.id) or beside or {1, -1})
+    return found
+
+
+def _routes(extract: Extract) -> list[Relation]:
+    return [
+        relation
+        for _, relation in sorted(extract.relations.items())
+        if relation.tags.get("type") == "route" and relation.tags.get("route") in ROUTES
+    ]
+
+
+def _directions_of_routes(extract: Extract, ways: Mapping[int, Way]) -> dict[int, set[int]]:
+    """Return the directions in which lines run on ways, by the order of a line's members."""
+    found: defaultdict[int, set[int]] = defaultdict(set)
+    for route in _routes(extract):
+        rows = [member for kind, member, role in route.members if kind == "w" and role == ""]
+        for first, second in pairwise(rows):
+            a, b = extract.ways.get(first), extract.ways.get(second)
+            if a is None or b is None or len(a.nodes) < 2 or len(b.nodes) < 2:
+                continue
+            for k, sign in ((-1, 1), (0, -1)):
+                if a.nodes[k] in (b.nodes[0], b.nodes[-1]):
+                    if first in ways:
+                        found[first].add(sign)
+                    if second in ways:
+                        found[second].add(1 if a.nodes[k] == b.nodes[0] else -1)
+                    break
+    return found
+
+
+def _of_pair(
+    own: int, lines: Mapping[int, NDArray[np.float64]], driving_side: str
+) -> set[int] | None:
+    """Return the direction of a track by the side on which the other one of the pair lies."""
+    line = lines[own]
+    middle = shapely.LineString(line).interpolate(0.5, normalized=True)
+    ahead = _heading(line, middle)
+    here = shapely.get_coordinates(middle)[0]
+    for other, points in lines.items():
+        whole = shapely.LineString(points)
+        if other == own or not PAIR_M[0] <= whole.distance(middle) <= PAIR_M[1]:
+            continue
+        if abs(float(ahead @ _heading(points, middle))) < PARALLEL_COS:
+            continue
+        gap = shapely.get_coordinates(whole.interpolate(whole.project(middle)))[0] - here
+        left = float(ahead[0] * gap[1] - ahead[1] * gap[0]) > 0
+        # Where one drives on the right, the other direction is on the left.
+        return {1} if left == (driving_side == "right") else {-1}
+    return None
+
+
+def _heading(line: NDArray[np.float64], near: shapely.Point) -> NDArray[np.float64]:
+    """Return the unit vector (2,) along a line where it is nearest to a place."""
+    whole = shapely.LineString(line)
+    at = whole.project(near)
+    ends = shapely.line_interpolate_point(whole, [max(at - 1.0, 0.0), min(at + 1.0, whole.length)])
+    leg = np.diff(shapely.get_coordinates(ends), axis=0)[0]
+    return np.asarray(leg / max(float(np.linalg.norm(leg)), 1e-9))
+
+
+def add_rails(path: Path, tracks: Sequence[Track]) -> None:
+    """Add tracks to a ``.net.xml``, rewritten in place.
+
+    Args:
+        path: the network.
+        tracks: with the ids of those that follow each.
+    """
+    if not tracks:
+        return
+    tree = etree.parse(path, etree.XMLParser(remove_blank_text=True))
+    root = tree.getroot()
+    nodes = _nodes(tracks)
+    groups: dict[str, list[etree._Element]] = {"edge": [], "junction": [], "connection": []}
+    for track in tracks:
+        start, end = nodes[track.id]
+        groups["edge"].append(_edge(track, start, end))
+    by_id = {track.id: track for track in tracks}
+    into: defaultdict[str, list[Track]] = defaultdict(list)
+    for track in tracks:
+        into[nodes[track.id][1]].append(track)
+    for name in sorted({node for ends in nodes.values() for node in ends}):
+        entering = sorted(into[name], key=lambda track: track.id)
+        links = [(one, by_id[n]) for one in entering for n in one.successors]
+        ends = [track.line[-1] for track in entering]
+        ends += [track.line[0] for track in tracks if nodes[track.id][0] == name]
+        groups["junction"].append(_junction(name, ends[0][:2].tolist(), entering, links))
+        groups["connection"] += [
+            etree.Element(
+                "connection",
+                {"from": a.id, "to": b.id, "fromLane": "0", "toLane": "0"},
+                dir="s",
+                state="M" if len({x.id for x, y in links if y is b}) < 2 else "=",
+            )
+            for a, b in links
+        ]
+    for tag, items in groups.items():
+        last = root.findall(tag)[-1:]
+        place = root.index(last[0]) + 1 if last else len(root)
+        for k, item in enumerate(items):
+            root.insert(place + k, item)
+    etree.indent(root, space=" ")
+    tree.write(path, encoding="UTF-8", xml_declaration=True)
+
+
+def _nodes(tracks: Sequence[Track]) -> dict[str, tuple[str, str]]:
+    """Return the names of the nodes where each track begins and ends: the same where they meet."""
+    parent: dict[str, str] = {}
+
+    def top(name: str) -> str:
+        while parent.setdefault(name, name) != name:
+            name = parent[name]
+        return name
+
+    for track in tracks:
+        for following in track.successors:
+            a, b = top(f"{track.id}>"), top(f"<{following}")
+            parent[max(a, b)] = min(a, b)
+    ends = [(track.id, top(f"<{track.id}"), top(f"{track.id}>")) for track in tracks]
+    tops = sorted({name for end in ends for name in end[1:]})
+    number = {name: f"rails-{k + 1}" for k, name in enumerate(tops)}
+    return {name: (number[a], number[b]) for name, a, b in ends}
+
+
+def _edge(track: Track, start: str, end: str) -> etree._Element:
+    edge = etree.Element(
+        "edge", {"id": track.id, "from": start, "to": end}, priority="-1", type="railway.tram"
+    )
+    etree.SubElement(
+        edge,
+        "lane",
+        id=f"{track.id}_0",
+        index="0",
+        allow="tram",
+        speed=f"{track.speed:.2f}",
+        length=f"{max(shapely.LineString(track.line[:, :2]).length, 0.1):.3f}",
+        width=f"{RAIL_M:.2f}",
+        shape=" ".join(f"{x:.3f},{y:.3f}" for x, y, _ in track.line.tolist()),
+    )
+    return edge
+
+
+def _junction(
+    name: str, point: list[float], entering: list[Track], links: list[tuple[Track, Track]]
+) -> etree._Element:
+    x, y = point
+    kind = "priority" if links else "dead_end"
+    item = etree.Element(
+        "junction",
+        id=name,
+        type=kind,
+        x=f"{x:.3f}",
+        y=f"{y:.3f}",
+        incLanes=" ".join(f"{track.id}_0" for track in entering),
+        intLanes="",
+        shape=f"{x - 0.1:.3f},{y:.3f} {x:.3f},{y + 0.1:.3f} {x + 0.1:.3f},{y:.3f}",
+    )
+    for k, (a, b) in enumerate(links):
+        foes = [b is d and a is not c for c, d in links]
+        # Where two tracks become one, who comes over the later of them waits.
+        first = [foe and n < k for n, foe in enumerate(foes)]
+        etree.SubElement(
+            item, "request", index=str(k), response=_bits(first), foes=_bits(foes), cont="0"
+        )
+    return item
+
+
+def _bits(flags: list[bool]) -> str:
+    """Return flags as SUMO writes them: the first is the last character."""
+    return "".join("1" if flag else "0" for flag in reversed(flags))

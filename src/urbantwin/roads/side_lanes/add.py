@@ -2,23 +2,79 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
 import shapely
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.roads.cross_section import MappedSegment
-from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.side_lanes.clearance import Clearance
+from urbantwin.roads.cross_section import (
+    CarriagewayLane,
+    CrossSection,
+    MappedSegment,
+    Roadside,
+)
+from urbantwin.roads.model import CURB_HEIGHT_M, RAISED_KINDS, LaneModel, ModelRoad, Profile, fitted
+from urbantwin.roads.model.curve import all_at, aside
+from urbantwin.roads.side_lanes.clearance import STEP_M, Clearance
 from urbantwin.roads.side_lanes.island import BEYOND_M, islands_on, moved_aside, stations_on
-from urbantwin.roads.side_lanes.lane_insertion import Renumbering, relinked, with_lanes
-from urbantwin.roads.side_lanes.map_matching import by_way, match_ways
-from urbantwin.roads.side_lanes.median import medians
-from urbantwin.roads.side_lanes.parking import parking_and_shoulders
+from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, relinked, with_lanes
 
-__all__ = ["add_side_lanes"]
+__all__ = ["MatchedWay", "add_side_lanes"]
+
+#: Gaps between carriageways that are medians, metres: less is a line, more is land.
+NARROWEST_M, WIDEST_M = 0.6, 8.0
+#: Shortest median, and the length of its noses, metres.
+SHORTEST_M, NOSE_M = 6.0, 2.0
+#: Two carriageways run beside or against each other within this angle, as a cosine.
+PARALLEL = 0.8
+#: Largest difference between a median's width and half of the gap, metres.
+TOLERANCE_M = 0.05
+#: A way further from a road than this is not the way of this part of it, metres.
+OFF_M = 15.0
+#: Shorter parts are left out, metres.
+SHORTEST_MATCH_M = 0.5
+#: No parking within so many metres of a junction or the crossing before it. Germany: StVO
+#: section 12 (3), 5 m. United States: Uniform Vehicle Code 11-1003, 20 ft from a crosswalk at an
+#: intersection. Australia: Australian Road Rules 170, 10 m. United Kingdom: Highway Code 243,
+#: 10 m. Taiwan: Road Traffic Safety Rules 111, 10 m. Japan: Road Traffic Act 44, 5 m. Elsewhere:
+#: Vienna Convention on Road Traffic, article 23, 5 m.
+CLEAR_M = {"US": 6.1, "CA": 6.1, "AU": 10.0, "NZ": 6.0, "GB": 10.0, "IE": 5.0, "TW": 10.0}
+#: The shortest side lane without its tapers: one parallel space, metres.
+SHORTEST_LANE_M = 5.5
+#: Tapers: parking begins and ends over its own depth, shoulders over ten times their width.
+SHORTEST_TAPER_M, LONGEST_TAPER_M, SHOULDER_SLANT = 1.5, 12.0, 10.0
+#: The same width to a reader of the map, metres.
+SAME_M = 0.05
+#: From, to, width, whether a track lies beyond, and how vehicles park.
+Run = tuple[float, float, float, bool, str]
+#: What is taken off either end where a road merely goes on into the next, metres.
+NEXT_M = 0.5
+
+
+@dataclass(frozen=True)
+class MatchedWay:
+    """A part of a road, from station ``first`` to ``last``, that is one way of the map.
+
+    ``aligned``: whether the way is drawn along the road's reference line.
+    """
+
+    first: float
+    last: float
+    section: CrossSection
+    aligned: bool
+
+    def roadside(self, side: int) -> Roadside:
+        """Return the roadside to the left (1) or right (-1) of the road."""
+        return self.section.left if (side > 0) == self.aligned else self.section.right
+
+    def lanes(self, side: int) -> tuple[CarriagewayLane, ...]:
+        """Return the lanes on the left (1) or right (-1) of the middle of the road."""
+        forward = self.section.outward == (side if self.aligned else -side)
+        return self.section.lanes(forward=forward)
 
 
 def add_side_lanes(
@@ -78,3 +134,305 @@ def add_side_lanes(
         return model
     whole = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
     return relinked(whole, changed)
+
+
+def medians(
+    model: LaneModel, footprints: Mapping[int, shapely.Geometry]
+) -> dict[int, list[Insertion]]:
+    """Return the median lanes of the streets of one direction, by road.
+
+    A median lies on the inner side and fills half of the gap to a carriageway against it, all of
+    the gap to one beside it; it narrows to a nose before the junction.
+
+    Args:
+        model: the lane model.
+        footprints: the area of each street in plan, by its id.
+    """
+    streets = [road for road in model.roads if road.junction < 0 and _is_driven(road)]
+    shapes = [footprints[road.id] for road in streets]
+    # Outer roads beyond the region are ways of no map: nothing is built between them.
+    roads = [road for road in streets if any(road.ways) and _inner_side(road)]
+    stations = [
+        np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2)) for road in roads
+    ]
+    found: dict[int, list[Insertion]] = {}
+    widths = _widths(roads, stations, streets, shapes)
+    for road, s, width in zip(roads, stations, widths, strict=True):
+        side = _inner_side(road)
+        items = [
+            item for a, b in _spans(width) if (item := _median(road, side, s[a:b], width[a:b]))
+        ]
+        if items:
+            found[road.id] = items
+    return found
+
+
+def _is_driven(road: ModelRoad) -> bool:
+    """Whether a road is more than a footway."""
+    return any(lane.kind not in RAISED_KINDS for part in road.sections for lane in part.lanes)
+
+
+def _inner_side(road: ModelRoad) -> int:
+    """Return the side without lanes of a road of one direction: 1, -1; 0 if it has both."""
+    if any(lane.opposite for section in road.sections for lane in section.lanes):
+        return 0
+    ids = {lane.id > 0 for section in road.sections for lane in section.lanes}
+    return 0 if len(ids) != 1 else (-1 if ids.pop() else 1)
+
+
+def _widths(
+    roads: Sequence[ModelRoad],
+    stations: Sequence[NDArray[np.float64]],
+    streets: Sequence[ModelRoad],
+    shapes: Sequence[shapely.Geometry],
+) -> list[NDArray[np.float64]]:
+    """Return the width (N,) of each road's median at its stations (N,); nan without one."""
+    if not roads:
+        return []
+    counts = [len(s) for s in stations]
+    side, number, level = np.repeat(
+        [(_inner_side(road), road.id, road.level) for road in roads], counts, axis=0
+    ).T
+    pose = all_at([road.curve for road in roads], stations)
+    edge = np.concatenate([road.offset.at(s) for road, s in zip(roads, stations, strict=True)])
+    near, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
+    probes = shapely.linestrings(np.stack([near, far], axis=1))
+    probe, hit = shapely.STRtree(shapes).query(probes, predicate="intersects")
+    others = np.array([(road.id, road.level) for road in streets])[hit]
+    fits = (others[:, 0] != number[probe]) & (others[:, 1] == level[probe])
+    probe, hit = probe[fits], hit[fits]
+    crossed = shapely.intersection(np.asarray(shapes, object)[hit], probes[probe])
+    reach = shapely.distance(shapely.points(near[probe]), crossed) + 0.02
+    width = np.full(len(pose), math.nan)
+    order = np.lexsort((reach, probe))
+    # The nearest street at each station.
+    nearest = order[np.unique(probe[order], return_index=True)[1]]
+    for j in np.unique(hit[nearest]):
+        other, mine = streets[j], nearest[hit[nearest] == j]
+        k, gap = probe[mine], reach[mine]
+        heading = other.curve.at(other.curve.locate(near[k])[0])[:, 2]
+        along = np.cos(heading - pose[k, 2])
+        # A carriageway in the opposite direction has half of the median; a parallel one has none.
+        share = np.where((along < -PARALLEL) & bool(_inner_side(other)), 0.5, 1.0)
+        ok = (np.abs(along) > PARALLEL) & (gap > NARROWEST_M) & (gap < WIDEST_M)
+        width[k[ok]] = (gap * share)[ok]
+    return np.split(width, np.cumsum(counts)[:-1])
+
+
+def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return from and to of the stretches with a median."""
+    known = np.concatenate([[False], np.isfinite(width), [False]])
+    change = np.flatnonzero(known[1:] != known[:-1])
+    return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
+
+
+def _median(
+    road: ModelRoad, side: int, s: NDArray[np.float64], width: NDArray[np.float64]
+) -> Insertion | None:
+    if len(s) < 3 or s[-1] - s[0] < SHORTEST_M:
+        return None
+    fine = np.linspace(0.0, float(s[-1] - s[0]), max(8, int((s[-1] - s[0]) / 0.5) + 1))
+    whole = np.interp(fine, s - s[0], width)
+    nose = np.clip(np.minimum(fine, fine[-1] - fine) / NOSE_M, 0.0, 1.0)
+    shape = whole * nose**2 * (3 - 2 * nose)
+    profile = fitted(fine, shape, tolerance=TOLERANCE_M, slopes=(0.0, 0.0))
+    return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), profile, CURB_HEIGHT_M)
+
+
+def by_way(segments: Iterable[MappedSegment]) -> dict[int, list[MappedSegment]]:
+    """Return segments by the ids of their ways."""
+    found: dict[int, list[MappedSegment]] = {}
+    for segment in segments:
+        found.setdefault(segment.way, []).append(segment)
+    return found
+
+
+def match_ways(
+    road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]
+) -> list[MatchedWay]:
+    """Return the parts of a road by ways, from its start to its end, without gaps."""
+    mine = [segment for way in road.ways for segment in segments.get(way, ())]
+    if not mine:
+        return []
+    every, aside = road.curve.locate(np.concatenate([segment.points for segment in mine]))
+    found = []
+    end = 0
+    for segment in mine:
+        begin, end = end, end + len(segment.points)
+        if np.abs(aside[begin:end]).max() >= OFF_M:
+            continue
+        start, goal = float(every[begin]), float(every[end - 1])
+        first = min(max(min(start, goal), 0.0), road.length)
+        last = min(max(start, goal, 0.0), road.length)
+        if last - first >= min(SHORTEST_MATCH_M, road.length / 2):
+            found.append(MatchedWay(first, last, segment.section, goal > start))
+    found.sort(key=lambda part: (part.first, part.last))
+    whole: list[MatchedWay] = []
+    for k, part in enumerate(found):
+        first = whole[-1].last if whole else 0.0
+        last = road.length if k == len(found) - 1 else part.last
+        if last > first:
+            whole.append(MatchedWay(first, last, part.section, part.aligned))
+    return whole
+
+
+def parking_and_shoulders(
+    road: ModelRoad,
+    parts: Sequence[MatchedWay],
+    meets: Mapping[str, str],
+    crossings: Sequence[float] | NDArray[np.float64],
+    *,
+    room: Clearance,
+    country: str,
+) -> list[Insertion]:
+    """Return the parking and shoulder lanes of a road.
+
+    Parking ends before junctions as the law says and tapers to nothing, so that the junction's own
+    lanes and corners stay where they are; where there is no room beside the road there is none.
+
+    Args:
+        road: a street.
+        parts: the ways that it is made from.
+        meets: ``start`` and ``end`` -> ``junction``, ``street`` (it goes on) or ``nothing``.
+        crossings: stations where people cross the street.
+        room: what stands beside the roads; what is added here is taken off it.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    found: list[Insertion] = []
+    for side in (1, -1):
+        walk = _has_walk(road, side)
+        for kind, clear, slant in (
+            ("shoulder", 0.0, SHOULDER_SLANT),
+            ("parking", _clear_of_junction(country), 1.0),
+        ):
+            runs = _runs(parts, side, kind)
+            if kind == "parking":
+                runs = [free for run in runs for free in _clear_of(run, crossings, clear)]
+            for first, last, width, track, stands in runs:
+                a, b, ramps = _ends(road, (first, last), meets, clear=clear, moved=walk)
+                taper = float(np.clip(slant * width, SHORTEST_TAPER_M, LONGEST_TAPER_M))
+                place = "before_track" if track else "outer"
+                for start, end, profile in _fitted(road, side, (a, b), ramps, (width, taper), room):
+                    lane = Insertion(side, place, kind, start, end, profile, parking=stands)
+                    found.append(lane)
+                    room.grow(road, side, start, end, width)
+    return found
+
+
+def _has_walk(road: ModelRoad, side: int) -> bool:
+    return any(
+        lane.id * side > 0 and (lane.kind in RAISED_KINDS or lane.kind == "bicycle")
+        for section in road.sections
+        for lane in section.lanes
+    )
+
+
+def _runs(parts: Iterable[MatchedWay], side: int, kind: str) -> list[Run]:
+    """Return where a roadside is the same, neighbours of one width joined."""
+    runs: list[Run] = []
+    for part in parts:
+        beside = part.roadside(side)
+        width, stands = beside.shoulder, ""
+        if kind == "parking":
+            width = beside.parking.width if beside.parking is not None else 0.0
+            stands = beside.parking.orientation if beside.parking is not None else ""
+        lanes = part.lanes(side)
+        track = bool(lanes) and lanes[-1].track
+        if width <= 0:
+            continue
+        before = runs[-1] if runs else None
+        if (
+            before is not None
+            and abs(before[1] - part.first) < 1e-6
+            and abs(before[2] - width) < SAME_M
+            and before[3:] == (track, stands)
+        ):
+            runs[-1] = (before[0], part.last, *before[2:])
+        else:
+            runs.append((part.first, part.last, width, track, stands))
+    return runs
+
+
+def _clear_of(
+    run: Run, crossings: Sequence[float] | NDArray[np.float64], clear: float
+) -> list[Run]:
+    """Return the parts of a run outside the surroundings of crossings."""
+    first, last, width, track, stands = run
+    found = []
+    for s in sorted(float(at) for at in crossings):
+        if first < s + clear and s - clear < last:
+            found.append((first, s - clear, width, track, stands))
+            first = s + clear
+    found.append((first, last, width, track, stands))
+    return [item for item in found if item[1] > item[0]]
+
+
+def _ends(
+    road: ModelRoad,
+    run: tuple[float, float],
+    meets: Mapping[str, str],
+    *,
+    clear: float,
+    moved: bool,
+) -> tuple[float, float, tuple[bool, bool]]:
+    """Return where a lane begins and ends, and at which ends it tapers."""
+    first, last = run
+    gaps, ramps = [], []
+    for at_end, touches in (("start", first < 1.0), ("end", last > road.length - 1.0)):
+        meeting = meets.get(at_end, "nothing")
+        if not touches:
+            gaps.append(0.0)
+            ramps.append(True)
+        elif meeting == "junction":
+            gaps.append(clear)
+            ramps.append(True)
+        else:
+            # Where nothing beyond it would have to move back, it goes on to the very end.
+            gaps.append(NEXT_M if moved else 0.0)
+            ramps.append(moved)
+    return first + gaps[0], last - gaps[1], (ramps[0], ramps[1])
+
+
+def _fitted(
+    road: ModelRoad,
+    side: int,
+    run: tuple[float, float],
+    ramps: tuple[bool, bool],
+    size: tuple[float, float],
+    room: Clearance,
+) -> list[tuple[float, float, Profile]]:
+    """Return where within a run there is room for a lane, and its width along it."""
+    found = []
+    first, last = run
+    width, taper = size
+    if last - first < SHORTEST_LANE_M:
+        return []
+    for a, b in room.free(road, side, first, last, width):
+        up = taper if ramps[0] or a > first + 1e-6 else 0.0
+        down = taper if ramps[1] or b < last - 1e-6 else 0.0
+        if b - a - up - down >= SHORTEST_LANE_M:
+            found.append((a, b, _tapered(width, b - a, up, down)))
+    return found
+
+
+def _tapered(width: float, length: float, up: float, down: float) -> Profile:
+    """Return a width that grows from 0, stays, and goes back to 0, without a kink."""
+    starts, rows = [], []
+    if up > 0:
+        starts.append(0.0)
+        rows.append(Profile.ramp(0.0, width, up).abcd[0])
+    starts.append(up)
+    rows.append(np.array([width, 0.0, 0.0, 0.0]))
+    if down > 0:
+        starts.append(length - down)
+        rows.append(Profile.ramp(width, 0.0, down).abcd[0])
+    return Profile(np.array(starts), np.array(rows))
+
+
+def _clear_of_junction(country: str) -> float:
+    """Return within what distance of a junction parking is banned, metres.
+
+    Args:
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    return CLEAR_M.get(country, 5.0)

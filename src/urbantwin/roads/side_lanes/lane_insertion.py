@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from urbantwin.roads.model import (
     RAISED_KINDS,
     LaneModel,
@@ -14,14 +16,18 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
-from urbantwin.roads.model.lane_marks import with_lane_marks
+from urbantwin.roads.model.road import with_lane_marks
 
-__all__ = ["Insertion", "Renumbering", "relinked", "with_lanes"]
+__all__ = ["Insertion", "Renumbering", "relinked", "with_curbs", "with_lanes"]
 
 #: Section borders closer than this are one, metres.
 SLIVER_M = 0.05
 #: Which lane something is within a road: (section, id) of the road before, or ("new", number).
 Key = tuple[str, int, int]
+#: Width of a curb stone, metres (EN 1340: 0.12 to 0.15 m are usual; AASHTO Green Book: 0.15 m).
+CURB_WIDTH_M = 0.15
+#: The narrowest sidewalk that gives up the width of a curb, metres.
+NARROWEST_M = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,3 +213,54 @@ def _neighbour(
         key = ("old", key[1] + step, link)
     lane = other.get(key)
     return None if lane is None else lane.id
+
+
+def with_curbs(model: LaneModel) -> LaneModel:
+    """Return the model with a curb along every sidewalk of a street; the sidewalk gives its width.
+
+    Args:
+        model: roads in plan, with their side lanes.
+    """
+    changed: dict[int, Renumbering] = {}
+    roads = []
+    for road in model.roads:
+        items = [_curb(road, side) for side in (1, -1) if _has_sidewalk(road, side)]
+        if road.junction >= 0 or not items:
+            roads.append(road)
+            continue
+        curbed, changed[road.id] = with_lanes(road, items)
+        roads.append(replace(curbed, sections=tuple(_narrowed(x) for x in curbed.sections)))
+    return relinked(replace(model, roads=tuple(roads)), changed)
+
+
+def _has_sidewalk(road: ModelRoad, side: int) -> bool:
+    """Whether the innermost raised lane of a side is a wide enough sidewalk all along."""
+    shared = any(lane.opposite for section in road.sections for lane in section.lanes)
+    for section in road.sections:
+        lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+        raised = next((lane for lane in lanes if lane.kind in RAISED_KINDS), None)
+        # Connecting roads start at a sidewalk that is the only lane of a side, unless both
+        # directions share the lane on the other side: it stays in place.
+        if raised is None or raised.kind != "sidewalk" or (abs(raised.id) == 1 and not shared):
+            return False
+        ends = [0.0, *raised.width.start]
+        if np.min(raised.width.at(ends)) < NARROWEST_M:
+            return False
+    return True
+
+
+def _curb(road: ModelRoad, side: int) -> Insertion:
+    section = road.sections[0]
+    height = next(x.height for x in section.lanes if x.id * side > 0 and x.kind == "sidewalk")
+    width = Profile.constant(CURB_WIDTH_M)
+    return Insertion(side, "before_raised", "curb", 0.0, road.length, width, height)
+
+
+def _narrowed(section: LaneSection) -> LaneSection:
+    lanes = {lane.id: lane for lane in section.lanes}
+    for number, lane in section.by_id.items():
+        inner = section.by_id.get(number - (1 if number > 0 else -1))
+        if lane.kind == "sidewalk" and inner is not None and inner.kind == "curb":
+            abcd = lane.width.abcd - [CURB_WIDTH_M, 0.0, 0.0, 0.0]
+            lanes[number] = replace(lane, width=Profile(lane.width.start, abcd))
+    return replace(section, lanes=tuple(lanes.values()))

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import RAISED_KINDS, LaneModel, LaneSection, ModelRoad, SectionLane
-from urbantwin.roads.side_lanes.frontage import straight_pieces
+from urbantwin.roads.side_lanes.clearance import straight_pieces
 from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, relinked, with_lanes
 
 __all__ = ["CurbMove", "with_moved_curbs"]
@@ -19,7 +19,7 @@ __all__ = ["CurbMove", "with_moved_curbs"]
 #: a cosine.
 FARTHEST_M, ALONG = 6.0, 0.8
 #: Spacing of what is looked at along a line and along a road, metres.
-STEP_M = 0.25
+FRONTAGE_STEP_M = 0.25
 #: A curb returns to its place over so many times what it was moved, within limits, metres.
 SLANT, SHORTEST_TAPER_M, LONGEST_TAPER_M = 3.0, 1.0, 12.0
 #: The shortest stretch of a curb that is moved; longest gap within one that is nearer to another
@@ -145,7 +145,7 @@ def _follows(
     streets: Sequence[ModelRoad], line: shapely.LineString, number: int, move: CurbMove
 ) -> list[_Follow]:
     """Return which curbs follow a line: of every piece of it the nearest one along it."""
-    points = shapely.get_coordinates(shapely.segmentize(line, STEP_M))
+    points = shapely.get_coordinates(shapely.segmentize(line, FRONTAGE_STEP_M))
     ahead = np.gradient(points, axis=0)
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
     gap = np.full(len(points), np.inf)
@@ -160,7 +160,12 @@ def _follows(
         out = _curb_out(road, side, np.clip(s, 0.0, road.length))
         away = np.abs(side * t - out)
         along = np.abs(np.cos(road.curve.at(np.clip(s, 0, road.length))[:, 2] - heading)) > ALONG
-        within = (s >= -STEP_M) & (s <= road.length + STEP_M) & along & np.isfinite(out)
+        within = (
+            (s >= -FRONTAGE_STEP_M)
+            & (s <= road.length + FRONTAGE_STEP_M)
+            & along
+            & np.isfinite(out)
+        )
         near = away[within].min(initial=np.inf)
         move.nearest_m = min(move.nearest_m, float(near))
         better = within & (away < gap) & (away <= FARTHEST_M)
@@ -182,7 +187,7 @@ def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Yield which points in a row have one owner, and the owner; another's are few between them."""
     for k in np.unique(owner[owner >= 0]).tolist():
         mine = np.flatnonzero(owner == k)
-        apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / STEP_M) + 1
+        apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / FRONTAGE_STEP_M) + 1
         for run in np.split(mine, apart):
             yield k, run
 
@@ -197,8 +202,8 @@ def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int,
     for one in follows:
         road = roads[one.road]
         for end, touches in (
-            ("start", one.s[0] < 2 * STEP_M),
-            ("end", one.s[-1] > road.length - 2 * STEP_M),
+            ("start", one.s[0] < 2 * FRONTAGE_STEP_M),
+            ("end", one.s[-1] > road.length - 2 * FRONTAGE_STEP_M),
         ):
             if touches:
                 reached.add((one.road, end, one.side))
@@ -260,11 +265,11 @@ def _way(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stations (N,) and how far out (N,) the curb moves there, with its tapers."""
     first, last = max(float(one.s[0]), 0.0), min(float(one.s[-1]), road.length)
-    if (road.id, "start", one.side) in ends and first < 2 * STEP_M:
+    if (road.id, "start", one.side) in ends and first < 2 * FRONTAGE_STEP_M:
         first = 0.0
-    if (road.id, "end", one.side) in ends and last > road.length - 2 * STEP_M:
+    if (road.id, "end", one.side) in ends and last > road.length - 2 * FRONTAGE_STEP_M:
         last = road.length
-    s = np.unique(np.concatenate([np.arange(first, last, STEP_M), [last]]))
+    s = np.unique(np.concatenate([np.arange(first, last, FRONTAGE_STEP_M), [last]]))
     curb = _curb_out(road, one.side, s)
     wanted = np.interp(s, one.s, one.out_m) - curb
     known = np.isfinite(wanted)
@@ -290,7 +295,7 @@ def _way(
 
 def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
     """Return over how many metres a curb goes back to its place: outside and inside its line."""
-    if goes_on and room < 2 * STEP_M:
+    if goes_on and room < 2 * FRONTAGE_STEP_M:
         return 0.0, 0.0
     length = float(np.clip(SLANT * abs(far), SHORTEST_TAPER_M, LONGEST_TAPER_M))
     outside = min(room, length)
@@ -365,7 +370,9 @@ def _inner_moved(
     The lane there becomes wider, and what is raised beside it (a median) gives the ground up.
     """
     at = np.unique(
-        np.concatenate([np.arange(0.0, road.length, STEP_M), [road.length], s, road.offset.start])
+        np.concatenate(
+            [np.arange(0.0, road.length, FRONTAGE_STEP_M), [road.length], s, road.offset.start]
+        )
     )
     at = at[(at >= 0.0) & (at <= road.length)]
     offset = road.offset.at(at) + side * np.interp(at, s, out, left=0.0, right=0.0)
@@ -408,7 +415,9 @@ def _with_widths(
             lanes = [x for x in section.lanes if x.id == side]
         if lanes and end > s[0] and section.s < s[-1]:
             knots = [lane.width.start + section.s for lane in lanes]
-            steps = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 2))
+            steps = np.linspace(
+                section.s, end, max(2, int((end - section.s) / FRONTAGE_STEP_M) + 2)
+            )
             at = np.unique(np.concatenate([steps, s, *knots]))
             at = at[(at >= section.s) & (at <= end)]
             new = changed(lanes, at - section.s, at)

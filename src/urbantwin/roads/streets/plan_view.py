@@ -22,7 +22,7 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
-from urbantwin.roads.model.lane_marks import with_lane_marks
+from urbantwin.roads.model.road import with_lane_marks
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.streets.manoeuvre import Manoeuvre, build_manoeuvres, find_topology
 from urbantwin.roads.streets.street import Street, Strip, build_streets

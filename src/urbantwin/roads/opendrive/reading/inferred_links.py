@@ -8,8 +8,14 @@ from dataclasses import replace
 
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink, SectionLane
 from urbantwin.roads.opendrive.cubics import value
+from urbantwin.roads.opendrive.reading.junctions import (
+    Poses,
+    end_section,
+    middles,
+    with_road_link,
+)
+from urbantwin.roads.opendrive.reading.lane_sections import with_lane_links
 from urbantwin.roads.opendrive.reading.parsing import Spot
-from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["with_inferred_ends", "with_inferred_lanes"]
@@ -48,7 +54,6 @@ def with_inferred_ends(
     for road in list(by_id.values()):
         if road.junction < 0:
             continue
-        changes: dict[str, RoadLink] = {}
         for tag, end in (("predecessor", "start"), ("successor", "end")):
             if getattr(road, tag) is not None:
                 continue
@@ -60,7 +65,8 @@ def with_inferred_ends(
             ]
             if near:
                 _, other, contact = min(near)
-                changes[tag] = RoadLink("road", other, contact)
+                there = RoadLink("road", other, contact)
+                by_id[road.id] = with_road_link(by_id[road.id], tag, there)
                 spots[road.id].remark(
                     "roads through junctions without links: what they meet is taken"
                 )
@@ -68,12 +74,6 @@ def with_inferred_ends(
                 spots[road.id].drop(f"leads through a junction, but has no {tag}")
                 del by_id[road.id]
                 break
-        if changes and road.id in by_id:
-            by_id[road.id] = replace(
-                road,
-                predecessor=changes.get("predecessor", road.predecessor),
-                successor=changes.get("successor", road.successor),
-            )
 
 
 def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> None:
@@ -90,11 +90,8 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
                 continue
             spots[street.id].remark("streets that are not linked to the junction that they meet")
             there = RoadLink("junction", road.junction)
-            by_id[street.id] = (
-                replace(street, predecessor=there)
-                if link.contact == "start"
-                else replace(street, successor=there)
-            )
+            tag = "predecessor" if link.contact == "start" else "successor"
+            by_id[street.id] = with_road_link(street, tag, there)
 
 
 def with_inferred_lanes(
@@ -164,17 +161,7 @@ def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection
 
 def _with_links(section: LaneSection, tag: str, links: Mapping[int, int]) -> LaneSection:
     """Return a section with links of lanes, by their ids; other lanes keep theirs."""
-    lanes = tuple(
-        replace(
-            lane,
-            predecessor=links.get(lane.id, lane.predecessor)
-            if tag == "predecessor"
-            else lane.predecessor,
-            successor=links.get(lane.id, lane.successor) if tag == "successor" else lane.successor,
-        )
-        for lane in section.lanes
-    )
-    return replace(section, lanes=lanes)
+    return with_lane_links(section, tag, lambda lane, link: links.get(lane.id, link))
 
 
 def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from lxml import etree
 
 from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink, SectionLane
+from urbantwin.roads.opendrive.cubics import value
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot
-from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section
 
-__all__ = ["Node", "read_connections", "read_node"]
+__all__ = ["Node", "Poses", "end_section", "middles", "read_connections", "read_node"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,28 @@ class Node:
     def is_midway(self) -> bool:
         """Whether it lies beside a road that goes on: nothing ends there."""
         return self.kind in ("virtual", "crossing")
+
+
+class Poses:
+    """Where the reference lines of roads start and end; each is looked up once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, dict[str, tuple[float, float, float]]] = {}
+
+    def at(self, road: ModelRoad, end: str) -> tuple[float, float, float]:
+        """Return x, y and heading at ``start`` or ``end`` of a road."""
+        if road.id not in self._known:
+            (x0, y0, h0), (x1, y1, h1) = road.curve.at([0.0, road.length]).tolist()
+            self._known[road.id] = {"start": (x0, y0, h0), "end": (x1, y1, h1)}
+        return self._known[road.id][end]
+
+    def gap(self, road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
+        """Return how far the ends of two reference lines lie apart, metres."""
+        return math.dist(self.at(road, end)[:2], self.at(other, contact)[:2])
+
+    def nearer(self, road: ModelRoad, end: str, other: ModelRoad) -> str:
+        """Return which end of another road lies nearer to an end of a road."""
+        return min(("start", "end"), key=lambda contact: self.gap(road, end, other, contact))
 
 
 def read_node(item: etree._Element) -> Node:
@@ -49,7 +72,7 @@ def read_connections(
     poses: Poses,
     log: Log,
     *,
-    gone: Collection[str] = (),
+    dropped: Collection[str] = (),
 ) -> tuple[Connection, ...]:
     """Return the connections of a junction.
 
@@ -64,7 +87,7 @@ def read_connections(
         by_id: id in the model -> road.
         poses: where roads start and end.
         log: the file.
-        gone: ids of roads that were dropped, and their connections with them.
+        dropped: ids of roads that were dropped, and their connections with them.
     """
     spot = log.at(f"junction {node.id}")
     direct = node.kind == "direct"
@@ -73,7 +96,7 @@ def read_connections(
     found = []
     for item in node.connections:
         here = spot.within(f"connection {item.get('id', '')}")
-        names = _names(item, roads, here, gone, direct=direct)
+        names = _names(item, roads, here, dropped, direct=direct)
         if names is None:
             continue
         incoming, connecting = (by_id[roads[name].id] for name in names)
@@ -167,14 +190,14 @@ def _names(
     item: etree._Element,
     roads: Mapping[str, ModelRoad],
     spot: Spot,
-    gone: Collection[str],
+    dropped: Collection[str],
     *,
     direct: bool,
 ) -> tuple[str, str] | None:
     """Return the roads that a connection joins, by their ids in the file; None if it is wrong."""
     keys = ("incomingRoad", "linkedRoad" if direct else "connectingRoad")
     first, second = (item.get(key, "") for key in keys)
-    if first in gone or second in gone:
+    if first in dropped or second in dropped:
         return None
     for key, name in zip(keys, (first, second), strict=True):
         if name not in roads:
@@ -202,10 +225,8 @@ def _end_of_incoming(
     if link is None and connecting.junction >= 0:
         spot.remark("roads through junctions without links: they are taken from connections")
         told = RoadLink("road", incoming.id, end)
-        if contact == "start":
-            by_id[connecting.id] = replace(connecting, predecessor=told)
-        else:
-            by_id[connecting.id] = replace(connecting, successor=told)
+        tag = "predecessor" if contact == "start" else "successor"
+        by_id[connecting.id] = with_road_link(connecting, tag, told)
     else:
         spot.remark("connections whose road is not linked to the road that comes in")
     return end
@@ -261,3 +282,33 @@ def _end_at(road: ModelRoad, junction: int) -> str:
         if link is not None and link.element == "junction" and link.id == junction:
             return end
     return "end"
+
+
+def with_road_link(road: ModelRoad, tag: str, link: RoadLink | None) -> ModelRoad:
+    """Return a road with another ``predecessor`` or ``successor``."""
+    if tag == "predecessor":
+        return replace(road, predecessor=link)
+    return replace(road, successor=link)
+
+
+def end_section(road: ModelRoad, end: str) -> LaneSection:
+    """Return the lane section at the start or the end of a road."""
+    return road.sections[0 if end == "start" else -1]
+
+
+def middles(road: ModelRoad, end: str, poses: Poses) -> dict[int, tuple[float, float]]:
+    """Return where the middles of lanes lie at one end of a road."""
+    section = end_section(road, end)
+    s = 0.0 if end == "start" else road.length
+    x, y, heading = poses.at(road, end)
+    level = math.cos(value(road.bank, s))
+    left = (-math.sin(heading) * level, math.cos(heading) * level)
+    found = {}
+    for sign in (1, -1):
+        t = value(road.offset, s)
+        for lane in sorted((e for e in section.lanes if e.id * sign > 0), key=lambda e: abs(e.id)):
+            width = value(lane.width, s - section.s)
+            middle = t + sign * width / 2
+            found[lane.id] = (x + middle * left[0], y + middle * left[1])
+            t += sign * width
+    return found

@@ -1,50 +1,75 @@
-"""Reading lane sections."""
+"""Lane sections, and the lanes in them: width, kind, users, speed, height, mark."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from lxml import etree
 
-from urbantwin.roads.model import LaneSection, Profile, SectionLane
+from urbantwin.roads.cross_section.roadside import ORIENTATIONS
+from urbantwin.roads.model import LANE_KINDS, LaneSection, ModelRoad, Profile, SectionLane
 from urbantwin.roads.opendrive.cubics import added, lowest
-from urbantwin.roads.opendrive.reading.lane_attributes import (
-    Street,
-    lane_direction,
-    lane_height,
-    lane_kind,
-    lane_mark,
-    lane_parking,
-    lane_speed,
-    lane_users,
+from urbantwin.roads.opendrive.reading.parsing import Spot, user_data
+from urbantwin.roads.opendrive.vocabulary import (
+    ACCESS,
+    DRIVEN,
+    KIND_OF_TYPE,
+    METRES_PER_SECOND,
+    usual_users,
 )
-from urbantwin.roads.opendrive.reading.parsing import Spot
-from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
-__all__ = ["reach_of", "read_sections"]
+__all__ = ["Street", "reach_of", "read_sections", "speed_of", "with_lane_links"]
 
 #: Lane sections shorter than this are left out, metres: tools leave some of a tenth of a
 #: millimetre where they cut roads.
 SLIVER_M = 1e-3
-#: A lane may be this much narrower than nothing: rounding of the file, metres.
+#: Rounding of the file: a lane may have a width below zero by this much, metres.
 NEGATIVE_M = 0.01
-#: Widths below nothing are drawn as none, at stations this far apart, metres.
+#: Widths below zero are set to zero at stations this far apart, metres.
 CLIPPED_STEP_M = 0.5
-#: The most lanes on a side of a road.
+#: Largest number of lanes on a side of a road.
 MOST_LANES = 200
+#: Speed limit where a file gives none, m/s (50 km/h: Vienna Convention 1968, built-up areas).
+USUAL_SPEED = 50 / 3.6
+_MARKS = (
+    *("none", "solid", "broken", "solid solid", "solid broken", "broken solid"),
+    *("broken broken", "botts dots", "grass", "curb"),
+)
+_CLASS = {word: name for name, word in ACCESS.items()} | {"trucks": "truck"}
+
+
+@dataclass(frozen=True)
+class Street:
+    """Properties of all lanes of a road.
+
+    Attributes:
+        rule: ``RHT`` or ``LHT``.
+        speeds: stations from which on a speed limit of the road holds, and the limits, m/s.
+    """
+
+    rule: str
+    speeds: Sequence[tuple[float, float]]
+
+    def speed(self, s: float) -> float | None:
+        """Return the road's own speed limit at a station, m/s, if it has one."""
+        limit = None
+        for start, following in self.speeds:
+            if start <= s + 1e-6 or limit is None:
+                limit = following
+        return limit
 
 
 def read_sections(
     road: etree._Element, length: float, street: Street, spot: Spot
 ) -> tuple[LaneSection, ...]:
-    """Return the lane sections of a road; links are as written, to be checked.
+    """Return the lane sections of a ``<road>``; links are as written, to be checked.
 
     Args:
         road: the ``<road>``.
-        length: length of its reference line.
-        street: what holds for all its lanes.
+        length: length of its reference line, metres.
+        street: properties of all its lanes.
         spot: the road, for errors.
 
     Raises:
@@ -59,7 +84,8 @@ def read_sections(
                     f"has a lane section at s = {start:g}, beyond its end at {length:.3f}"
                 )
             # Of several at one station the last is used; sections without lanes come before it.
-            items.append((start, _has_lanes(item), item))
+            has_lanes = any(item.find(f"{side}/lane") is not None for side in ("left", "right"))
+            items.append((start, has_lanes, item))
     if not items:
         raise spot.error("has no lanes", expected="<lanes> with <laneSection>")
     items.sort(key=lambda row: row[:2])
@@ -69,17 +95,31 @@ def read_sections(
             f"has no lanes before s = {starts[0]:g}", expected="a lane section at s = 0"
         )
     starts[0] = 0.0
-    ends = [*starts[1:], length]
     offset = spot.profile(road.findall("lanes/laneOffset"))
     sections = [
         _section(item, start, end, offset, street, spot.within(f"lane section at s = {start:g}"))
-        for (_, _, item), start, end in zip(items, starts, ends, strict=True)
+        for (_, _, item), start, end in zip(items, starts, [*starts[1:], length], strict=True)
     ]
     return tuple(_without_slivers(sections, length, spot))
 
 
-def _has_lanes(item: etree._Element) -> bool:
-    return item.find("left/lane") is not None or item.find("right/lane") is not None
+def with_lane_links(
+    section: LaneSection, tag: str, link: Callable[[SectionLane, int | None], int | None]
+) -> LaneSection:
+    """Return a section whose lanes have new links.
+
+    Args:
+        section: the lane section.
+        tag: ``predecessor`` or ``successor``.
+        link: from a lane and its link to its new link.
+    """
+    lanes = tuple(
+        replace(lane, predecessor=link(lane, lane.predecessor))
+        if tag == "predecessor"
+        else replace(lane, successor=link(lane, lane.successor))
+        for lane in section.lanes
+    )
+    return replace(section, lanes=lanes)
 
 
 def _section(
@@ -87,7 +127,34 @@ def _section(
 ) -> LaneSection:
     if item.get("singleSide") == "true":
         spot.remark("lane sections for one side only: lanes of the other side are missing there")
-    found: dict[int, etree._Element] = {}
+    items = _lanes_by_id(item, spot)
+    bordered = any(lane.find("border") is not None for lane in items.values())
+    length = end - start
+    lanes: list[SectionLane] = []
+    for sign in (1, -1):
+        border = Profile.constant(0.0)
+        for number in range(1, max((sign * k for k in items), default=0) + 1):
+            identity = sign * number
+            if identity not in items:
+                spot.remark("ids of lanes with gaps: lanes of no width are put there")
+                lanes.append(SectionLane(identity, "none", Profile.constant(0.0), True))
+                continue
+            here = spot.within(f"lane {identity}")
+            width = _width(items[identity], sign, length, border, here)
+            width = _not_negative(width, start, length, here)
+            if bordered:
+                border = added([(1.0, border), (1.0, width)], length)
+            lanes.append(_lane(items[identity], identity, width, street, start, here))
+    centre = item.find("center/lane")
+    mark = ("none", "none") if centre is None else _mark(centre, spot)
+    if bordered and not offset.is_zero:
+        spot.remark("lane borders beside a lane offset: borders are taken from the offset")
+    return LaneSection(start, tuple(sorted(lanes, key=lambda lane: -lane.id)), *mark)
+
+
+def _lanes_by_id(item: etree._Element, spot: Spot) -> dict[int, etree._Element]:
+    """Return the ``<lane>`` elements of a section; those with an invalid id are dropped."""
+    lanes: dict[int, etree._Element] = {}
     for side, sign in (("left", 1), ("right", -1)):
         for child in item.findall(f"{side}/lane"):
             with spot.dropping():
@@ -99,57 +166,60 @@ def _section(
                     )
                 if abs(identity) > MOST_LANES:
                     raise spot.error(f"has lane {identity}", expected="fewer than 200 on a side")
-                if identity in found:
+                if identity in lanes:
                     raise spot.error(f"has lane {identity} twice", expected="each id once")
-                found[identity] = child
-    bordered = any(lane.find("border") is not None for lane in found.values())
-    lanes: list[SectionLane] = []
-    for sign in (1, -1):
-        ids = sorted((k for k in found if k * sign > 0), key=abs)
-        border = Profile.constant(0.0)
-        for number in range(1, abs(ids[-1]) + 1 if ids else 1):
-            identity = sign * number
-            if identity not in found:
-                spot.remark("ids of lanes with gaps: lanes of no width are put there")
-                none = SectionLane(identity, "none", Profile.constant(0.0), True)
-                lanes.append(none)
-                continue
-            lane_spot = spot.within(f"lane {identity}")
-            width = _width(found[identity], sign, end - start, border, lane_spot)
-            width = _not_negative(width, start, end - start, lane_spot)
-            if bordered:
-                border = added([(1.0, border), (1.0, width)], end - start)
-            lanes.append(_lane(found[identity], identity, width, street, start, lane_spot))
-    centre = item.find("center/lane")
-    mark = ("none", "none") if centre is None else lane_mark(centre, spot)
-    if bordered and not offset.is_zero:
-        spot.remark("lane borders beside a lane offset: borders are taken from the offset")
-    return LaneSection(start, tuple(sorted(lanes, key=lambda lane: -lane.id)), *mark)
+                lanes[identity] = child
+    return lanes
+
+
+def _lane(
+    item: etree._Element, identity: int, width: Profile, street: Street, start: float, spot: Spot
+) -> SectionLane:
+    notes = user_data(item)
+    access = _access(item, spot)
+    kind = _kind(item, notes, access, spot)
+    mark, change = _mark(item, spot)
+    parking = notes.get("parking", "") if kind == "parking" else ""
+    return SectionLane(
+        identity,
+        kind,
+        width,
+        _is_forward(item, notes, identity, street.rule, spot),
+        _speed(item, street, start, spot) if kind in DRIVEN else 0.0,
+        usual_users(kind) if access is None else access,
+        predecessor=_link(item, "predecessor", spot),
+        successor=_link(item, "successor", spot),
+        height=_height(item, kind, spot),
+        mark=mark,
+        change=change,
+        parking=parking if parking in ORIENTATIONS else "",
+    )
+
+
+def _records(item: etree._Element, tag: str, spot: Spot) -> list[etree._Element]:
+    """Return the records of a kind in a lane, in the order of their stations."""
+    return sorted(item.findall(tag), key=lambda record: spot.number(record, "sOffset", 0.0))
 
 
 def _width(item: etree._Element, sign: int, length: float, inner: Profile, spot: Spot) -> Profile:
-    """Return the width of a lane; ``inner`` is how far the lanes within it reach."""
-    widths = item.findall("width")
-    if widths:
-        return _trimmed(spot.profile(widths, "sOffset"), length)
-    borders = item.findall("border")
-    if borders:
+    """Return the width of a lane from its widths, or from its border and that of the lane inside.
+
+    Records that begin beyond the section are left out.
+    """
+    if widths := item.findall("width"):
+        width = spot.profile(widths, "sOffset")
+    elif borders := item.findall("border"):
         border = spot.profile(borders, "sOffset")
-        return _trimmed(added([(float(sign), border), (-1.0, inner)], length), length)
-    return Profile.constant(0.0)
-
-
-def _trimmed(width: Profile, length: float) -> Profile:
-    """Drop records that begin beyond the section, which nothing reads."""
-    keep = width.start < length - 1e-9
-    keep[0] = True
-    if keep.all():
-        return width
-    return Profile(width.start[keep], width.abcd[keep])
+        width = added([(float(sign), border), (-1.0, inner)], length)
+    else:
+        return Profile.constant(0.0)
+    within = width.start < length - 1e-9
+    within[0] = True
+    return width if within.all() else Profile(width.start[within], width.abcd[within])
 
 
 def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Profile:
-    """Return a width without the stretches where the file has it below zero."""
+    """Return a width that is zero where the file has it below zero."""
     if len(width.start) == 1 and not width.abcd[0, 1:].any():
         least, at = float(width.abcd[0, 0]), 0.0
     else:
@@ -168,75 +238,157 @@ def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Pr
     return width
 
 
-def _lane(
-    item: etree._Element,
-    identity: int,
-    width: Profile,
-    street: Street,
-    start: float,
-    spot: Spot,
-) -> SectionLane:
-    users = lane_users(item, spot)
-    kind = lane_kind(item, users, spot)
-    mark, change = lane_mark(item, spot)
-    driven = kind in DRIVEN
-    return SectionLane(
-        identity,
-        kind,
-        width,
-        lane_direction(item, identity, street.rule, spot),
-        lane_speed(item, street, start, spot) if driven else 0.0,
-        street.users(kind, users),
-        predecessor=_link(item, "predecessor", spot),
-        successor=_link(item, "successor", spot),
-        height=lane_height(item, kind, spot),
-        mark=mark,
-        change=change,
-        parking=lane_parking(item) if kind == "parking" else "",
-    )
+def _access(item: etree._Element, spot: Spot) -> tuple[str, ...] | None:
+    """Return the classes of actors that ``<access>`` admits, or ``None`` without one.
+
+    Rules of the standard: what is allowed excludes all else; what is denied leaves all else.
+    """
+    rules = item.findall("access")
+    if not rules:
+        return None
+    first = min(spot.number(rule, "sOffset", 0.0) for rule in rules)
+    allowed: set[str] = set()
+    denied: set[str] = set()
+    lists_allowed = False
+    for rule in rules:
+        if spot.number(rule, "sOffset", 0.0) > first + 1e-6:
+            spot.remark("access that changes within a lane section: the first is taken")
+            continue
+        words = [rule.get("restriction"), *(e.get("type") for e in rule.findall("restriction"))]
+        classes = {_CLASS[word] for word in words if word in _CLASS}
+        if rule.get("rule", "deny") == "allow":
+            allowed |= classes
+            lists_allowed |= any(word is not None and word != "none" for word in words)
+        else:
+            denied |= classes
+    if lists_allowed and not allowed:
+        spot.remark("lanes for users that we do not have (taxis, emergency vehicles, ...)")
+        return None
+    usual = usual_users(KIND_OF_TYPE.get(item.get("type", ""), "none"))
+    base = allowed if lists_allowed else set(usual)
+    return tuple(name for name in ACCESS if name in base - denied)
+
+
+def _kind(
+    item: etree._Element, notes: dict[str, str], access: tuple[str, ...] | None, spot: Spot
+) -> str:
+    """Return the kind of a lane in the lane model."""
+    if notes.get("kind") in LANE_KINDS:
+        return notes["kind"]
+    word = item.get("type", "none")
+    kind = KIND_OF_TYPE.get(word)
+    if kind is None:
+        spot.remark(f"lanes of the unknown type {word[:40]!r}: nothing drives there")
+        return "none"
+    if word in ("tram", "rail"):
+        spot.remark("tracks of trams and railways: nothing drives there")
+    if kind == "driving" and access in (("bus",), ("bicycle",)):
+        return access[0]
+    return kind
+
+
+def _is_forward(
+    item: etree._Element, notes: dict[str, str], identity: int, rule: str, spot: Spot
+) -> bool:
+    """Return whether traffic of a lane runs along the reference line.
+
+    Used in this order: RoadRunner's ``travelDir``, the lane's ``direction``, and the side of the
+    reference line with the road's ``rule``.
+    """
+    vector = item.find("userData/vectorLane")
+    travel = None if vector is None else vector.get("travelDir")
+    if travel in ("forward", "backward"):
+        return bool(travel == "forward")
+    direction = item.get("direction", notes.get("direction"))
+    if "both" in (direction, travel) or "bidirectional" in (item.get("type"), travel):
+        spot.remark("lanes for both directions: they get the direction of their side")
+    along = (identity < 0) == (rule == "RHT")
+    return bool(along != (direction == "reversed"))
+
+
+def _speed(item: etree._Element, street: Street, s: float, spot: Spot) -> float:
+    """Return the speed limit of a lane, m/s: its own, else the road's, else 50 km/h."""
+    speeds: list[tuple[float, float | None]] = []
+    for record in item.findall("speed"):
+        with spot.dropping():
+            speeds.append((spot.number(record, "sOffset", 0.0), speed_of(record, spot)))
+    if speeds:
+        speeds.sort(key=lambda row: row[0])
+        limit = speeds[0][1]
+        if any(other != limit for _, other in speeds):
+            spot.remark("speed limits that change within a lane section: the first is taken")
+        if limit is not None:
+            return limit
+    limit = street.speed(s)
+    if limit is None:
+        spot.remark("lanes without a speed limit: 50 km/h is assumed")
+        return USUAL_SPEED
+    return limit
+
+
+def speed_of(item: etree._Element, spot: Spot) -> float | None:
+    """Return a ``<speed>`` in m/s; ``None`` for ``no limit``, ``undefined`` and none."""
+    if item.get("max", "") in ("no limit", "undefined", ""):
+        return None
+    unit = item.get("unit", "")
+    if unit not in METRES_PER_SECOND:
+        raise spot.error(f"has a speed in {unit[:20]!r}", expected="m/s, km/h or mph")
+    speed = spot.number(item, "max") * METRES_PER_SECOND[unit]
+    if speed < 0:
+        raise spot.error(f"has a speed limit of {item.get('max')}", expected="0 or more")
+    return speed if speed > 0 else None
+
+
+def _height(item: etree._Element, kind: str, spot: Spot) -> float:
+    """Return the height of a lane above the carriageway, metres; of a curb, its outer border's."""
+    records = _records(item, "height", spot)
+    if not records:
+        return 0.0
+    inner, outer = (spot.number(records[0], key, 0.0) for key in ("inner", "outer"))
+    return max(inner, outer) if kind == "curb" else float(np.mean([inner, outer]))
+
+
+def _mark(item: etree._Element, spot: Spot) -> tuple[str, str]:
+    """Return the mark on the outer border of a lane, and which lane changes it permits."""
+    records = _records(item, "roadMark", spot)
+    if not records:
+        return "none", "none"
+    kind = records[0].get("type", "none")
+    kind = kind if kind in _MARKS else "solid"
+    usual = "both" if kind == "broken" else "none"
+    change = records[0].get("laneChange", usual)
+    return kind, change if change in ("none", "both", "increase", "decrease") else usual
 
 
 def _link(item: etree._Element, tag: str, spot: Spot) -> int | None:
-    links: Sequence[etree._Element] = item.findall(f"link/{tag}")
-    if not links:
-        return None
+    links = item.findall(f"link/{tag}")
     if len(links) > 1:
         spot.remark("lanes that go on as several: the first is taken")
     with spot.dropping():
-        return spot.whole(links[0], "id") or None
+        return spot.whole(links[0], "id") or None if links else None
     return None
 
 
-def reach_of(
-    sections: Sequence[LaneSection], offset: Profile, length: float
-) -> tuple[float, float]:
+def reach_of(road: ModelRoad) -> tuple[float, float]:
     """Return how far lanes reach to the left and to the right of the reference line, metres."""
-    left = right = 0.0
-    ends = [*(section.s for section in sections[1:]), length]
-    for section, end in zip(sections, ends, strict=True):
-        s = np.linspace(section.s, end, 3)
-        for sign in (1, -1):
-            total = sign * offset.at(s)
-            for lane in section.lanes:
-                if lane.id * sign > 0:
-                    total = total + lane.width.at(s - section.s)
-            if sign > 0:
-                left = max(left, float(total.max()))
-            else:
-                right = max(right, float(total.max()))
-    return left, right
+    reach = []
+    for sign in (1, -1):
+        widest = 0.0
+        for section, end in zip(road.sections, road.section_ends, strict=True):
+            s = np.linspace(section.s, end, 3)
+            lanes = [lane for lane in section.lanes if lane.id * sign > 0]
+            total = sign * road.offset.at(s)
+            for lane in lanes:
+                total = total + lane.width.at(s - section.s)
+            widest = max(widest, float(total.max()))
+        reach.append(widest)
+    return reach[0], reach[1]
 
 
 def _without_slivers(
     sections: Sequence[LaneSection], length: float, spot: Spot
 ) -> list[LaneSection]:
-    """Return lane sections without the shortest ones; lanes go on over them.
-
-    Args:
-        sections: lane sections in order, links as written.
-        length: length of the road.
-        spot: the road, for what is dropped.
-    """
+    """Return lane sections without those shorter than `SLIVER_M`; lanes are linked over them."""
     kept = list(sections)
     k = 0
     while len(kept) > 1 and k < len(kept):
@@ -248,32 +400,20 @@ def _without_slivers(
         within = spot.within(f"lane section at s = {sliver.s:g}")
         within.drop(f"is {max(end - sliver.s, 0.0) * 1e3:.3g} mm long")
         if k > 0:
-            kept[k - 1] = _relinked(kept[k - 1], "successor", sliver)
+            kept[k - 1] = _linked_over(kept[k - 1], "successor", sliver)
         if k < len(kept):
             start = 0.0 if k == 0 else kept[k].s
-            kept[k] = replace(_relinked(kept[k], "predecessor", sliver), s=start)
+            kept[k] = replace(_linked_over(kept[k], "predecessor", sliver), s=start)
         k = max(k - 1, 0)
     return kept
 
 
-def _relinked(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:
+def _linked_over(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:
     """Return a section whose links lead to what the lanes of a sliver lead to."""
     through = {lane.id: getattr(lane, tag) for lane in sliver.lanes}
     if not any(through.values()):
-        through = {}  # without links of its own, lanes go on under their ids
-    lanes = tuple(
-        replace(
-            lane,
-            predecessor=_beyond(lane.predecessor, through)
-            if tag == "predecessor"
-            else lane.predecessor,
-            successor=_beyond(lane.successor, through) if tag == "successor" else lane.successor,
-        )
-        for lane in section.lanes
+        return section  # without links of its own, lanes go on under their ids
+    # A link to a lane that the sliver does not have stays, and is reported later.
+    return with_lane_links(
+        section, tag, lambda _, link: None if link is None else through.get(link, link)
     )
-    return replace(section, lanes=lanes)
-
-
-def _beyond(lane: int | None, through: dict[int, int | None]) -> int | None:
-    # A lane that the sliver does not have stays, and is reported later.
-    return lane if lane is None else through.get(lane, lane)

@@ -8,12 +8,17 @@ from dataclasses import dataclass, replace
 
 from lxml import etree
 
-from urbantwin.errors import InputError
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink, SectionLane
 from urbantwin.roads.opendrive.reading.inferred_links import with_inferred_ends, with_inferred_lanes
-from urbantwin.roads.opendrive.reading.junctions import Node, read_connections
+from urbantwin.roads.opendrive.reading.junctions import (
+    Node,
+    Poses,
+    end_section,
+    middles,
+    read_connections,
+)
+from urbantwin.roads.opendrive.reading.lane_sections import with_lane_links
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
-from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
@@ -84,7 +89,7 @@ def joined(
     nodes: Mapping[str, Node],
     log: Log,
     *,
-    gone: Collection[str] = (),
+    dropped: Collection[str] = (),
 ) -> Joined:
     """Join roads and junctions; links to what does not exist are dropped, and noted.
 
@@ -94,7 +99,7 @@ def joined(
         inside: id in the file -> the junction that the road leads through, as written.
         nodes: id in the file -> junction as written.
         log: the file.
-        gone: ids of roads that were dropped: links to them are dropped without another note.
+        dropped: ids of roads that were dropped: links to them are dropped without another note.
     """
     number = _numbers(nodes)
     poses = Poses()
@@ -111,7 +116,7 @@ def joined(
             spot.drop(f"leads through junction {junction}, which does not exist")
         ends: dict[str, RoadLink | None] = {}
         for tag, link in links[key].items():
-            if link.element == "road" and link.id in gone:
+            if link.element == "road" and link.id in dropped:
                 continue
             with spot.dropping():
                 ends[tag] = (
@@ -133,7 +138,9 @@ def joined(
         for controller in node.controllers:
             programs.setdefault(controller, []).append(number[key])
         if not node.is_midway:
-            connections = read_connections(node, number[key], found, by_id, poses, log, gone=gone)
+            connections = read_connections(
+                node, number[key], found, by_id, poses, log, dropped=dropped
+            )
             junctions.append(ModelJunction(number[key], node.name, connections))
     spots = {road.id: log.at(f"road {key}") for key, road in found.items()}
     with_inferred_ends(by_id, junctions, poses, spots)
@@ -196,28 +203,12 @@ def _linked_lanes(
     road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
 ) -> ModelRoad:
     """Return a road whose links of lanes lead to lanes that exist, or nowhere at a junction."""
-    sections = []
+    sections = list(road.sections)
     wrong: set[tuple[int, str, int]] = set()
-    for k, section in enumerate(road.sections):
-        here = spot.within(f"lane section at s = {section.s:g}")
-        beyond = {
-            "predecessor": _beyond(road, k, by_id, ahead=False),
-            "successor": _beyond(road, k, by_id, ahead=True),
-        }
-        lanes = []
-        for lane in section.lanes:
-            found: dict[str, int | None] = {}
-            for tag, (next_section, same) in beyond.items():
-                try:
-                    found[tag] = _checked(lane, tag, next_section, here, same=same)
-                except InputError as error:
-                    spot.log.dropped.append(error)
-                    found[tag] = None
-                    wrong.add((k, tag, lane.id))
-            lanes.append(
-                replace(lane, predecessor=found["predecessor"], successor=found["successor"])
-            )
-        sections.append(replace(section, lanes=tuple(lanes)))
+    for k in range(len(sections)):
+        for tag in _END:
+            sections[k], invalid = _with_checked_links(road, sections[k], k, tag, by_id, spot)
+            wrong |= {(k, tag, lane) for lane in invalid}
     linked = replace(road, sections=tuple(sections))
     linked = with_inferred_lanes(linked, by_id, poses, spot, wrong=wrong)
     for end, link in (("start", road.predecessor), ("end", road.successor)):
@@ -254,25 +245,37 @@ def _beyond(
     return end_section(by_id[link.id], link.contact), (link.contact == "start") == ahead
 
 
-def _checked(
-    lane: SectionLane, tag: str, beyond: LaneSection | None, spot: Spot, *, same: bool
-) -> int | None:
-    """Return the lane that a lane is linked to.
+def _with_checked_links(
+    road: ModelRoad,
+    section: LaneSection,
+    k: int,
+    tag: str,
+    by_id: Mapping[int, ModelRoad],
+    spot: Spot,
+) -> tuple[LaneSection, set[int]]:
+    """Return the k-th section without invalid links of one kind, and the lanes that had them.
 
-    Raises:
-        InputError: it does not exist, or traffic on it runs the other way.
+    A link is invalid to a lane that does not exist, or on which traffic runs the other way.
     """
-    other: int | None = getattr(lane, tag)
-    if other is None or beyond is None:
+    beyond, same = _beyond(road, k, by_id, ahead=tag == "successor")
+    invalid: set[int] = set()
+
+    def checked(lane: SectionLane, link: int | None) -> int | None:
+        if link is None or beyond is None:
+            return None
+        there = beyond.by_id.get(link)
+        if there is None:
+            problem = "which does not exist"
+        elif {lane.kind, there.kind} <= set(DRIVEN) and (lane.forward == there.forward) != same:
+            problem = "on which traffic runs the other way"
+        else:
+            return link
+        here = spot.within(f"lane section at s = {section.s:g}, lane {lane.id}")
+        here.drop(f"has the {tag} lane {link}, {problem}")
+        invalid.add(lane.id)
         return None
-    here = spot.within(f"lane {lane.id}")
-    if other not in beyond.by_id:
-        raise here.error(f"has the {tag} lane {other}, which does not exist")
-    there = beyond.by_id[other]
-    driven = lane.kind in DRIVEN and there.kind in DRIVEN
-    if driven and (lane.forward == there.forward) != same:
-        raise here.error(f"has the {tag} lane {other}, on which traffic runs the other way")
-    return other
+
+    return with_lane_links(section, tag, checked), invalid
 
 
 def _linked_to(road: ModelRoad, by_id: Mapping[int, ModelRoad]) -> ModelRoad:

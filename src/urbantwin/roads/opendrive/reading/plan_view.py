@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from lxml import etree
+from numpy.typing import NDArray
 
 from urbantwin.geometry import wrapped
-from urbantwin.roads.model import Curve, Piece
-from urbantwin.roads.opendrive.reading.clothoid import arc_length, polynomial_pieces, spiral_pieces
+from urbantwin.roads.model import Curve, Piece, Profile
+from urbantwin.roads.opendrive.cubics import added, stepped
 from urbantwin.roads.opendrive.reading.parsing import Spot
 
-__all__ = ["read_curve"]
+__all__ = ["read_curve", "read_heights"]
 
 #: A reference line may be this much longer or shorter than its road says, metres.
 LENGTH_M = 0.1
@@ -23,6 +26,19 @@ SHORTEST_M = 1e-6
 #: Curvatures below this are straight, 1/m: at 1 km they are 0.05 mm off.
 STRAIGHT = 1e-10
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+#: Largest distance between a curve and the cubics that stand for it, at equal stations, metres.
+TOLERANCE_M = 5e-5
+#: Largest turn of a clothoid over one step of its quadrature, radians.
+STEP_TURN = 0.4
+#: Step of u in which the length of a cubic over u is added up, metres.
+STEP_U_M = 0.25
+#: The most such steps.
+STEPS_U = 20_000
+_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(10)
+NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
+_Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+#: A cross section may differ this much from a crown before it is remarked, metres.
+SHAPE_M = 0.01
 
 
 def read_curve(road: etree._Element, spot: Spot) -> Curve:
@@ -128,3 +144,179 @@ def _check_gaps(curve: Curve, spot: Spot) -> None:
         raise spot.error(f"has {at}", expected="pieces that meet")
     if gaps[k] > GAP_M:
         spot.remark("reference lines with gaps of more than 1 cm")
+
+
+def spiral_pieces(
+    start: tuple[float, float, float], length: float, first: float, last: float
+) -> list[Piece]:
+    """Return a clothoid (ASAM OpenDRIVE 1.8, 9.5) as cubics.
+
+    Args:
+        start: x, y and heading where it begins.
+        length: its length, metres.
+        first: curvature at its start, 1/m.
+        last: curvature at its end.
+    """
+    rate = (last - first) / length
+
+    def place(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        # Where the turn is small between stations, Gauss-Legendre quadrature is exact to rounding.
+        total = (abs(first) + abs(last)) * length
+        grid = np.linspace(0.0, length, 2 + int(total / STEP_TURN))
+        stations = np.unique(np.concatenate([grid, s]))
+        step = np.diff(stations)
+        q = stations[:-1, None] + step[:, None] * NODES
+        angle = first * q + rate * q * q / 2
+        moves = [((f(angle) * WEIGHTS).sum(axis=1) * step) for f in (np.cos, np.sin)]
+        xy = [np.concatenate([[0.0], np.cumsum(move)]) for move in moves]
+        which = np.searchsorted(stations, s)
+        return np.column_stack([xy[0][which], xy[1][which], first * s + rate * s * s / 2])
+
+    return _cubic_pieces(start, length, place)
+
+
+def polynomial_pieces(
+    start: tuple[float, float, float], length: float, abcd: tuple[float, ...]
+) -> list[Piece]:
+    """Return a ``poly3`` (ASAM OpenDRIVE 1.4, 5.3.4.1.4), v over u, as cubics.
+
+    Args:
+        start: x, y and heading of its frame.
+        length: its length along the curve, metres.
+        abcd: coefficients of v.
+    """
+    a, b, c, d = abcd
+
+    def speed(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.hypot(1.0, b + u * (2 * c + 3 * d * u))
+
+    # The curve is at least as long as u.
+    grid = np.linspace(0.0, length, min(int(length / STEP_U_M) + 2, STEPS_U))
+    step = np.diff(grid)
+    cells = (speed(grid[:-1, None] + step[:, None] * NODES) * WEIGHTS).sum(axis=1) * step
+    along = np.concatenate([[0.0], np.cumsum(cells)])
+
+    def place(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        u = np.interp(s, along, grid)
+        for _ in range(4):
+            k = np.clip(np.searchsorted(grid, u, side="right") - 1, 0, len(grid) - 2)
+            part = u - grid[k]
+            inner = (speed(grid[k][:, None] + part[:, None] * NODES) * WEIGHTS).sum(axis=1) * part
+            u = u - (along[k] + inner - s) / speed(u)
+        v = a + u * (b + u * (c + u * d))
+        return np.column_stack([u, v, np.arctan(b + u * (2 * c + 3 * d * u))])
+
+    return _cubic_pieces(start, length, place)
+
+
+def arc_length(u: Sequence[float], v: Sequence[float]) -> float:
+    """Return the length of a parametric cubic over a parameter from 0 to 1, metres."""
+    slope = NODES[:, None] ** np.arange(3) * [1, 2, 3]
+    speed = np.hypot(slope @ np.asarray(u[1:]), slope @ np.asarray(v[1:]))
+    return float(speed @ WEIGHTS)
+
+
+def _cubic_pieces(start: tuple[float, float, float], length: float, place: _Place) -> list[Piece]:
+    """Join places and headings by cubics, as many as the tolerance asks for."""
+    count = 1
+    probe = np.linspace(0.0, 1.0, 9)
+    powers = probe[:, None] ** np.arange(4)
+    while True:
+        knots = np.linspace(0.0, length, count + 1)
+        reach = length / count
+        x, y, heading = place(knots).T
+        c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
+        dx, dy = np.diff(x), np.diff(y)
+        du, dv = dx * c + dy * s, dy * c - dx * s
+        turn = np.diff(heading)
+        eu, ev = reach * np.cos(turn), reach * np.sin(turn)
+        zero = np.zeros(count)
+        u = np.column_stack([zero, zero + reach, 3 * du - 2 * reach - eu, reach + eu - 2 * du])
+        v = np.column_stack([zero, zero, 3 * dv - ev, ev - 2 * dv])
+        inner = place((knots[:-1, None] + reach * probe).ravel())
+        pu, pv = (cubic @ powers.T for cubic in (u, v))
+        px = x[:-1, None] + pu * c[:, None] - pv * s[:, None]
+        py = y[:-1, None] + pu * s[:, None] + pv * c[:, None]
+        gap = np.hypot(px.ravel() - inner[:, 0], py.ravel() - inner[:, 1])
+        if gap.max() < TOLERANCE_M or reach < 1e-3:
+            break
+        count *= 2
+    x0, y0, h0 = start
+    c0, s0 = np.cos(h0), np.sin(h0)
+    return [
+        Piece(
+            float(x0 + x[k] * c0 - y[k] * s0),
+            float(y0 + x[k] * s0 + y[k] * c0),
+            float(h0 + heading[k]),
+            float(reach),
+            u=tuple(map(float, u[k])),
+            v=tuple(map(float, v[k])),
+        )
+        for k in range(count)
+    ]
+
+
+def read_heights(
+    road: etree._Element, length: float, reach: tuple[float, float], spot: Spot
+) -> tuple[Profile, Profile, Profile]:
+    """Return elevation, superelevation and crown of a road.
+
+    A crossfall (1.1 to 1.4) or a shape (1.4 on) becomes a crown, symmetric about the reference
+    line, and what is one-sided about it adds to the superelevation. What a cross section has beyond
+    that (a gutter, a crown beside the reference line) is left out and remarked.
+
+    Args:
+        road: the ``<road>``.
+        length: length of its reference line.
+        reach: how far lanes reach to the left and to the right of the reference line, metres.
+        spot: the road, for errors.
+    """
+    elevation = spot.profile(road.findall("elevationProfile/elevation"))
+    bank = spot.profile(road.findall("lateralProfile/superelevation"))
+    crown = Profile.constant(0.0)
+    if np.abs(bank.at(np.linspace(0, length, 9))).max() > 1.0:
+        spot.drop("has a superelevation of more than 1 radian")
+        bank = Profile.constant(0.0)
+    crossfall = road.findall("lateralProfile/crossfall")
+    if crossfall:
+        left, right = (
+            spot.profile([e for e in crossfall if e.get("side", "both") in (side, "both")])
+            for side in ("left", "right")
+        )
+        crown = added([(0.5, left), (0.5, right)], length)
+        bank = added([(1.0, bank), (0.5, right), (-0.5, left)], length)
+    shapes = road.findall("lateralProfile/shape")
+    if shapes:
+        lift, tilt, shape = _shape(shapes, reach, spot)
+        elevation = added([(1.0, elevation), (1.0, lift)], length)
+        bank = added([(1.0, bank), (1.0, tilt)], length)
+        crown = added([(1.0, crown), (1.0, shape)], length)
+    if road.find("lateralProfile/crossSectionSurface") is not None:
+        spot.remark("cross section surfaces that are not read: such roads are flat across")
+    return elevation, bank, crown
+
+
+def _shape(
+    shapes: Sequence[etree._Element], reach: tuple[float, float], spot: Spot
+) -> tuple[Profile, Profile, Profile]:
+    """Return height at the reference line, tilt to the left, and crown of cross sections."""
+    by_station: dict[float, list[etree._Element]] = {}
+    for item in shapes:
+        by_station.setdefault(spot.number(item, "s"), []).append(item)
+    stations = sorted(by_station)
+    across = np.concatenate(
+        [np.linspace(-max(reach[1], 0.5), 0, 8), np.linspace(0, max(reach[0], 0.5), 8)[1:]]
+    )
+    rows = []
+    for s in stations:
+        # Before its first record a section goes on as that one does.
+        height = spot.profile(by_station[s], "t").at(across)
+        middle = height[7]
+        # Least squares over both sides: z = lift + tilt t - crown |t|.
+        basis = np.column_stack([across, -np.abs(across)])
+        tilt, crown = np.linalg.lstsq(basis, height - middle, rcond=None)[0]
+        if np.abs(basis @ [tilt, crown] - (height - middle)).max() > SHAPE_M:
+            spot.remark("cross sections more than 1 cm off a crown: the nearest crown is taken")
+        rows.append((middle, tilt, crown))
+    lift, tilt, crown = zip(*rows, strict=True)
+    return stepped(stations, lift), stepped(stations, tilt), stepped(stations, crown)

@@ -13,25 +13,37 @@ from lxml import etree
 
 from urbantwin.errors import InputError
 from urbantwin.number_text import whole_number
-from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad
-from urbantwin.roads.opendrive.reading.file import top_elements
-from urbantwin.roads.opendrive.reading.header import Header, read_header
-from urbantwin.roads.opendrive.reading.identifiers import with_model_ids
+from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad, Profile
 from urbantwin.roads.opendrive.reading.junctions import Node, read_node
-from urbantwin.roads.opendrive.reading.lane_attributes import Street, speed_of
-from urbantwin.roads.opendrive.reading.lane_sections import reach_of, read_sections
-from urbantwin.roads.opendrive.reading.lateral_profile import read_heights
-from urbantwin.roads.opendrive.reading.links import Link, joined, read_links
-from urbantwin.roads.opendrive.reading.objects import Outline, read_outlines
-from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
-from urbantwin.roads.opendrive.reading.placement import shifted
-from urbantwin.roads.opendrive.reading.plan_view import read_curve
-from urbantwin.roads.opendrive.reading.signal_references import (
-    Reference,
-    read_references,
-    resolve_references,
+from urbantwin.roads.opendrive.reading.lane_sections import (
+    Street,
+    reach_of,
+    read_sections,
+    speed_of,
 )
-from urbantwin.roads.opendrive.reading.signals import Program, Sign, read_program, read_signs
+from urbantwin.roads.opendrive.reading.links import Link, joined, read_links
+from urbantwin.roads.opendrive.reading.objects import WrittenArea, read_areas
+from urbantwin.roads.opendrive.reading.parsing import (
+    Header,
+    Log,
+    Spot,
+    id_number,
+    read_header,
+    top_elements,
+    user_data,
+)
+from urbantwin.roads.opendrive.reading.placement import shifted
+from urbantwin.roads.opendrive.reading.plan_view import read_curve, read_heights
+from urbantwin.roads.opendrive.reading.signals import (
+    Program,
+    Reference,
+    WrittenSignal,
+    read_program,
+    read_references,
+    read_signals,
+    resolve_references,
+    with_model_ids,
+)
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["ReadMap", "read_opendrive"]
@@ -69,7 +81,7 @@ class ReadMap(NamedTuple):
 
 @dataclass
 class _Content:
-    """What a file holds, by its own ids."""
+    """The content of a file by its own ids, as it is read."""
 
     header: Header = field(default_factory=Header)
     roads: dict[str, ModelRoad] = field(default_factory=dict)
@@ -78,17 +90,17 @@ class _Content:
     rules: Counter[str] = field(default_factory=Counter)
     nodes: dict[str, Node] = field(default_factory=dict)
     programs: dict[str, Program] = field(default_factory=dict)
-    outlines: list[tuple[str, Outline]] = field(default_factory=list)
-    signs: list[tuple[str, Sign]] = field(default_factory=list)
-    references: list[tuple[str, Reference]] = field(default_factory=list)
+    areas: list[WrittenArea] = field(default_factory=list)
+    signals: list[WrittenSignal] = field(default_factory=list)
+    references: list[Reference] = field(default_factory=list)
     has_heights: bool = False
-    gone: set[str] = field(default_factory=set)
-    signals_gone: set[str] = field(default_factory=set)
+    dropped_roads: set[str] = field(default_factory=set)
+    dropped_signals: set[str] = field(default_factory=set)
 
     def drop_road(self, item: etree._Element) -> None:
-        """Note the id of a road that is not used, and its signals'."""
-        self.gone.add(item.get("id", ""))
-        self.signals_gone |= {e.get("id", "") for e in item.iterfind("signals/signal")}
+        """Note the ids of a road that is not used and of its signals."""
+        self.dropped_roads.add(item.get("id", ""))
+        self.dropped_signals |= {e.get("id", "") for e in item.iterfind("signals/signal")}
 
 
 def read_opendrive(path: Path) -> ReadMap:
@@ -132,7 +144,7 @@ def read_opendrive(path: Path) -> ReadMap:
                 content.programs[identity] = read_program(item, spot)
         else:
             log.at("").remark(f"<{item.tag}> that is not read")
-    content.gone -= content.roads.keys()
+    content.dropped_roads -= content.roads.keys()
     found = _assembled(content, log) if content.roads else None
     if log.dropped and (found is None or not _is_driven(found.model)):
         raise log.dropped[0]
@@ -166,30 +178,30 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     curve = read_curve(item, spot)
     street = Street(rule, tuple(_speeds(item, spot)))
     sections = read_sections(item, curve.length, street, spot)
-    offset = spot.profile(item.findall("lanes/laneOffset"))
-    reach = reach_of(sections, offset, curve.length)
-    elevation, bank, crown = read_heights(item, curve.length, reach, spot)
-    tilted = not (bank.is_zero and crown.is_zero)
-    if tilted and item.find(".//lane[@level='true']") is not None:
-        spot.remark("level lanes beside a tilted carriageway: they are tilted too")
-    notes = {e.get("code"): e.get("value") or "" for e in item.findall("userData")}
-    kinds = [e.get("type", "") for e in item.findall("type")]
-    ways = notes.get("ways", "").split()
+    notes = user_data(item)
+    kind = item.find("type")
     level = id_number(notes.get("level", ""))
-    road = ModelRoad(
+    flat = ModelRoad(
         id=len(content.roads) + 1,
         name=item.get("name") or "",
-        kind=notes.get("class") or CLASS_OF_TYPE.get(kinds[0] if kinds else "", ""),
-        ways=tuple(way for way in map(whole_number, ways) if way is not None),
+        kind=notes.get("class")
+        or CLASS_OF_TYPE.get("" if kind is None else kind.get("type", ""), ""),
+        ways=tuple(
+            way for way in map(whole_number, notes.get("ways", "").split()) if way is not None
+        ),
         junction=-1,
         curve=curve,
-        offset=offset,
-        elevation=elevation,
-        bank=bank,
-        crown=crown,
+        offset=spot.profile(item.findall("lanes/laneOffset")),
+        elevation=Profile.constant(0.0),
+        bank=Profile.constant(0.0),
+        crown=Profile.constant(0.0),
         sections=sections,
         level=int(item.find("objects/bridge") is not None) if level is None else level,
     )
+    elevation, bank, crown = read_heights(item, curve.length, reach_of(flat), spot)
+    road = replace(flat, elevation=elevation, bank=bank, crown=crown)
+    if not (bank.is_zero and crown.is_zero) and item.find(".//lane[@level='true']") is not None:
+        spot.remark("level lanes beside a tilted carriageway: they are tilted too")
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")
     # The road as a whole is valid here; invalid elements of it are dropped one by one.
@@ -197,9 +209,9 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     content.rules[rule] += 1
     content.links[identity] = read_links(item, spot)
     content.inside[identity] = item.get("junction") or "-1"
-    content.outlines += [(identity, e) for e in read_outlines(item, curve, elevation, spot)]
-    content.signs += [(identity, e) for e in read_signs(item, road, spot)]
-    content.references += [(identity, e) for e in read_references(item, road, spot)]
+    content.areas += read_areas(item, identity, curve, elevation, spot)
+    content.signals += read_signals(item, identity, road, spot)
+    content.references += read_references(item, identity, road, spot)
     content.has_heights |= item.find(".//lane/height") is not None
 
 
@@ -226,28 +238,34 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}
     else:
         log.at("").remark("ids of roads that are not whole numbers: roads are numbered")
-    found = joined(
-        content.roads, content.links, content.inside, content.nodes, log, gone=content.gone
-    )
-    kept = {road.id for road in found.roads}
-    gone = {key for key, road in content.roads.items() if road.id not in kept}
-    content.roads = {key: e for key, e in content.roads.items() if key not in gone}
-    content.signals_gone |= {sign.id for key, sign in content.signs if key in gone}
-    content.outlines = [row for row in content.outlines if row[0] not in gone]
-    content.signs = [row for row in content.signs if row[0] not in gone]
-    content.references = [row for row in content.references if row[0] not in gone]
-    signs = resolve_references(content.roads, content.signs, content.references, log)
-    areas, signals, controllers = with_model_ids(
+    network = joined(
         content.roads,
-        content.outlines,
-        signs,
-        content.programs,
-        found.programs,
+        content.links,
+        content.inside,
+        content.nodes,
         log,
-        gone=content.signals_gone - {sign.id for _, sign in signs},
+        dropped=content.dropped_roads,
+    )
+    used = {road.id for road in network.roads}
+    roads = {key: road for key, road in content.roads.items() if road.id in used}
+    signals = resolve_references(
+        roads,
+        [signal for signal in content.signals if signal.road in roads],
+        [reference for reference in content.references if reference.road in roads],
+        log,
+    )
+    dropped = content.dropped_signals | {s.id for s in content.signals if s.road not in roads}
+    areas, heads, controllers = with_model_ids(
+        roads,
+        [area for area in content.areas if area.road in roads],
+        signals,
+        content.programs,
+        network.programs,
+        log,
+        dropped=dropped - {signal.id for signal in signals},
     )
     model = LaneModel(
-        "left" if left else "right", found.roads, found.junctions, areas, signals, controllers
+        "left" if left else "right", network.roads, network.junctions, areas, heads, controllers
     )
     header = content.header
     if header.projection is not None:
@@ -257,9 +275,9 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
     notes: dict[str, object] = {
         "version": header.version,
         "made_by": header.vendor,
-        "map_roads": len(found.roads),
-        "map_junctions": len(found.junctions),
-        "map_signals": len(signals),
+        "map_roads": len(network.roads),
+        "map_junctions": len(network.junctions),
+        "map_signals": len(heads),
         "map_areas": len(areas),
         "remarks": log.lines(),
         "dropped": log.dropped_lines(),

@@ -1,56 +1,59 @@
-"""Reading signals, signs and their controllers."""
+"""Signals, signs and their controllers, and the ids that they get in the lane model."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from lxml import etree
 
+from urbantwin.geometry import wrapped
 from urbantwin.number_text import finite_number, whole_number
-from urbantwin.roads.model import ModelRoad
-from urbantwin.roads.opendrive.reading.parsing import Spot
+from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
+from urbantwin.roads.opendrive.reading.objects import WrittenArea
+from urbantwin.roads.opendrive.reading.parsing import (
+    Log,
+    Spot,
+    id_number,
+    station_on_road,
+    user_data,
+)
 
-__all__ = ["Program", "Sign", "read_program", "read_signs", "read_validity"]
+__all__ = [
+    "Program",
+    "Reference",
+    "WrittenSignal",
+    "read_program",
+    "read_references",
+    "read_signals",
+    "resolve_references",
+    "with_model_ids",
+]
 
-#: Size of a head or a sign that has none, metres.
+#: Height and width (m) of a signal whose file gives none.
 HEIGHT_M, WIDTH_M = 0.9, 0.3
-#: How far beyond its road a signal may stand, metres.
-BEYOND_M = 1.0
+#: Turns (rad) and distances (m) below these count as none.
+SAME_ANGLE, SAME_M = 1e-3, 0.01
 _UNITS = ("m", "km", "ft", "mile", "m/s", "mph", "km/h", "kg", "t", "%")
 
 
 @dataclass(frozen=True)
-class Sign:
-    """A signal or a sign; see ``RoadSignal``.
+class WrittenSignal:
+    """A signal or sign with its ids in the file; those of ``signal`` follow.
 
-    ``turned``: how far it is turned from facing the traffic of its orientation, radians.
+    ``turned``: rotation from facing the traffic of its orientation, radians.
     """
 
     id: str
-    name: str
-    dynamic: bool
-    country: str
-    type: str
-    subtype: str
-    value: float
-    unit: str
-    s: float
-    t: float
-    z: float
-    orientation: str
-    lanes: tuple[int, ...]
-    links: tuple[int, ...]
-    height: float
-    width: float
-    pose: tuple[float, ...] = ()
+    road: str
+    signal: RoadSignal
     turned: float = 0.0
 
 
 @dataclass(frozen=True)
 class Program:
-    """A controller; see ``SignalController``."""
+    """A controller with ids of the file; see ``SignalController``."""
 
     id: str
     name: str
@@ -59,27 +62,33 @@ class Program:
     phases: tuple[tuple[float, str], ...]
 
 
-def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Sign]:
-    """Yield the signals and signs of a road.
+@dataclass(frozen=True)
+class Reference:
+    """A signal beside one road that governs traffic of another, ``road``."""
 
-    Args:
-        item: the ``<road>``.
-        road: the same as far as it is read: its lanes are those that signals may hold for.
-        spot: the road, for errors.
-    """
+    id: str
+    road: str
+    s: float
+    t: float
+    orientation: str
+    lanes: tuple[int, ...]
+
+
+def read_signals(
+    item: etree._Element, name: str, road: ModelRoad, spot: Spot
+) -> Iterator[WrittenSignal]:
+    """Yield the signals and signs of a ``<road>``; ``road`` is the same as far as it is read."""
     for signal in item.findall("signals/signal"):
-        here = spot.within(f"signal {signal.get('id', '')}")
+        identity = signal.get("id", "")
+        here = spot.within(f"signal {identity}")
         with here.dropping():
-            s = here.number(signal, "s")
-            if not -BEYOND_M <= s <= road.length + BEYOND_M:
-                here.remark("objects and signals beyond their road: they are put at its end")
-            s = min(max(s, 0.0), road.length)
+            s = station_on_road(signal, road.length, here)
             height = here.number(signal, "height", 0.0)
             height = height if height > 0 else HEIGHT_M
             width = here.number(signal, "width", 0.0)
-            orientation = signal.get("orientation", "none")
-            yield Sign(
-                id=signal.get("id", ""),
+            read = RoadSignal(
+                id=0,
+                road=0,
                 name=signal.get("name") or "",
                 dynamic=signal.get("dynamic") == "yes",
                 country=signal.get("country") or "OpenDRIVE",
@@ -90,18 +99,54 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
                 s=s,
                 t=here.number(signal, "t"),
                 z=here.number(signal, "zOffset", 0.0) + height / 2,
-                orientation=orientation if orientation in ("+", "-") else "none",
-                lanes=read_validity(signal, road, s, here),
-                links=tuple(_numbers(_note(signal, "links"))),
+                orientation=_orientation(signal),
+                lanes=_valid_lanes(signal, road, s, here),
+                links=tuple(_numbers(user_data(signal).get("links", ""))),
                 height=height,
                 width=width if width > 0 else WIDTH_M,
-                pose=_pose(signal, height, here),
-                turned=here.number(signal, "hOffset", 0.0),
+                pose=_inertial_pose(signal, height, here),
             )
+            yield WrittenSignal(identity, name, read, here.number(signal, "hOffset", 0.0))
 
 
-def _pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...]:
-    """Return where a signal stands if the file says so in its own coordinates."""
+def read_references(
+    item: etree._Element, name: str, road: ModelRoad, spot: Spot
+) -> Iterator[Reference]:
+    """Yield the references of a ``<road>`` to signals of other roads."""
+    for reference in item.findall("signals/signalReference"):
+        identity = reference.get("id", "")
+        here = spot.within(f"signalReference {identity}")
+        with here.dropping():
+            s = min(max(here.number(reference, "s"), 0.0), road.length)
+            t, lanes = here.number(reference, "t"), _valid_lanes(reference, road, s, here)
+            yield Reference(identity, name, s, t, _orientation(reference), lanes)
+
+
+def read_program(item: etree._Element, spot: Spot) -> Program:
+    """Return a ``<controller>``, with its program if UrbanTwin wrote it."""
+    notes = user_data(item)
+    phases = []
+    for text in filter(None, notes.get("phases", "").split(", ")):
+        seconds, _, state = text.partition(" ")
+        duration = finite_number(seconds)
+        if duration is None or duration <= 0 or not state:
+            raise spot.error(f"has the phase {text[:40]!r}", expected="seconds, a space, a state")
+        phases.append((duration, state))
+    offset = finite_number(notes.get("offset") or "0")
+    if offset is None:
+        raise spot.error("has an offset that is not a number", expected="seconds")
+    identity = item.get("id", "")
+    switched = dict.fromkeys(control.get("signalId", "") for control in item.findall("control"))
+    return Program(identity, item.get("name") or identity, tuple(switched), offset, tuple(phases))
+
+
+def _orientation(item: etree._Element) -> str:
+    orientation = item.get("orientation", "none")
+    return orientation if orientation in ("+", "-") else "none"
+
+
+def _inertial_pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...]:
+    """Return the pose that a file gives in its own coordinates; empty without one."""
     item = signal.find("positionInertial")
     if item is None:
         return ()
@@ -110,7 +155,7 @@ def _pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...
 
 
 def _value(signal: etree._Element) -> float:
-    """Return what a sign says; -1 without a unit means nothing (1.4)."""
+    """Return the value of a sign; -1 without a unit means none (OpenDRIVE 1.4)."""
     try:
         value = float(signal.get("value") or "nan")
     except ValueError:
@@ -120,47 +165,14 @@ def _value(signal: etree._Element) -> float:
     return value
 
 
-def read_validity(signal: etree._Element, road: ModelRoad, s: float, spot: Spot) -> tuple[int, ...]:
+def _valid_lanes(item: etree._Element, road: ModelRoad, s: float, spot: Spot) -> tuple[int, ...]:
     """Return the lanes of a road that a signal or a reference is valid for; empty for all."""
     present = sorted(road.section_at(s).by_id)
-    found: list[int] = []
-    for validity in signal.findall("validity"):
-        ends = sorted(spot.whole(validity, key) for key in ("fromLane", "toLane"))
-        found += [k for k in present if ends[0] <= k <= ends[1]]
-    return tuple(dict.fromkeys(found))
-
-
-def read_program(item: etree._Element, spot: Spot) -> Program:
-    """Return a controller, with its program if it is one that we wrote.
-
-    Args:
-        item: the ``<controller>``.
-        spot: the controller, for errors.
-    """
-    phases = []
-    for text in filter(None, _note(item, "phases").split(", ")):
-        seconds, _, state = text.partition(" ")
-        duration = finite_number(seconds)
-        if duration is None or duration <= 0 or not state:
-            raise spot.error(f"has the phase {text[:40]!r}", expected="seconds, a space, a state")
-        phases.append((duration, state))
-    offset = finite_number(_note(item, "offset") or "0")
-    if offset is None:
-        raise spot.error("has an offset that is not a number", expected="seconds")
-    return Program(
-        item.get("id", ""),
-        item.get("name") or item.get("id", ""),
-        tuple(dict.fromkeys(c.get("signalId", "") for c in item.findall("control"))),
-        offset,
-        tuple(phases),
-    )
-
-
-def _note(item: etree._Element, code: str) -> str:
-    for note in item.findall("userData"):
-        if note.get("code") == code:
-            return note.get("value") or ""
-    return ""
+    lanes: list[int] = []
+    for validity in item.findall("validity"):
+        first, last = sorted(spot.whole(validity, key) for key in ("fromLane", "toLane"))
+        lanes += [lane for lane in present if first <= lane <= last]
+    return tuple(dict.fromkeys(lanes))
 
 
 def _numbers(text: str) -> Iterator[int]:
@@ -168,3 +180,147 @@ def _numbers(text: str) -> Iterator[int]:
         number = whole_number(word)
         if number is not None and number >= 0:
             yield number
+
+
+def resolve_references(
+    roads: Mapping[str, ModelRoad],
+    signals: Sequence[WrittenSignal],
+    references: Iterable[Reference],
+    log: Log,
+) -> list[WrittenSignal]:
+    """Return signals on the roads that they govern, with a pose if they stand beside another road.
+
+    A signal without lanes of its own road moves to the first road that refers to it.
+    """
+    references_of: dict[str, list[Reference]] = {}
+    for reference in references:
+        references_of.setdefault(reference.id, []).append(reference)
+    for _ in references_of.keys() - {written.id for written in signals}:
+        log.at("signalReference").remark("references to signals that do not exist")
+    resolved = []
+    for written in signals:
+        others, signal = references_of.get(written.id, []), written.signal
+        if not others or signal.lanes:
+            if not signal.pose and abs(written.turned) > SAME_ANGLE:
+                signal = replace(signal, pose=_pose(roads[written.road], signal, written.turned))
+            resolved.append(replace(written, signal=signal))
+            continue
+        if len({other.road for other in others}) > 1:
+            log.at(f"signal {written.id}").remark("references of several roads to one signal")
+        first = others[0]
+        pose = signal.pose or _pose(roads[written.road], signal, written.turned)
+        road = roads[first.road]
+        ground = float(road.place(first.s, first.t)[0, 2])
+        moved = replace(
+            signal,
+            s=first.s,
+            t=first.t,
+            z=pose[2] - ground,
+            orientation=first.orientation,
+            lanes=first.lanes,
+        )
+        there = _pose(road, moved, 0.0)
+        is_same = (
+            math.dist(pose[:3], there[:3]) < SAME_M
+            and abs(wrapped(pose[3] - there[3])) < SAME_ANGLE
+        )
+        moved = replace(moved, pose=() if is_same else pose)
+        resolved.append(WrittenSignal(written.id, first.road, moved, written.turned))
+    return resolved
+
+
+def _pose(road: ModelRoad, signal: RoadSignal, turned: float) -> tuple[float, float, float, float]:
+    x, y, z = (float(v) for v in road.place(signal.s, signal.t)[0])
+    heading = float(road.curve.at(signal.s)[0, 2]) + turned
+    heading += 0.0 if signal.orientation == "-" else math.pi
+    return x, y, z + signal.z, wrapped(heading)
+
+
+class _Ids:
+    """Numbers for ids: the file's where they are unused whole numbers, else new ones."""
+
+    def __init__(self, texts: Iterable[str]) -> None:
+        self.free = 1 + max((k for k in map(id_number, texts) if k is not None), default=0)
+        self.used: set[int] = set()
+
+    def assign(self, text: str) -> int:
+        number = id_number(text)
+        if number is None or number in self.used:
+            number = self.free
+            self.free += 1
+        self.used.add(number)
+        return number
+
+
+def with_model_ids(
+    roads: Mapping[str, ModelRoad],
+    areas: Sequence[WrittenArea],
+    signals: Sequence[WrittenSignal],
+    programs: Mapping[str, Program],
+    junctions: Mapping[str, tuple[int, ...]],
+    log: Log,
+    *,
+    dropped: Collection[str] = (),
+) -> tuple[tuple[RoadArea, ...], tuple[RoadSignal, ...], tuple[SignalController, ...]]:
+    """Return areas, signals and controllers with ids of the lane model.
+
+    Controllers lose signals that do not exist, with a note unless these were ``dropped``.
+
+    Args:
+        roads: id in the file -> road.
+        areas: areas as written.
+        signals: signals as written, on the roads that they govern.
+        programs: id in the file -> controller.
+        junctions: controller -> the junctions that name it.
+        log: the file.
+        dropped: ids of signals that were dropped with their roads.
+    """
+    ids = _Ids([*(s.id for s in signals), *programs, *(a.id for a in areas)])
+    number: dict[str, int] = {}
+    program_of = {signal: p.name for p in programs.values() for signal in p.signals}
+    kept = []
+    for written in signals:
+        spot = log.at(f"road {written.road}, signal {written.id}")
+        if written.id in number:
+            if written.id in program_of:
+                spot.drop("is there twice, and is switched by a controller: the first one is used")
+                continue
+            spot.remark("signals of the same id: they are numbered")
+        number[written.id] = ids.assign(written.id)
+        kept.append(
+            replace(
+                written.signal,
+                id=number[written.id],
+                road=roads[written.road].id,
+                program=program_of.get(written.id, ""),
+            )
+        )
+    controllers: dict[object, SignalController] = {}
+    for key, program in programs.items():
+        spot = log.at(f"controller {key}")
+        for signal in program.signals:
+            if signal not in number and signal not in dropped:
+                spot.drop(f"switches signal {signal}, which does not exist")
+        switched = tuple(number[signal] for signal in program.signals if signal in number)
+        if program.signals and not switched:
+            continue
+        # A program that UrbanTwin wrote for CARLA is cut into stages of one name.
+        stage: object = (program.name, program.offset, program.phases) if program.phases else key
+        if stage in controllers:
+            known = controllers[stage]
+            all_signals = tuple(sorted({*known.signals, *switched}))
+            controllers[stage] = replace(known, signals=all_signals)
+            continue
+        controllers[stage] = SignalController(
+            ids.assign(key),
+            program.name,
+            switched,
+            junctions.get(key, ()),
+            program.offset,
+            program.phases,
+        )
+    for key in junctions:
+        if key not in programs:
+            log.at(f"controller {key}").remark("controllers of junctions that do not exist")
+    numbered = (replace(a.area, id=ids.assign(a.id), road=roads[a.road].id) for a in areas)
+    return tuple(numbered), tuple(kept), tuple(controllers.values())

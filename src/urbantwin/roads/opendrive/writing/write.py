@@ -2,21 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.model import LaneModel
+from urbantwin.roads.model import (
+    Connection,
+    LaneModel,
+    LaneSection,
+    ModelJunction,
+    ModelRoad,
+    Profile,
+    RoadLink,
+    RoadSignal,
+    SectionLane,
+    SignalController,
+)
+from urbantwin.roads.opendrive.cubics import added
+from urbantwin.roads.opendrive.vocabulary import DRIVEN
 from urbantwin.roads.opendrive.writing.carla import with_carla_crosswalks, with_carla_signs
-from urbantwin.roads.opendrive.writing.carla_stages import with_carla_stages
 from urbantwin.roads.opendrive.writing.document import document
-from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
+from urbantwin.roads.streets.furniture import WALKER_LIGHTS
 
 __all__ = ["VERSIONS", "write_opendrive"]
 
 #: Versions of the standard that are written: the newest, and the one that CARLA reads.
 VERSIONS = ("1.8", "1.4")
+#: ``validity`` of a signal that is for no lane of its road.
+NO_LANE = (0,)
+Heads = frozenset[int]
+#: New ids of lanes: (road's old id, section, old lane) -> (road's new id, new lane).
+_Renamed = Mapping[tuple[int, int, int], tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The lanes of a road that become one road.
+
+    Attributes:
+        id: the id of that road.
+        along: whether its traffic runs along the reference line.
+        sides: 1 for the lanes to the left of the reference line, -1 for those to the right.
+    """
+
+    road: ModelRoad
+    id: int
+    along: bool
+    sides: tuple[int, ...]
+
+    def has(self, lane: SectionLane) -> bool:
+        return (1 if lane.id > 0 else -1) in self.sides
+
+    def lanes(self, section: LaneSection) -> list[SectionLane]:
+        """Return its lanes of a section from left to right."""
+        return sorted((lane for lane in section.lanes if self.has(lane)), key=lambda e: -e.id)
+
+    def number(self, section: LaneSection) -> dict[int, int]:
+        """Return old id -> new id."""
+        lanes = self.lanes(section)
+        first = -1 if self.along else len(lanes)
+        return {lane.id: first - k for k, lane in enumerate(lanes)}
 
 
 def write_opendrive(
@@ -51,3 +101,285 @@ def write_opendrive(
     content = document(model, frame, version=version, name=name)
     with replaced_file(path, kind="opendrive") as scratch:
         scratch.write_bytes(content)
+
+
+def with_carla_stages(model: LaneModel) -> LaneModel:
+    """Return a lane model with a controller for every stage of every program.
+
+    The heads of a stage are green together in some phase of the program; stages are few, and in
+    the order of those phases. A head for people on foot goes with a stage for vehicles that it is
+    green with. Where no program is known, every road that comes in is a stage.
+
+    Every signal names its lanes: of one without, CARLA would take lanes of the other direction
+    (``MapBuilder::GenerateDefaultValiditiesForSignalReferences``), and heads for people on foot
+    would stop vehicles.
+    """
+    model = replace(model, signals=tuple(_with_lanes(model, one) for one in model.signals))
+    heads = {signal.id: signal for signal in model.signals if signal.dynamic}
+    number = model.next_id
+    controllers: list[SignalController] = []
+    for one in model.controllers:
+        for k, stage in enumerate(_stages(one, [heads[k] for k in one.signals if k in heads])):
+            signals = tuple(k for k in one.signals if k in stage)
+            controllers.append(replace(one, id=number if k else one.id, signals=signals))
+            number += bool(k)
+    return replace(model, controllers=tuple(controllers))
+
+
+def _with_lanes(model: LaneModel, signal: RoadSignal) -> RoadSignal:
+    if signal.lanes:
+        return signal
+    if signal.type == WALKER_LIGHTS:
+        return replace(signal, lanes=NO_LANE)
+    section = model.road_by_id[signal.road].section_at(signal.s)
+    lanes = (
+        lane.id
+        for lane in section.lanes
+        if lane.kind in DRIVEN and signal.orientation != ("-" if lane.forward else "+")
+    )
+    return replace(signal, lanes=tuple(sorted(lanes)) or NO_LANE)
+
+
+def _stages(program: SignalController, heads: Iterable[RoadSignal]) -> list[Heads]:
+    """Return the heads of each stage."""
+    heads = list(heads)
+    walkers = frozenset(head.id for head in heads if head.type == WALKER_LIGHTS)
+    vehicles = frozenset(head.id for head in heads) - walkers
+    shown = {head.id: _green(program, head) for head in heads}
+    green = [
+        frozenset(one for one, lit in shown.items() if lit[number])
+        for number in range(len(program.phases))
+    ]
+    found = _covered(green, vehicles)
+    left = set(walkers)
+    for number, stage in enumerate(found):
+        also = {one for phase in green if stage <= phase for one in left & phase}
+        found[number] = stage | also
+        left -= also
+    found += _covered(green, frozenset(left))
+    found.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
+    # Never green, or nobody knows when.
+    rest = [head for head in heads if not any(head.id in stage for stage in found)]
+    roads = sorted({head.road for head in rest})
+    return found + [frozenset(head.id for head in rest if head.road == road) for road in roads]
+
+
+def _green(program: SignalController, head: RoadSignal) -> list[bool]:
+    """Return in which phases a head is green: all of its links, or the longest of them."""
+    links = [
+        [state[link : link + 1] in ("G", "g") for _, state in program.phases] for link in head.links
+    ]
+    every = [bool(links) and all(lit) for lit in zip(*links, strict=True)]
+    if any(every):
+        return every
+    return max(links, key=lambda lit: _seconds(program, lit), default=[False] * len(program.phases))
+
+
+def _seconds(program: SignalController, lit: list[bool]) -> float:
+    return sum(seconds for (seconds, _), on in zip(program.phases, lit, strict=True) if on)
+
+
+def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
+    """Return heads that are green at once, the most of those left first, until all were."""
+    left, found = wanted, []
+    while most := max((phase & left for phase in green), key=len, default=frozenset()):
+        found.append(most)
+        left -= most
+    return found
+
+
+def as_right_hand_traffic(model: LaneModel) -> LaneModel:
+    """Return a lane model of left-hand traffic in the form of right-hand traffic.
+
+    A road keeps its id; where it is parted, that goes to the lanes along the reference line, and
+    the others get a new one. A model of right-hand traffic is returned as it is.
+    """
+    if model.driving_side == "right":
+        return model
+    parts: list[_Part] = []
+    free = model.next_id
+    for road in model.roads:
+        for along, sides in _sides(road):
+            fresh = any(part.id == road.id for part in parts[-1:])
+            parts.append(_Part(road, free if fresh else road.id, along, sides))
+            free += fresh
+    renamed = {
+        (part.road.id, k, old): (part.id, new)
+        for part in parts
+        for k, section in enumerate(part.road.sections)
+        for old, new in part.number(section).items()
+    }
+    roads = tuple(_road(part, model, renamed) for part in parts)
+    junctions = tuple(_junction(junction, model, renamed) for junction in model.junctions)
+    signals = []
+    for signal in model.signals:
+        road = model.road_by_id[signal.road]
+        k = road.sections.index(road.section_at(signal.s))
+        named = [
+            renamed[road.id, k, lane] for lane in signal.lanes if (road.id, k, lane) in renamed
+        ]
+        along = signal.orientation != "-"
+        choice = [part for part in parts if part.road is road]
+        there = named[0][0] if named else next((p.id for p in choice if p.along == along), road.id)
+        lanes = tuple(lane for number, lane in named if number == there)
+        signals.append(replace(signal, road=there, lanes=lanes))
+    return replace(
+        model, driving_side="right", roads=roads, junctions=junctions, signals=tuple(signals)
+    )
+
+
+def _sides(road: ModelRoad) -> list[tuple[bool, tuple[int, ...]]]:
+    """Return what a road is parted into: whether traffic runs along the line, and the sides."""
+    driven = {
+        1 if lane.id > 0 else -1
+        for section in road.sections
+        for lane in section.lanes
+        if lane.kind in DRIVEN
+    }
+    if len(driven) == 2:
+        return [(True, (1,)), (False, (-1,))]
+    # One direction only, or none: lanes beside it stay with it.
+    return [(driven != {-1}, (1, -1))]
+
+
+def _road(part: _Part, model: LaneModel, renamed: _Renamed) -> ModelRoad:
+    road = part.road
+    sections = tuple(_section(part, k, model, renamed) for k in range(len(road.sections)))
+    return replace(
+        road,
+        id=part.id,
+        offset=_offset(part),
+        sections=sections,
+        predecessor=_link(part, road.predecessor, model, renamed, ahead=False),
+        successor=_link(part, road.successor, model, renamed, ahead=True),
+    )
+
+
+def _section(part: _Part, k: int, model: LaneModel, renamed: _Renamed) -> LaneSection:
+    section = part.road.sections[k]
+    number = part.number(section)
+    ordered = sorted(section.lanes, key=lambda lane: -lane.id)
+    lanes = []
+    for lane in part.lanes(section):
+        # The line on the new outer border, the right one along the reference line, else the left.
+        mark = _line(section, ordered, lane, left=not part.along)
+        before = _renumbered(part.road, k, lane.predecessor, model, renamed, ahead=False)
+        after = _renumbered(part.road, k, lane.successor, model, renamed, ahead=True)
+        lanes.append(
+            replace(
+                lane,
+                id=number[lane.id],
+                mark=mark[0],
+                change=mark[1],
+                predecessor=before,
+                successor=after,
+            )
+        )
+    mine = part.lanes(section)
+    inner = mine[0 if part.along else -1] if mine else None
+    centre = ("none", "none")
+    if inner is not None:
+        centre = _line(section, ordered, inner, left=part.along)
+    return LaneSection(section.s, tuple(lanes), *centre)
+
+
+def _line(
+    section: LaneSection, ordered: list[SectionLane], lane: SectionLane, *, left: bool
+) -> tuple[str, str]:
+    """Return the mark on one border of a lane and who may change lanes over it."""
+    if (lane.id > 0) == left:
+        return lane.mark, lane.change
+    inner = section.by_id.get(lane.id + (-1 if lane.id > 0 else 1))
+    if inner is None:
+        return section.centre_mark, section.centre_change
+    return inner.mark, inner.change
+
+
+def _offset(part: _Part) -> Profile:
+    """Return the lane offset to the border that the lanes of a part are counted from."""
+    road = part.road
+    starts, rows = [], []
+    for section, end in zip(road.sections, road.section_ends, strict=True):
+        # Along the reference line that is the left border, against it the right one.
+        sign = 1.0 if part.along else -1.0
+        beside = [lane for lane in section.lanes if part.has(lane)]
+        widths = [(sign, lane.width) for lane in beside if (lane.id > 0) == part.along]
+        offset = Profile(road.offset.start - section.s, road.offset.abcd)
+        profile = added([(1.0, offset), *widths], end - section.s)
+        starts.append(profile.start + section.s)
+        rows.append(profile.abcd)
+    return Profile(np.concatenate(starts), np.concatenate(rows))
+
+
+def _met(road: ModelRoad, k: int, model: LaneModel, *, ahead: bool) -> tuple[ModelRoad, int] | None:
+    """Return road and section that a section's lanes are linked to at one end."""
+    inner = k + (1 if ahead else -1)
+    if 0 <= inner < len(road.sections):
+        return road, inner
+    link = road.successor if ahead else road.predecessor
+    if link is None or link.element != "road" or link.id not in model.road_by_id:
+        return None
+    there = model.road_by_id[link.id]
+    return there, 0 if link.contact == "start" else len(there.sections) - 1
+
+
+def _renumbered(
+    road: ModelRoad,
+    k: int,
+    lane: int | None,
+    model: LaneModel,
+    renamed: _Renamed,
+    *,
+    ahead: bool,
+) -> int | None:
+    met = _met(road, k, model, ahead=ahead)
+    if lane is None or met is None:
+        return None
+    return renamed.get((met[0].id, met[1], lane), (0, None))[1]
+
+
+def _link(
+    part: _Part, link: RoadLink | None, model: LaneModel, renamed: _Renamed, *, ahead: bool
+) -> RoadLink | None:
+    """Return what a part is joined to: of a parted road, the part that its lanes lead to."""
+    if link is None or link.element != "road":
+        return link
+    road = part.road
+    k = len(road.sections) - 1 if ahead else 0
+    met = _met(road, k, model, ahead=ahead)
+    if met is None:
+        return link
+    for lane in sorted(part.lanes(road.sections[k]), key=lambda e: e.kind not in DRIVEN):
+        other = lane.successor if ahead else lane.predecessor
+        if other is not None and (met[0].id, met[1], other) in renamed:
+            return replace(link, id=renamed[met[0].id, met[1], other][0])
+    return link
+
+
+def _junction(junction: ModelJunction, model: LaneModel, renamed: _Renamed) -> ModelJunction:
+    connections = [
+        parted
+        for connection in junction.connections
+        for parted in _connections(connection, model, renamed)
+    ]
+    return replace(junction, connections=tuple(connections))
+
+
+def _connections(
+    connection: Connection, model: LaneModel, renamed: _Renamed
+) -> Iterable[Connection]:
+    """Return a connection for every pair of parts that its lanes join."""
+    connecting = model.road_by_id[connection.connecting]
+    k = 0 if connection.contact == "start" else len(connecting.sections) - 1
+    met = _met(connecting, k, model, ahead=connection.contact == "end")
+    if met is None or met[0].id != connection.incoming:
+        incoming = model.road_by_id[connection.incoming]
+        met = incoming, len(incoming.sections) - 1
+    links: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for first, second in connection.links:
+        one = renamed.get((met[0].id, met[1], first))
+        two = renamed.get((connecting.id, k, second))
+        if one is not None and two is not None:
+            links.setdefault((one[0], two[0]), []).append((one[1], two[1]))
+    for (incoming_id, connecting_id), pairs in links.items():
+        yield Connection(incoming_id, connecting_id, connection.contact, tuple(pairs))
