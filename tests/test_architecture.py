@@ -120,3 +120,14 @@ def test_only_the_command_line_prints_and_exits() -> None:
                     | ast.Call(func=ast.Attribute(value=ast.Name(id="sys"), attr="exit"))
                 ):
                     raise AssertionError(f"{module}:{node.lineno}")
+
+
+def test_the_walks_through_roads_name_functions_that_exist() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    walks = " ".join(text.split("### Three walks")[1].split("\n## ")[0].split())
+    steps = re.findall(r"`([\w/]+\.py)`: `(\w+)`", walks)
+    assert len(steps) > 10
+    for file, function in steps:
+        tree = ast.parse((SOURCE / "roads" / file).read_text())
+        names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+        assert function in names, f"{file} has no {function}"

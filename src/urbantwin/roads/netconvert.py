@@ -16,8 +16,8 @@ from lxml import etree
 
 from urbantwin.errors import StageError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.junctions.edge_split import split_edges
 from urbantwin.roads.junctions.plain import PlainNetwork, PlainNode, read_plain, write_plain
+from urbantwin.roads.junctions.strip import split_edges
 
 __all__ = [
     "run_netconvert",

@@ -11,13 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.defaults import MAIN, MOTORWAYS
 from urbantwin.roads.cross_section.from_tags import ONE_LANE_LEAST_M
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.segment import Segment
 
-__all__ = ["between_walls"]
+__all__ = ["THIN_M", "between_walls", "room_beside", "walls_of"]
 
 #: The least width of a lane of motor traffic, metres: a car of 1.8 m fits between walls. On main
 #: streets as RASt 06 has it where no buses meet.
@@ -45,8 +46,7 @@ def between_walls(
     """
     if not len(buildings):
         return list(sections)
-    solid = shapely.buffer(np.array(buildings, object), -THIN_M / 2)
-    walls = shapely.STRtree(shapely.buffer(solid, THIN_M / 2, join_style="mitre"))
+    walls = walls_of(buildings)
     return [
         _fitted(section, segment, walls) if segment.piece.way else section
         for segment, section in zip(segments, sections, strict=True)
@@ -81,12 +81,36 @@ def _room(segment: Segment, walls: shapely.STRtree) -> float:
     points = shapely.get_coordinates(line)
     legs = np.gradient(points, axis=0)
     legs /= np.maximum(np.linalg.norm(legs, axis=1, keepdims=True), 1e-9)
-    left = np.column_stack([-legs[:, 1], legs[:, 0]])
-    free = np.full((len(points), 2), FAR_M)
+    across = room_beside(points, legs, np.full(len(points), FAR_M), walls)
+    across = np.minimum(across, FAR_M).sum(axis=1)
+    return float(across[across >= PASSAGE_M].min(initial=2 * FAR_M))
+
+
+def walls_of(buildings: Sequence[shapely.Polygon]) -> shapely.STRtree:
+    """Return the outlines of buildings, without roofs and slivers thinner than `THIN_M`."""
+    solid = shapely.buffer(np.array(buildings, object), -THIN_M / 2)
+    return shapely.STRtree(shapely.buffer(solid, THIN_M / 2, join_style="mitre"))
+
+
+def room_beside(
+    places: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    walls: shapely.STRtree,
+) -> NDArray[np.float64]:
+    """Return the distance (N, 2) to walls on the left and on the right, infinite beyond the reach.
+
+    Args:
+        places: (N, 2) points of a street, site frame, metres.
+        ahead: (N, 2) unit vectors along the street.
+        reach: (N,) length of the rays to either side, metres.
+        walls: outlines of buildings.
+    """
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    room = np.full((len(places), 2), np.inf)
     for column, side in enumerate((left, -left)):
-        rays = shapely.linestrings(np.stack([points, points + FAR_M * side], axis=1))
+        rays = shapely.linestrings(np.stack([places, places + reach[:, None] * side], axis=1))
         ray, wall = walls.query(rays, predicate="intersects")
         meet = shapely.intersection(rays[ray], walls.geometries[wall])
-        np.minimum.at(free[:, column], ray, shapely.distance(shapely.points(points[ray]), meet))
-    across = free.sum(axis=1)
-    return float(across[across >= PASSAGE_M].min(initial=2 * FAR_M))
+        np.minimum.at(room[:, column], ray, shapely.distance(shapely.points(places[ray]), meet))
+    return room

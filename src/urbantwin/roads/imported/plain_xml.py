@@ -1,25 +1,31 @@
-"""SUMO's plain XML of a lane model: nodes, edges and connections exactly as in the map."""
+"""The network that netconvert makes from a lane model: lanes exactly as in the map."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import shapely
-from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
 from urbantwin.roads.imported.crosswalks import Crosswalk
 from urbantwin.roads.imported.edges import Edge, Nodes
 from urbantwin.roads.imported.lane_links import VEHICLE_CLASSES, LaneLink, Place, allowed, speed
-from urbantwin.roads.junctions.plain import shape_text
+from urbantwin.roads.junctions.plain import (
+    PlainCrossing,
+    PlainEdge,
+    PlainLane,
+    PlainLink,
+    PlainNetwork,
+    PlainNode,
+    shape_text,
+)
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
-__all__ = ["OUTER", "PlainNetwork", "junction_outline", "origin_of", "write_plain"]
+__all__ = ["OUTER", "MapTopology", "junction_outline", "origin_of", "plain_network"]
 
 #: ``ways`` of outer roads, which the map does not have, until they are named.
 OUTER = (0,)
@@ -44,17 +50,17 @@ CHORD_M, STEP_M = 0.01, 0.5
 
 
 @dataclass(frozen=True)
-class PlainNetwork:
-    """The content of the plain XML.
+class MapTopology:
+    """The edges of a lane model and where they meet.
 
     Attributes:
         model: the lane model.
         edges: its edges.
-        nodes: where they meet.
-        links: which lane leads to which.
+        nodes: the nodes where they meet.
+        links: links from lane to lane.
         lights: node -> id of the traffic light there.
-        crosswalks: where people cross, by the map.
-        outlines: junction -> its outline (M, 2); empty where nothing is known.
+        crosswalks: crosswalks of the map.
+        outlines: junction -> its outline (M, 2), empty if unknown.
     """
 
     model: LaneModel
@@ -66,19 +72,29 @@ class PlainNetwork:
     outlines: Mapping[int, NDArray[np.float64]]
 
 
-def write_plain(folder: Path, plain: PlainNetwork) -> list[str]:
-    """Write ``map.nod.xml``, ``map.edg.xml`` and ``map.con.xml``; return netconvert's options."""
-    for kind, root in (
-        ("nod", _nodes(plain)),
-        ("edg", _edges(plain)),
-        ("con", _connections(plain)),
-    ):
-        etree.ElementTree(root).write(str(folder / f"map.{kind}.xml"), encoding="utf-8")
-    return [
-        *("--node-files", str(folder / "map.nod.xml")),
-        *("--edge-files", str(folder / "map.edg.xml")),
-        *("--connection-files", str(folder / "map.con.xml")),
-    ]
+def plain_network(topology: MapTopology) -> PlainNetwork:
+    """Return the network that netconvert makes from a map, lanes exactly as in the map."""
+    # netconvert wants crossings counter-clockwise about the node where traffic keeps to the right.
+    order = 1 if topology.model.driving_side == "right" else -1
+    crossings = tuple(
+        PlainCrossing(
+            item.node,
+            item.edges,
+            item.width,
+            priority=True,
+            line=item.line[::order],
+            marking=item.marking,
+        )
+        for item in topology.crosswalks
+    )
+    crossed = {item.node for item in topology.crosswalks}
+    return PlainNetwork(
+        nodes={node.id: node for node in _nodes(topology)},
+        edges={edge.id: _edge(edge, *topology.nodes.of_edge(edge)) for edge in topology.edges},
+        links=tuple(_link(topology.model, link) for link in topology.links),
+        crossings=crossings,
+        not_crossed=tuple(node for node in _joints(topology) if node not in crossed),
+    )
 
 
 def lane_line(road: ModelRoad, number: int, lane: SectionLane) -> NDArray[np.float64]:
@@ -117,39 +133,35 @@ def _chained(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.asarray(points[np.concatenate([[True], step > 1e-3])])
 
 
-def _nodes(plain: PlainNetwork) -> etree._Element:
-    """A node lies amid the ends of its lanes; a junction's outline is what its ways cover."""
+def _nodes(topology: MapTopology) -> Iterator[PlainNode]:
+    """Yield nodes amid the ends of their lanes; a junction's outline is what its paths cover."""
     ends: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     meeting: dict[str, list[tuple[Edge, int]]] = defaultdict(list)
-    for edge in plain.edges:
-        start, end = plain.nodes.of_edge(edge)
+    for edge in topology.edges:
+        start, end = topology.nodes.of_edge(edge)
         meeting[start].append((edge, 0))
         meeting[end].append((edge, -1))
         for index in range(len(edge.lanes)):
             line = edge_lane_line(edge, index)
             ends[start].append(line[0])
             ends[end].append(line[-1])
-    root = etree.Element("nodes")
     for node, points in sorted(ends.items()):
-        x, y = np.mean(points, axis=0)
-        item = etree.SubElement(root, "node", id=node, x=f"{x:.3f}", y=f"{y:.3f}")
-        junction = plain.nodes.junctions.get(node)
-        outline = plain.outlines[junction] if junction is not None else np.zeros((0, 2))
-        if len(outline) > 2:
-            item.set("shape", shape_text(outline))
-        elif len({(edge.road.id, edge.sections) for edge, _ in meeting[node]}) > 1:
-            item.set("shape", shape_text(_across(meeting[node])))
-        item.set("type", "traffic_light" if node in plain.lights else "priority")
-        if node in plain.lights:
-            item.set("tl", plain.lights[node])
-    return root
+        junction = topology.nodes.junctions.get(node)
+        outline = topology.outlines[junction] if junction is not None else np.zeros((0, 2))
+        if len(outline) <= 2:
+            streets = {(edge.road.id, edge.sections) for edge, _ in meeting[node]}
+            outline = _across(meeting[node]) if len(streets) > 1 else np.zeros((0, 2))
+        attributes = {"type": "priority"}
+        if node in topology.lights:
+            attributes = {"type": "traffic_light", "tl": topology.lights[node]}
+        yield PlainNode(node, np.mean(points, axis=0), attributes, outline)
 
 
 def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
     """Return a junction's outline (M, 2): as the map has it, else what its roads cover."""
     junction = model.junction_by_id[identity]
     if len(junction.outline) > 2:
-        return junction.outline
+        return np.asarray(junction.outline)
     areas = []
     for connection in junction.connections:
         road = model.road_by_id.get(connection.connecting)
@@ -179,41 +191,28 @@ def _covered(road: ModelRoad, number: int) -> shapely.Geometry:
     return shapely.make_valid(shapely.Polygon(np.vstack([left, right[::-1]])))
 
 
-def _edges(plain: PlainNetwork) -> etree._Element:
-    root = etree.Element("edges")
-    for edge in plain.edges:
-        start, end = plain.nodes.of_edge(edge)
-        lanes = [edge.lane(index) for index in range(len(edge.lanes))]
-        lines = [edge_lane_line(edge, index) for index in range(len(lanes))]
-        item = etree.SubElement(
-            root,
-            "edge",
+def _edge(edge: Edge, start: str, end: str) -> PlainEdge:
+    lanes = [edge.lane(index) for index in range(len(edge.lanes))]
+    lines = [edge_lane_line(edge, index) for index in range(len(lanes))]
+    attributes = {"priority": str(_priority(edge, lanes)), "spreadType": "center"}
+    if edge.road.name:
+        attributes["name"] = edge.road.name
+    if edge.road.kind:
+        attributes["type"] = f"highway.{edge.road.kind}"
+    origin = str(origin_of(edge.road))
+    rows = tuple(
+        PlainLane(
             {
-                "id": edge.id,
-                "from": start,
-                "to": end,
-                "numLanes": str(len(lanes)),
-                "priority": str(_priority(edge, lanes)),
-                "spreadType": "center",
-                "shape": shape_text(_middle(lines)),
+                "speed": f"{speed(lane):.2f}",
+                "width": f"{_width(edge, index):.2f}",
+                "allow": " ".join(VEHICLE_CLASSES[name] for name in allowed(lane)),
+                "shape": shape_text(line),
             },
+            origin,
         )
-        if edge.road.name:
-            item.set("name", edge.road.name)
-        if edge.road.kind:
-            item.set("type", f"highway.{edge.road.kind}")
-        for index, (lane, line) in enumerate(zip(lanes, lines, strict=True)):
-            row = etree.SubElement(
-                item,
-                "lane",
-                index=str(index),
-                speed=f"{speed(lane):.2f}",
-                width=f"{_width(edge, index):.2f}",
-                allow=" ".join(VEHICLE_CLASSES[name] for name in allowed(lane)),
-                shape=shape_text(line),
-            )
-            etree.SubElement(row, "param", key="origId", value=str(origin_of(edge.road)))
-    return root
+        for index, (lane, line) in enumerate(zip(lanes, lines, strict=True))
+    )
+    return PlainEdge(edge.id, start, end, _middle(lines), rows, attributes, {})
 
 
 def origin_of(road: ModelRoad) -> int:
@@ -252,64 +251,31 @@ def _middle(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.asarray(shapely.get_coordinates(middle))
 
 
-def _connections(plain: PlainNetwork) -> etree._Element:
-    root = etree.Element("connections")
-    lead_on = set()
-    for link in plain.links:
-        (start, i), (end, j) = link.start, link.end
-        lead_on.add(start.id)
-        item = etree.SubElement(
-            root,
-            "connection",
-            {"from": start.id, "to": end.id, "fromLane": str(i), "toLane": str(j)},
-        )
-        if not link.path and (border := _border_line(start, i, end, j)) is not None:
-            item.set("shape", shape_text(border))
-        if link.path:
-            line = path_line(plain.model, link.path)
-            item.set("shape", shape_text(line))
-            road, number, lane = link.path[0]
-            limit = plain.model.road_by_id[road].sections[number].by_id[lane].speed_limit
-            if 0.0 < limit < speed(start.lane(i, -1)):
-                # Without a speed, netconvert slows turns down; with one, it takes it as it is.
-                item.set("speed", f"{min(limit, _turn_speed(line)):.2f}")
-    for edge in plain.edges:
-        if edge.id not in lead_on:
-            # Without this, netconvert guesses connections.
-            etree.SubElement(root, "connection", {"from": edge.id})
-    # netconvert wants them counter-clockwise about the node where traffic keeps to the right.
-    way = 1 if plain.model.driving_side == "right" else -1
-    for crosswalk in plain.crosswalks:
-        item = etree.SubElement(
-            root,
-            "crossing",
-            {
-                "node": crosswalk.node,
-                "edges": " ".join(crosswalk.edges),
-                "width": f"{crosswalk.width:.2f}",
-                "priority": "true",
-                "shape": shape_text(crosswalk.line[::way]),
-            },
-        )
-        if crosswalk.marking:
-            etree.SubElement(item, "param", key="marking", value=crosswalk.marking)
-    crossed = {crosswalk.node for crosswalk in plain.crosswalks}
-    for node in _joints(plain):
-        if node not in crossed:
-            # Without this, netconvert guesses crossings where one road follows another.
-            etree.SubElement(root, "crossing", {"node": node, "discard": "true"})
-    return root
+def _link(model: LaneModel, link: LaneLink) -> PlainLink:
+    (start, i), (end, j) = link.start, link.end
+    attributes = {}
+    if link.path:
+        line = path_line(model, link.path)
+        attributes["shape"] = shape_text(line)
+        road, number, lane = link.path[0]
+        limit = model.road_by_id[road].sections[number].by_id[lane].speed_limit
+        if 0.0 < limit < speed(start.lane(i, -1)):
+            # Without a speed, netconvert slows turns down; with one, it takes it as it is.
+            attributes["speed"] = f"{min(limit, _turn_speed(line)):.2f}"
+    elif (border := _border_line(start, i, end, j)) is not None:
+        attributes["shape"] = shape_text(border)
+    return PlainLink(start.id, end.id, i, j, attributes)
 
 
-def _joints(plain: PlainNetwork) -> list[str]:
+def _joints(topology: MapTopology) -> list[str]:
     """Return nodes without a traffic light where fewer than three streets meet: no junctions."""
     arms: dict[str, set[tuple[int, str]]] = defaultdict(set)
-    found = {node for edge in plain.edges for node in plain.nodes.of_edge(edge)}
-    roads = {edge.road.id for edge in plain.edges}
-    for (road, end), node in plain.nodes.of_end.items():
+    found = {node for edge in topology.edges for node in topology.nodes.of_edge(edge)}
+    roads = {edge.road.id for edge in topology.edges}
+    for (road, end), node in topology.nodes.of_end.items():
         if road in roads:
             arms[node].add((road, end))
-    return sorted(n for n in found if len(arms[n]) < JUNCTION_ARMS and n not in plain.lights)
+    return sorted(n for n in found if len(arms[n]) < JUNCTION_ARMS and n not in topology.lights)
 
 
 def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] | None:

@@ -16,12 +16,13 @@ from urbantwin.roads.imported.crop import with_border
 from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
 from urbantwin.roads.imported.edges import Nodes, edges_of_model, loops
 from urbantwin.roads.imported.lane_links import Lanes, Place, lane_links
-from urbantwin.roads.imported.plain_xml import OUTER, PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.imported.plain_xml import OUTER, MapTopology, junction_outline, plain_network
 from urbantwin.roads.imported.signal_programs import (
     lights_of_model,
     lights_of_places,
     with_programs,
 )
+from urbantwin.roads.junctions.plain import write_plain
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 from urbantwin.roads.signals.default_programs import set_default_programs
@@ -76,7 +77,7 @@ def sumo_network_of_model(
     crosswalks = crosswalks_of_model(model, edges, nodes)
     outlines = {junction.id: junction_outline(model, junction.id) for junction in model.junctions}
     lights = {**lights_of_places(nodes, outlines, lit), **lights_of_model(model, nodes)}
-    plain = PlainNetwork(model, edges, nodes, links, lights, crosswalks, outlines)
+    topology = MapTopology(model, edges, nodes, links, lights, crosswalks, outlines)
     mapped = any(area.kind == "crosswalk" for area in model.areas)
     options = {
         **OPTIONS,
@@ -85,14 +86,14 @@ def sumo_network_of_model(
     }
     with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         raw = Path(scratch) / "raw.net.xml"
-        files = write_plain(Path(scratch), plain)
+        files = write_plain(Path(scratch) / "map", plain_network(topology))
         settings = [text for key, value in options.items() for text in (f"--{key}", value)]
         warnings = run_netconvert([*files, *settings], raw)
         _without_outlines(raw)
         write_network(raw, out)
     set_default_programs(out)
     root = etree.parse(out).getroot()
-    named, programs = with_programs(_named(plain, root), nodes, lights, out)
+    named, programs = with_programs(_named(topology, root), nodes, lights, out)
     notes: dict[str, object] = {
         "edges": len(edges),
         "connections": len(links),
@@ -117,35 +118,35 @@ def _without_outlines(net: Path) -> None:
     tree.write(str(net))
 
 
-def _named(plain: PlainNetwork, root: etree._Element) -> LaneModel:
+def _named(topology: MapTopology, root: etree._Element) -> LaneModel:
     """Return the model with the names that netconvert gave."""
     strips: dict[Place, str] = {
         (edge.road.id, number, lane): edge.strip(index)
-        for edge in plain.edges
+        for edge in topology.edges
         for index, lanes in enumerate(edge.lanes)
         for number, lane in zip(edge.sections, lanes, strict=True)
     }
     ways = _ways(root)
-    for link in plain.links:
+    for link in topology.links:
         (start, i), (end, j) = link.start, link.end
         for place in link.path:
             strips.setdefault(place, ways.get((start.strip(i), end.strip(j)), ""))
     junctions = tuple(
         dataclasses.replace(
-            junction, name=node, members=(node,), outline=plain.outlines[junction.id]
+            junction, name=node, members=(node,), outline=topology.outlines[junction.id]
         )
-        if (node := _node(plain.nodes, junction.id))
+        if (node := _node(topology.nodes, junction.id))
         else junction
-        for junction in plain.model.junctions
+        for junction in topology.model.junctions
     )
     crossings = _crossings(root)
-    over = {item.area: item for item in reversed(plain.crosswalks)}
+    over = {item.area: item for item in reversed(topology.crosswalks)}
     areas = tuple(
         dataclasses.replace(area, strip=_crossing(over.get(area.id), crossings))
-        for area in plain.model.areas
+        for area in topology.model.areas
     )
-    roads = tuple(_with_strips(road, strips) for road in plain.model.roads)
-    return dataclasses.replace(plain.model, roads=roads, junctions=junctions, areas=areas)
+    roads = tuple(_with_strips(road, strips) for road in topology.model.roads)
+    return dataclasses.replace(topology.model, roads=roads, junctions=junctions, areas=areas)
 
 
 def _node(nodes: Nodes, junction: int) -> str:

@@ -166,7 +166,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
             driving_side,
         )
         links += found
-    network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
+    network = PlainNetwork(nodes, edges, tuple(links), location=plain.location)
     wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
     return _with_slip_signals(network, wide, _stopping(marks, spans))
 
@@ -179,7 +179,7 @@ def _drawn(
     nodes = dict(plain.nodes)
     for cluster in clusters:
         nodes[cluster.id] = PlainNode(cluster.id, np.zeros(2), {}, some)
-    return PlainNetwork(nodes, edges, (), (), plain.location)
+    return PlainNetwork(nodes, edges, (), location=plain.location)
 
 
 def _cluster(

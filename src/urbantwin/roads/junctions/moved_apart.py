@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import stations_of_points
+from urbantwin.roads.cross_section.between_walls import room_beside, walls_of
 from urbantwin.roads.junctions.cluster import Chain, chains_of, meeting_nodes
 from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
 from urbantwin.roads.junctions.strip import Strip
@@ -32,8 +33,6 @@ STEP_M = 2.0
 #: Room between a carriageway and a wall, and a street's least room between walls, metres: what is
 #: narrower is no street beside buildings, but leads through them.
 WALL_M, PASSAGE_M, FAR_M = 0.05, 2.0, 1e3
-#: What is narrower is no building that a street keeps clear of, but a roof or a sliver, metres.
-THIN_M = 2.0
 #: How often places are compared: the third of three side by side gives way after the second.
 ROUNDS = 8
 #: Lines nearer to each other all along are one street drawn twice, metres.
@@ -99,9 +98,7 @@ def moved_apart(
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
-    solid = shapely.buffer(np.array(buildings, object), -THIN_M / 2)
-    walls = shapely.STRtree(shapely.buffer(solid, THIN_M / 2, join_style="mitre"))
-    streets = _streets(plain, still, outward, walls)
+    streets = _streets(plain, still, outward, walls_of(buildings))
     by = [np.zeros(len(street.places)) for street in streets]
     bands = [
         shapely.LineString(s.places).buffer(float(s.half.max()) + FURTHEST_M / 2) for s in streets
@@ -148,29 +145,11 @@ def _streets(
                 bool(len(plain.nodes[nodes[0]].outline)),
                 bool(len(plain.nodes[nodes[-1]].outline)),
             )
-            room = _room(places, half, walls)
+            reach = half + FURTHEST_M + WALL_M
+            room = np.minimum(room_beside(places, _directions(places), reach, walls), FAR_M)
+            room[room.sum(axis=1) < PASSAGE_M] = FAR_M
             found.append(_Street(chain, back, places, half, room, free))
     return found
-
-
-def _room(
-    places: NDArray[np.float64], half: NDArray[np.float64], walls: shapely.STRtree
-) -> NDArray[np.float64]:
-    """Return how far walls are to the left and to the right of places (N, 2), or `FAR_M`."""
-    steps = _directions(places)
-    left = np.column_stack([-steps[:, 1], steps[:, 0]])
-    room = np.full((len(places), 2), FAR_M)
-    for column, side in enumerate((left, -left)):
-        reach = places + side * (half + FURTHEST_M + WALL_M)[:, None]
-        lines = shapely.linestrings(np.stack([places, reach], axis=1))
-        number, wall = walls.query(lines, predicate="intersects")
-        at = shapely.distance(
-            shapely.points(places[number]),
-            shapely.intersection(lines[number], walls.geometries[wall]),
-        )
-        np.minimum.at(room[:, column], number, at)
-    room[room.sum(axis=1) < PASSAGE_M] = FAR_M
-    return room
 
 
 def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:

@@ -157,6 +157,7 @@ class PlainNetwork:
         links: which lane leads to which.
         crossings: where people cross.
         location: what netconvert says of the projection.
+        not_crossed: nodes where netconvert must not guess crossings.
     """
 
     nodes: Mapping[str, PlainNode]
@@ -164,6 +165,7 @@ class PlainNetwork:
     links: tuple[PlainLink, ...]
     crossings: tuple[PlainCrossing, ...] = ()
     location: Mapping[str, str] = field(default_factory=dict)
+    not_crossed: tuple[str, ...] = ()
 
     @cached_property
     def arriving(self) -> Mapping[str, list[PlainEdge]]:
@@ -237,7 +239,8 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
 def write_plain(prefix: Path, plain: PlainNetwork) -> list[str]:
     """Write a network as plain XML; return the options that make netconvert read it."""
     nodes, edges = etree.Element("nodes"), etree.Element("edges")
-    etree.SubElement(nodes, "location", dict(plain.location))
+    if plain.location:
+        etree.SubElement(nodes, "location", dict(plain.location))
     for node in plain.nodes.values():
         x, y = (f"{v:.3f}" for v in node.xy)
         item = etree.SubElement(nodes, "node", {"id": node.id, "x": x, "y": y, **node.attributes})
@@ -289,6 +292,8 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             item.set("shape", shape_text(crossing.line))
         if crossing.marking:
             etree.SubElement(item, "param", key="marking", value=crossing.marking)
+    for node in plain.not_crossed:
+        etree.SubElement(root, "crossing", {"node": node, "discard": "true"})
     return root
 
 

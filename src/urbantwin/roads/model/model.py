@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -21,9 +20,6 @@ from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.model.road import ModelRoad
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.taxonomy import ROAD_USERS
-
-if TYPE_CHECKING:
-    from urbantwin.roads.model.model import LaneModel
 
 __all__ = ["Connection", "LaneModel", "ModelJunction", "carriageway_in_plan"]
 
