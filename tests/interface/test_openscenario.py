@@ -13,7 +13,7 @@ from urbantwin.cli import main
 from urbantwin.traffic import Motion
 from urbantwin.traffic.events import load_scenario
 from urbantwin.traffic.recorded.description import TracksSpec
-from urbantwin.traffic.recorded.openscenario import openscenario_rows
+from urbantwin.traffic.recorded.formats import openscenario_rows
 from urbantwin.traffic.run import with_more
 
 from .conftest import Line

@@ -15,10 +15,18 @@ from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, material_id, semantic_id
 from urbantwin.traffic.assets import asset, asset_mesh, asset_names, bodies_of_asset
 from urbantwin.traffic.assets.gait import joint_angles
-from urbantwin.traffic.assets.loft import loft, superellipse
-from urbantwin.traffic.assets.primitive import box, capsule, cylinder, ellipsoid, ring, turned
+from urbantwin.traffic.assets.heavy import tram_entries
 from urbantwin.traffic.assets.shell import Panel, Section, arched_outline, shell
-from urbantwin.traffic.assets.tram import tram_entries
+from urbantwin.traffic.assets.solid import (
+    box,
+    capsule,
+    cylinder,
+    ellipsoid,
+    loft,
+    ring,
+    superellipse,
+    turned,
+)
 
 
 def _shown(name):

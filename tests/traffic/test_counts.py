@@ -14,8 +14,8 @@ from urbantwin.traffic import run_traffic
 from urbantwin.traffic.demand.counted_places import turn_of
 from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.counts_table import read_counts
-from urbantwin.traffic.demand.manners import IN_BENDS, manners_of
 from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.demand.vehicle_types import IN_BENDS, manners_of
 from urbantwin.twin import Twin
 
 ROWS = [

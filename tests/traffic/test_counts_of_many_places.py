@@ -23,8 +23,7 @@ from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, SeenTrack, passages_of
 from urbantwin.traffic.calibration.ways_seen import ways_seen
 from urbantwin.traffic.demand.counted_report import counted_report
-from urbantwin.traffic.demand.counted_routes import fitted_volumes
-from urbantwin.traffic.demand.counts import counted_demand
+from urbantwin.traffic.demand.counts import counted_demand, fitted_volumes
 from urbantwin.traffic.demand.counts_table import read_counts
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of

@@ -7,9 +7,15 @@ import pytest
 
 from urbantwin.reconstruct.recording import RecordedFrame
 from urbantwin.traffic.observed.association import tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, extents, fitted_yaw
+from urbantwin.traffic.observed.box_fit import (
+    DetectedActor,
+    SeenObject,
+    beneath_gap,
+    extents,
+    fitted_yaw,
+    with_points,
+)
 from urbantwin.traffic.observed.clusters import clusters
-from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.frame_times import evenly_spaced
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length
 from urbantwin.traffic.observed.observed_track import observed_track

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.traffic.demand.demand import Demand, Trip
-from urbantwin.traffic.demand.parties import party_places
+from urbantwin.traffic.demand.demand import Demand, Trip, party_places
 from urbantwin.traffic.paths.abreast import BEHIND_M, BESIDE_M, with_parties
 from urbantwin.traffic.sumo.observed import Observed
 from urbantwin.traffic.sumo.simulation import Simulated

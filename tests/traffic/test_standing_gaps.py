@@ -12,7 +12,7 @@ import pytest
 from urbantwin.roads import sumo_binary, sumo_environment
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.demand import Demand, Trip
-from urbantwin.traffic.demand.manners import manners_of
+from urbantwin.traffic.demand.vehicle_types import manners_of
 from urbantwin.traffic.sumo.simulation import sumo_options, write_routes
 
 CARS, SECONDS = 60, 310

@@ -19,7 +19,7 @@ from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.traffic.observed import Observation
-    from urbantwin.traffic.observed.detected import DetectedActor
+    from urbantwin.traffic.observed.box_fit import DetectedActor
 
 __all__ = ["ObservedTraffic", "observe"]
 
@@ -62,7 +62,7 @@ def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedAct
         InputError: it is no folder of detections, or one of the frames was not looked at.
     """
     from urbantwin.detections import read_detections
-    from urbantwin.traffic.observed.detected import DETECTED, LEAST_SCORE, DetectedActor
+    from urbantwin.traffic.observed.box_fit import DETECTED, LEAST_SCORE, DetectedActor
 
     found = read_detections(folder)
     number = {Path(name).stem: index for index, name in enumerate(found.frames)}

@@ -19,7 +19,7 @@ from urbantwin.progress import Progress, between, each, untold
 from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import asset, asset_names, coated_name, sized_name
-from urbantwin.traffic.assets.coat import COATED_CLASSES
+from urbantwin.traffic.assets.asset_name import COATED_CLASSES
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.motion import MOTION_VERSION, Motion

@@ -7,11 +7,27 @@ size share a mesh.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
-from urbantwin.traffic.assets.coat import COATS
+import numpy as np
 
-__all__ = ["AssetName", "Size", "sized_name"]
+from urbantwin.geometry import LabelledMesh
+from urbantwin.taxonomy import material_id
+
+__all__ = [
+    "COATED_CLASSES",
+    "COATS",
+    "AssetName",
+    "Size",
+    "coat_at",
+    "coated_mesh",
+    "coated_name",
+    "mesh_among",
+    "scaled_mesh",
+    "sized_name",
+]
 
 #: Length, width and height, metres.
 Size = tuple[float, float, float]
@@ -58,3 +74,92 @@ def sized_name(name: str, length: float, width: float, height: float) -> str:
     """Return the name of an asset with another size, metres; at least a centimetre each way."""
     sides = (max(side, _LEAST_M) for side in (length, width, height))
     return f"{name}@{'x'.join(f'{side:.2f}' for side in sides)}"
+
+
+#: What comes so near to the ground stands on it, metres.
+_ON_GROUND_M = 1e-3
+
+
+def scaled_mesh(mesh: LabelledMesh, factors: tuple[float, float, float]) -> LabelledMesh:
+    """Return a mesh stretched along x, y and z.
+
+    Solids that stand on the ground are wheels and shoes: along x they are stretched as much as in
+    height, about their middle.
+    """
+    if factors == (1.0, 1.0, 1.0):
+        return mesh
+    vertices = mesh.vertices * np.asarray(factors, mesh.vertices.dtype)
+    part = np.zeros(len(vertices), np.int64)
+    part[mesh.faces.reshape(-1)] = np.repeat(mesh.part, 3)
+    for number in np.unique(part[mesh.vertices[:, 2] < _ON_GROUND_M]):
+        mine = part == number
+        x = mesh.vertices[mine, 0].astype(np.float64)
+        middle = (x.min() + x.max()) / 2
+        vertices[mine, 0] = middle * factors[0] + (x - middle) * factors[2]
+    return replace(mesh, vertices=vertices)
+
+
+def mesh_among(
+    meshes: Mapping[tuple[str, int], LabelledMesh],
+    name: str,
+    phase: int,
+    otherwise: Callable[[str, int], LabelledMesh],
+) -> LabelledMesh:
+    """Return the mesh of an asset among those by name and phase: itself, or its body to scale.
+
+    Args:
+        meshes: by name and phase.
+        name: of the asset.
+        phase: of its movement.
+        otherwise: gives the mesh where neither is there.
+    """
+    own = meshes.get((name, phase))
+    if own is not None:
+        return own
+    unsized = AssetName.of(name).unsized
+    body, first = meshes.get((unsized, phase)), meshes.get((unsized, 0))
+    size = AssetName.of(name).size
+    if body is None or first is None or size is None:
+        return otherwise(name, phase)
+    x, y, z = np.asarray(size) / np.ptp(first.vertices, axis=0)
+    return scaled_mesh(body, (float(x), float(y), float(z)))
+
+
+#: Coat -> share of vehicles but vans.
+COATS: dict[str, float] = {"white": 4 / 19, "grey": 6 / 19, "black": 9 / 19}
+_OF_VANS = {"white": 0.57, "grey": 0.10, "black": 0.33}
+#: Classes of actors that have a coat.
+COATED_CLASSES = ("car", "truck", "bus", "van")
+#: Panes lie higher than this share of a car's height, lamps below; of a long vehicle, other shares.
+_PANES, _LONG_PANES, _LONG_M = 0.58, 0.25, 6.5
+#: Of a long vehicle, what is farther ahead than this share of its half length is its windscreen.
+_WINDSCREEN = 0.85
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the coats evenly over few vehicles too
+
+
+def coated_name(name: str, number: int, actor_class: str) -> str:
+    """Return the name of an asset in the coat of the n-th vehicle of a class."""
+    return f"{name}_{coat_at((number + 0.5) * _GOLDEN % 1.0, actor_class)}"
+
+
+def coat_at(place: float, actor_class: str) -> str:
+    """Return the coat of the vehicle at a place, 0..1, among all of its class."""
+    shares = _OF_VANS if actor_class == "van" else COATS
+    ends = np.cumsum(list(shares.values()))
+    return list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
+
+
+def coated_mesh(mesh: LabelledMesh, coat: str) -> LabelledMesh:
+    """Return a vehicle's mesh with a coat on all that is painted, and its panes tinted."""
+    material = mesh.material.copy()
+    material[material == material_id("metal-painted")] = material_id(f"paint-{coat}")
+    middle = mesh.triangles().mean(axis=1)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    is_long = high[0] - low[0] > _LONG_M
+    share = _LONG_PANES if is_long else _PANES
+    panes = (mesh.material == material_id("glass")) & (middle[:, 2] > share * high[2])
+    material[panes] = material_id("glass-tinted")
+    ahead = (low[0] + high[0]) / 2 + (_WINDSCREEN * (high[0] - low[0]) / 2 if is_long else 0.0)
+    if is_long or coat != "white":
+        material[panes & (middle[:, 0] < ahead)] = material_id("glass-privacy")
+    return replace(mesh, material=material)

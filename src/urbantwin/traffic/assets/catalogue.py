@@ -19,20 +19,37 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
-from urbantwin.traffic.assets.articulated import bodies_of, bus_section, trailer
-from urbantwin.traffic.assets.asset_name import AssetName, Size
-from urbantwin.traffic.assets.body import Body
+from urbantwin.traffic.assets.asset_name import (
+    COATED_CLASSES,
+    AssetName,
+    Size,
+    coated_mesh,
+    scaled_mesh,
+)
 from urbantwin.traffic.assets.car import car, contact_points
 from urbantwin.traffic.assets.car_shape import drawn
-from urbantwin.traffic.assets.coat import COATED_CLASSES, coated_mesh
-from urbantwin.traffic.assets.dog import BESIDE_M, DOG_PHASES, dog, dog_stride
-from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
-from urbantwin.traffic.assets.heavy import bus, truck
-from urbantwin.traffic.assets.parts import parts
+from urbantwin.traffic.assets.gait import (
+    BESIDE_M,
+    DOG_PHASES,
+    GAIT_PHASES,
+    dog,
+    dog_stride,
+    stride_length,
+    walker,
+)
+from urbantwin.traffic.assets.heavy import (
+    Body,
+    bodies_of,
+    bus,
+    bus_section,
+    trailer,
+    tram_bodies,
+    tram_entries,
+    tram_section,
+    truck,
+)
 from urbantwin.traffic.assets.person import Figure
-from urbantwin.traffic.assets.scaled import scaled_mesh
-from urbantwin.traffic.assets.solid import Solid, fitted, labelled
-from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
+from urbantwin.traffic.assets.solid import Solid, fitted, labelled, parts
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
 __all__ = [

@@ -8,6 +8,7 @@ the seed, its class and its number alone, not on how many others there are.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -18,13 +19,60 @@ import yaml
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets.asset_name import AssetName, Size
-from urbantwin.traffic.assets.catalogue import american_body, asset, asset_names, bodies_of_asset
-from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
-from urbantwin.traffic.assets.own import OwnBodies
+from urbantwin.traffic.assets.asset_name import COATED_CLASSES, AssetName, Size, coat_at
+from urbantwin.traffic.assets.catalogue import (
+    Asset,
+    american_body,
+    asset,
+    asset_names,
+    bodies_of_asset,
+)
 
-__all__ = ["Fleet", "region_of"]
+__all__ = ["Fleet", "OwnBodies", "region_of"]
+
+#: Where the wheels of a vehicle that says nothing of them stand, as parts of length and width.
+_AXLES, _TRACK = (0.3, -0.3), 0.42
+
+
+@dataclass(frozen=True, eq=False)
+class OwnBodies:
+    """The meshes of a site.
+
+    Attributes:
+        classes: class of each by its name.
+        shares: which share of the actors of its class each is, 0..1.
+        meshes: each in phase 0, in the asset frame.
+    """
+
+    classes: Mapping[str, str] = field(default_factory=dict)
+    shares: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
+
+    def asset(self, name: str) -> Asset:
+        """Return an asset, of the site's own or of the catalogue.
+
+        Raises:
+            InputError: neither has it.
+        """
+        parsed = AssetName.of(name)
+        mesh = self.meshes.get((parsed.unsized, 0))
+        if mesh is None:
+            return asset(name)
+        length, width, height = parsed.size or np.ptp(mesh.vertices, axis=0).tolist()
+        actor_class = self.classes[parsed.unsized]
+        contacts = np.zeros((1, 3))
+        if actor_class != "pedestrian":
+            contacts = np.array(
+                [[x * length, y * width, 0.0] for x in _AXLES for y in (_TRACK, -_TRACK)]
+            )
+        return Asset(name, actor_class, 1, 0, length, width, height, contacts, 0.0)
+
+    def of_class(self, actor_class: str) -> tuple[tuple[str, float], ...]:
+        """Return names and shares of those of a class."""
+        return tuple((n, self.shares[n]) for n, c in self.classes.items() if c == actor_class)
+
 
 #: Region of the tables by country (ISO 3166-1 alpha-2); Europe's for all others.
 _AMERICA, _USUAL = "north-america", "europe"

@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.traffic.assets.loft import loft, superellipse
-from urbantwin.traffic.assets.primitive import capsule, ellipsoid
-from urbantwin.traffic.assets.solid import Solid
+from urbantwin.traffic.assets.solid import Solid, capsule, ellipsoid, loft, superellipse
 
 __all__ = ["Figure", "Posture", "bent", "figure_solids"]
 

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.traffic.assets.parts import parts, place
 from urbantwin.traffic.assets.person import Figure, Posture, bent, figure_solids
-from urbantwin.traffic.assets.primitive import cylinder, ring
-from urbantwin.traffic.assets.solid import Solid
+from urbantwin.traffic.assets.solid import Solid, cylinder, parts, place, ring
 
 __all__ = ["PEDAL_PHASES", "hub_contacts", "two_wheeler"]
 

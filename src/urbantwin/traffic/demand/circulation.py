@@ -34,8 +34,8 @@ from urbantwin.traffic.demand.demand import (
     NetworkPart,
     Population,
     Trip,
+    party_places,
 )
-from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = ["COMING_IN_S", "Circulation"]

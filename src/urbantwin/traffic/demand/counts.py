@@ -8,23 +8,410 @@ vehicle may be counted in several rows, ways are fitted to all of them (``counte
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
 
+from urbantwin.errors import InputError
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
-from urbantwin.traffic.demand.counted_places import way_of
-from urbantwin.traffic.demand.counted_routes import fitted_demand, way_through
-from urbantwin.traffic.demand.counted_volumes import departures_of, rates_of, wanted_of
-from urbantwin.traffic.demand.demand import CountedRow, Demand, LeftOut, Trip
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.demand.counted_places import crossing_of, ridden_along, road_of, way_of
+from urbantwin.traffic.demand.demand import WALKING_MS, CountedRow, Demand, LeftOut, Routes, Trip
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = ["counted_demand"]
+__all__ = [
+    "QUARTER_S",
+    "counted_demand",
+    "departures_of",
+    "fitted_demand",
+    "fitted_volumes",
+    "is_counted",
+    "rates_of",
+    "wanted_of",
+    "way_through",
+]
+
+QUARTER_S = 900.0
+_NOT_MOTORS = ("bicycle", "pedestrian", "tram")
+
+
+def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether counts say how many of a class come."""
+    named = {
+        row.get("actor_class") or ("pedestrian" if row.get("crossing") else None) for row in counts
+    }
+    return actor_class in named or (None in named and actor_class not in _NOT_MOTORS)
+
+
+def rates_of(
+    row: Mapping[str, Any], per_hour: Mapping[str, float], place: str
+) -> dict[str, list[float]]:
+    """Return by class the actors an hour in each quarter; a single value holds all the time.
+
+    Args:
+        row: of ``traffic.counts``.
+        per_hour: by which motor traffic without a class is shared out.
+        place: where the row was written.
+
+    Raises:
+        InputError: who is counted cannot be counted there.
+    """
+    if row.get("per_quarter"):
+        rates = [4.0 * float(count) for count in row["per_quarter"]]
+    else:
+        rates = [float(row["per_hour"])]
+    if row.get("crossing") and not row.get("actor_class"):
+        return {"pedestrian": rates}
+    if row.get("actor_class"):
+        drive = set(ACTOR_CLASSES) - {"pedestrian"}
+        if row["actor_class"] not in (("pedestrian", "bicycle") if row.get("crossing") else drive):
+            raise InputError(
+                f"counts a {row['actor_class']}",
+                place=place,
+                expected="people on foot and bicycles at a crossing, who drives by approach and "
+                "turn or on a road",
+            )
+        return {row["actor_class"]: rates}
+    motors = {name: rate for name, rate in per_hour.items() if name not in _NOT_MOTORS and rate > 0}
+    motors = motors or {"car": 1.0}
+    whole = sum(motors.values())
+    return {name: [rate * share / whole for rate in rates] for name, share in motors.items()}
+
+
+def wanted_of(
+    rates: Sequence[float], warmup_s: float, duration_s: float
+) -> list[tuple[float, float, float]]:
+    """Return (from, to, how many): from the start of the warm-up on, seconds."""
+    found, end = [], warmup_s + duration_s
+    begin = 0.0
+    for number, rate in enumerate(rates):
+        last = number == len(rates) - 1
+        until = end if last else min(warmup_s + (number + 1) * QUARTER_S, end)
+        if until > begin:
+            found.append((begin, until, rate * (until - begin) / 3600.0))
+            begin = until
+    return found
+
+
+def departures_of(
+    wanted: Sequence[tuple[float, float, float]],
+    owed: float,
+    random: np.random.Generator,
+    *,
+    evenly: bool = True,
+) -> NDArray[np.float64]:
+    """Return when they set out: as many as are wanted, at random.
+
+    Args:
+        wanted: (from, to, how many).
+        owed: what rows before have left of a vehicle, so that shares of vehicles add up.
+        random: random numbers.
+        evenly: one in each of as many equal parts as there are of them; else anywhere, as vehicles
+            come that know nothing of each other.
+    """
+    times = []
+    for begin, end, count in wanted:
+        whole = int(np.floor(owed + count))
+        owed = owed + count - whole
+        drawn = random.random(whole)
+        share = (np.arange(whole) + drawn) / max(whole, 1) if evenly else np.sort(drawn)
+        times.append(begin + share * (end - begin))
+    return np.concatenate(times) if times else np.zeros(0)
+
+
+#: Volumes are scaled so often; then sums of independent counts agree to a thousandth.
+_ROUNDS = 400
+_LITTLE = 1e-9
+#: A way with less than this an hour is left to others.
+_SELDOM = 1e-3
+_STREAM, _CLASS = 2_000_000, 100_000  # of random numbers: a class's ways, each with its own
+_MOST_OF_A_WAY = 100_000
+_ON_FOOT = "pedestrian"
+_CROSSING = re.compile(r"_c\d+$")
+#: SUMO's walkers take a red crossing for 20 s longer.
+_DETOUR_M = 20.0 * WALKING_MS
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a row counts: edges that are passed one after the other, or a single one.
+
+    ``turn`` is whether they meet at a junction.
+    """
+
+    first: str
+    last: str
+    turn: bool = False
+
+    def passed_by(self, edges: Sequence[str]) -> bool:
+        """Return whether a way passes there."""
+        if self.first not in edges or self.last not in edges:
+            return False
+        at = len(edges) - 1 - edges[::-1].index(self.last)
+        return edges.index(self.first) <= at
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """The ways of one class: edges, rows of counts that each passes, and how usual it is."""
+
+    edges: list[tuple[str, ...]]
+    passed: list[tuple[int, ...]]
+    weight: NDArray[np.float64]
+    routes: Routes | None
+
+
+def fitted_demand(  # noqa: PLR0913 - counts have as many sides
+    counts: Sequence[Mapping[str, Any]],
+    roads: RoadNetwork,
+    network: StreetNetwork,
+    per_hour: Mapping[str, float],
+    *,
+    warmup_s: float,
+    duration_s: float,
+    seed: int,
+    body: Callable[[str, int], str],
+    evenly: bool = True,
+) -> Demand:
+    """Return the trips of the ways that agree best with all counts: see `counts.counted_demand`.
+
+    Raises:
+        InputError: a place is not there; the row is named.
+    """
+    spots = [row.get("row") or f"traffic.counts[{number}]" for number, row in enumerate(counts)]
+    places = [_place(row, roads, spot) for row, spot in zip(counts, spots, strict=True)]
+    by_class: dict[str, dict[int, list[float]]] = {}
+    for number, (row, spot) in enumerate(zip(counts, spots, strict=True)):
+        for name, rates in rates_of(row, per_hour, spot).items():
+            by_class.setdefault(name, {})[number] = rates
+    trips: list[tuple[Trip, tuple[int, ...]]] = []
+    left_out: list[LeftOut] = []
+    nowhere: set[int] = set()  # rows of places that nobody comes to
+    for kind, name in enumerate(ACTOR_CLASSES):
+        if name not in by_class:
+            continue
+        rows = by_class[name]
+        ways = _ways(name, {number: places[number] for number in rows}, network)
+        for number in rows:
+            asked = round(sum(n for _, _, n in wanted_of(rows[number], 0.0, duration_s)))
+            if asked and not any(number in passed for passed in ways.passed):
+                nowhere.add(number)
+                why = f"no way for it where was counted ({spots[number]})"
+                left_out.append(LeftOut(name, asked, why))
+        owed = 0.5
+        volumes = _volumes(name, ways, rows, per_hour)
+        # Ways that pass the same places one after the other: their vehicles add up there.
+        for way in sorted(range(len(ways.edges)), key=lambda way: ways.passed[way]):
+            if volumes[way].max() < _SELDOM:
+                continue
+            key = _STREAM + kind * _CLASS + way
+            random = np.random.Generator(np.random.Philox(key=[seed, key]))
+            flow = wanted_of(volumes[way].tolist(), warmup_s, duration_s)
+            at = departures_of(flow, owed, random, evenly=evenly)
+            owed = (owed + sum(count for _, _, count in flow)) % 1.0
+            for k, time_s in enumerate(np.round(at, 2).tolist()):
+                one = body(name, way * _MOST_OF_A_WAY + k)
+                trip = _trip(name, one, time_s, ways, way, warmup_s, random)
+                trips.append((trip, ways.passed[way]))
+    trips.sort(key=lambda one: (one[0].depart_s, one[1], one[0].edges))
+    numbers: list[list[int]] = [[] for _ in counts]
+    for number, (trip, whose) in enumerate(trips):
+        # SUMO lets people cross where it is shortest: whoever comes may be counted there.
+        on_foot = trip.actor_class == _ON_FOOT
+        for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else whose:
+            numbers[where].append(number)
+    counted = (
+        CountedRow(place.first, place.last, tuple(row))
+        for place, row in zip(places, numbers, strict=True)
+    )
+    return Demand(tuple(trip for trip, _ in trips), tuple(left_out), counted=tuple(counted))
+
+
+def fitted_volumes(
+    usual: NDArray[np.float64], passes: NDArray[np.bool_], counted: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return volumes of ways (W,) that agree with what was counted, as near to the usual as may be.
+
+    Args:
+        usual: (W,) relative volumes, or an hour's.
+        passes: (W, R) whether a way passes where a row was counted.
+        counted: (R,) actors an hour.
+    """
+    found = usual.astype(np.float64)
+    if not passes.any():
+        return found
+    found[passes[:, counted <= 0].any(axis=1)] = 0.0
+    most = int(passes.sum(axis=1).max())
+    touched = passes.any(axis=1)
+    whole = found[touched].sum()
+    if whole > 0:  # of the right size to begin with
+        found[touched] *= counted.sum() / whole
+    for _ in range(_ROUNDS):
+        there = found @ passes
+        ratio = np.where((there > _LITTLE) & (counted > 0), counted / np.maximum(there, _LITTLE), 1)
+        found[touched] *= np.exp(passes[touched] @ np.log(ratio) / most)
+    return found
+
+
+def _place(row: Mapping[str, Any], roads: RoadNetwork, spot: str) -> _Place:
+    if row.get("crossing") and row.get("actor_class") == "bicycle":
+        way = ridden_along(row, roads, spot)
+        return _Place(way.approach.id, way.exit.id)
+    if row.get("crossing"):
+        edge = crossing_of(row, roads, spot).id.rpartition("_")[0]
+        return _Place(edge, edge)
+    if row.get("road"):
+        road = road_of(str(row["road"]), roads, spot).id
+        return _Place(road, road)
+    way = way_of(row, roads, spot)
+    turn = way.approach.to_junction == way.exit.from_junction
+    return _Place(way.approach.id, way.exit.id, turn=turn)
+
+
+def _volumes(
+    name: str, ways: _Ways, rows: Mapping[int, Sequence[float]], per_hour: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return the volumes of ways by quarter of an hour (W, Q), actors an hour.
+
+    Args:
+        name: the class.
+        ways: its ways.
+        rows: what was counted: number of a row -> actors an hour, quarter by quarter.
+        per_hour: how many walk where nobody counts.
+    """
+    passes = np.array([[number in passed for number in rows] for passed in ways.passed], bool)
+    passes = passes.reshape(len(ways.edges), len(rows))
+    usual = ways.weight.copy()
+    if name == _ON_FOOT:  # those who cross nowhere that was counted come as usual
+        usual *= per_hour.get(name, 0.0) / max(usual.sum(), _LITTLE)
+    else:
+        usual[~passes.any(axis=1)] = 0.0
+    quarters = max(len(rates) for rates in rows.values())
+    wanted = [[one[min(k, len(one) - 1)] for one in rows.values()] for k in range(quarters)]
+    return np.array([fitted_volumes(usual, passes, np.array(one)) for one in wanted]).T
+
+
+def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _Ways:
+    """Return the ways from gate to gate, and one for each place that none of them passes."""
+    on_foot = name == _ON_FOOT
+    streets = network.walked() if on_foot else network.driven_by(ACTOR_KINDS[name].vclass)
+    routes = None if streets is None else Routes.between_gates(streets)
+    if streets is None or routes is None:
+        return _Ways([], [], np.zeros(0), None)
+    edges = [routes.drive(number) for number in range(len(routes.pairs))]
+    weight = routes.weight.astype(np.float64)
+    for place in places.values() if not on_foot else ():
+        if any(place.passed_by(one) for one in edges if one):
+            continue
+        through = way_through(streets, place.first, place.last)
+        if through is not None:
+            edges.append(through)
+            weight = np.append(weight, max(float(weight.max()), _LITTLE))
+    if on_foot:
+        sure = np.array([not _may_cross_elsewhere(streets, way) for way in edges])
+        for place in places.values():  # where nobody is sure to cross, some may
+            there = np.array([place.passed_by(way) for way in edges])
+            sure |= there & ~(sure & there).any()
+        weight = np.where(sure, weight, 0.0)
+    turns: dict[str, set[str]] = {}
+    for place in places.values():
+        if place.turn:
+            turns.setdefault(place.first, set()).add(place.last)
+    # Where turns of an approach were counted, nobody takes another.
+    for number, way in enumerate(edges):
+        if any(there not in turns.get(here, {there}) for here, there in pairwise(way)):
+            weight[number] = 0.0
+    passed = [tuple(k for k, one in places.items() if one.passed_by(way)) for way in edges]
+    return _Ways(edges, passed, weight, routes)
+
+
+def _may_cross_elsewhere(streets: Streets, way: tuple[str, ...]) -> bool:
+    """Return whether there is another way over a junction that is hardly longer.
+
+    SUMO's walkers choose it where the first signal is red, and are counted elsewhere.
+    """
+    number = {name: k for k, name in enumerate(streets.edges)}
+    at = [number[name] for name in way]
+    outside = [k for k, edge in enumerate(at) if edge < streets.street_count]
+    for first, last in pairwise(outside):
+        inside = at[first : last + 1]
+        crossed = [edge for edge in inside if _CROSSING.search(streets.edges[edge])]
+        if not crossed:
+            continue
+        graph = streets.seconds.tolil()
+        graph[crossed, :] = 0
+        other = scipy.sparse.csgraph.dijkstra(graph.tocsr(), indices=inside[0])[inside[-1]]
+        used = sum(streets.seconds[a, b] for a, b in pairwise(inside))
+        if other < used + _DETOUR_M:
+            return True
+    return False
+
+
+def _trip(
+    name: str,
+    body: str,
+    depart_s: float,
+    ways: _Ways,
+    way: int,
+    warmup_s: float,
+    random: np.random.Generator,
+) -> Trip:
+    if name != _ON_FOOT:
+        return Trip(name, body, depart_s, ways.edges[way])
+    assert ways.routes is not None
+    lead_m = max(WALKING_MS * (warmup_s - depart_s), 0.0)
+    # As elsewhere: walkers of the warm-up have spread over their way when the motion starts.
+    spread = float(random.random()) if lead_m > 0 else 0.0
+    return Trip(name, body, depart_s, *ways.routes.walk(way, spread, lead_m))
+
+
+def way_through(streets: Streets, first: str, last: str) -> tuple[str, ...] | None:
+    """Return the edges from border to border over two edges; ``None`` where there is no way.
+
+    It comes from the entry, and goes to the exit, that is soonest reached.
+    """
+    number = {name: k for k, name in enumerate(streets.edges)}
+    start, end = number.get(first), number.get(last)
+    if start is None or end is None:
+        return None
+    over = _path(streets.seconds, start, end) if start != end else [start]
+    # What is soonest reached of all entries is found backwards.
+    before = _nearest(streets.seconds.T.tocsr(), start, streets.entries.edge)
+    after = _nearest(streets.seconds, end, streets.exits.edge)
+    if over is None or before is None or after is None:
+        return None
+    whole = [*before[::-1], *over[1:], *after[1:]]
+    return tuple(streets.edges[edge] for edge in whole)
+
+
+def _path(graph: Any, start: int, end: int) -> list[int] | None:  # noqa: ANN401
+    seconds, previous = scipy.sparse.csgraph.dijkstra(
+        graph, indices=start, return_predecessors=True
+    )
+    if not np.isfinite(seconds[end]):
+        return None
+    path = [end]
+    while path[-1] != start:
+        path.append(int(previous[path[-1]]))
+    return path[::-1]
+
+
+def _nearest(graph: Any, start: int, ends: NDArray[np.int64]) -> list[int] | None:  # noqa: ANN401
+    """Return the way from an edge to the end that is soonest reached."""
+    seconds = scipy.sparse.csgraph.dijkstra(graph, indices=start)
+    best = int(ends[np.argmin(seconds[ends])])
+    return _path(graph, start, best) if np.isfinite(seconds[best]) else None
+
 
 _MOST_OF_A_ROW = 100_000  # bodies of a row are drawn by numbers of its own
-_STREAM = 1000  # of random numbers, after those of the classes
+_ROW_STREAM = 1000  # of random numbers, after those of the classes
 
 
 def counted_demand(  # noqa: PLR0913 - counts have as many sides
@@ -82,7 +469,7 @@ def counted_demand(  # noqa: PLR0913 - counts have as many sides
                 streets[vclass] = network.driven_by(vclass)
             found = streets[vclass]
             edges = None if found is None else way_through(found, way.approach.id, way.exit.id)
-            random = np.random.Generator(np.random.Philox(key=[seed, _STREAM + number]))
+            random = np.random.Generator(np.random.Philox(key=[seed, _ROW_STREAM + number]))
             wanted = wanted_of(rates, warmup_s, duration_s)
             at = departures_of(wanted, owed.get(name, 0.5), random, evenly=evenly)
             owed[name] = (owed.get(name, 0.5) + sum(count for _, _, count in wanted)) % 1.0

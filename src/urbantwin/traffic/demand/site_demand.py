@@ -10,14 +10,13 @@ from typing import Any
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.demand.approaches import approaches_of
 from urbantwin.traffic.demand.circulation import COMING_IN_S, Circulation
-from urbantwin.traffic.demand.counted_volumes import is_counted
-from urbantwin.traffic.demand.counts import counted_demand
+from urbantwin.traffic.demand.counts import counted_demand, is_counted
 from urbantwin.traffic.demand.demand import Bound, Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
-from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.demand.passengers import with_passengers
 from urbantwin.traffic.demand.platoons import in_platoons
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
+from urbantwin.traffic.demand.vehicle_types import manners_of
 from urbantwin.traffic.fleet_of_twin import fleet_of
 from urbantwin.twin import Twin
 

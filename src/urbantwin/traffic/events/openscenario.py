@@ -12,9 +12,8 @@ from lxml import etree
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.traffic.assets import asset
-from urbantwin.traffic.recorded.actor_class import class_of
-from urbantwin.traffic.recorded.description import TracksSpec
-from urbantwin.traffic.recorded.openscenario import openscenario_rows
+from urbantwin.traffic.recorded.description import TracksSpec, class_of
+from urbantwin.traffic.recorded.formats import openscenario_rows
 
 __all__ = ["TRAFFIC_STORY", "openscenario_events"]
 

@@ -19,14 +19,15 @@ from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, reco
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import LARGE_M, tracks_of
 from urbantwin.traffic.observed.box_fit import (
+    DetectedActor,
     SeenObject,
     beneath_gap,
     fitted_yaw,
     highest,
     unseen_above,
+    with_points,
 )
 from urbantwin.traffic.observed.clusters import clusters
-from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.frame_times import FrameTimes
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length

@@ -15,8 +15,8 @@ from scipy.ndimage import uniform_filter1d
 from urbantwin.geometry import stations_of_points
 from urbantwin.roads import Track
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.assets.body import Body
-from urbantwin.traffic.assets.dog import BESIDE_M
+from urbantwin.traffic.assets.gait import BESIDE_M
+from urbantwin.traffic.assets.heavy import Body
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs
 from urbantwin.traffic.paths.obstacles import Outlines

@@ -10,9 +10,55 @@ from pydantic import Field, field_validator
 from urbantwin.site.conditions import Angle, Strict
 from urbantwin.site.yaml_document import Document, nearest, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.recorded.actor_class import IGNORED
 
-__all__ = ["COLUMNS", "SignalsSpec", "TracksSpec", "load_description"]
+__all__ = ["COLUMNS", "IGNORED", "SignalsSpec", "TracksSpec", "class_of", "load_description"]
+
+#: What a description maps a class to that is to be left out.
+IGNORED = "ignore"
+
+#: Words in the names of classes (KITTI, nuScenes, OpenLABEL and ASAM OpenX, inD and its sisters,
+#: TUMTraf, SUMO) -> our classes, the first that is there. More special words stand first.
+_WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("dontcare", (IGNORED,)),
+    ("misc", (IGNORED,)),
+    ("animal", ("animal", IGNORED)),
+    ("barrier", (IGNORED,)),
+    ("cone", (IGNORED,)),
+    ("obstacle", (IGNORED,)),
+    ("debris", (IGNORED,)),
+    ("pushable", (IGNORED,)),
+    ("rack", (IGNORED,)),
+    ("motorcycl", ("motorcycle",)),
+    ("motorbike", ("motorcycle",)),
+    ("moped", ("motorcycle",)),
+    ("bicycl", ("bicycle",)),
+    ("cyclist", ("bicycle",)),
+    ("bike", ("bicycle",)),
+    ("pedestrian", ("pedestrian",)),
+    ("person", ("pedestrian",)),
+    ("walker", ("pedestrian",)),
+    ("tram", ("tram", IGNORED)),
+    ("train", ("tram", IGNORED)),
+    ("bus", ("bus",)),
+    ("trailer", ("trailer", "truck")),
+    ("truck", ("truck",)),
+    ("lorry", ("truck",)),
+    ("van", ("van", "car")),
+    ("passenger", ("car",)),
+    ("car", ("car",)),
+)
+
+
+def class_of(name: str) -> str | None:
+    """Return our class of a recording's, ``ignore`` for what is no actor, ``None`` if unknown."""
+    plain = name.lower().replace(" ", "").replace("_", "").replace("-", "")
+    if plain in ACTOR_CLASSES:
+        return plain
+    for word, classes in _WORDS:
+        if word in plain:
+            return next((one for one in classes if one in (*ACTOR_CLASSES, IGNORED)), IGNORED)
+    return None
+
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]

@@ -15,13 +15,14 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.yaml_document import Document
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.recorded.actor_class import IGNORED, class_of
 from urbantwin.traffic.recorded.csv_rows import csv_rows
-from urbantwin.traffic.recorded.description import TracksSpec, load_description
-from urbantwin.traffic.recorded.kitti import kitti_rows
-from urbantwin.traffic.recorded.nuscenes import nuscenes_rows
-from urbantwin.traffic.recorded.openlabel import openlabel_rows
-from urbantwin.traffic.recorded.openscenario import openscenario_rows
+from urbantwin.traffic.recorded.description import IGNORED, TracksSpec, class_of, load_description
+from urbantwin.traffic.recorded.formats import (
+    kitti_rows,
+    nuscenes_rows,
+    openlabel_rows,
+    openscenario_rows,
+)
 from urbantwin.traffic.recorded.signal_states import states_of
 from urbantwin.traffic.recorded.track import (
     RecordedRows,

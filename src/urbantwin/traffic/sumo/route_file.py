@@ -9,9 +9,8 @@ from lxml import etree
 
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
-from urbantwin.traffic.demand.manners import IN_BENDS, IN_QUEUES
 from urbantwin.traffic.demand.standing_gap import standing_gap_of
-from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS, GAP_SPREAD
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS, GAP_SPREAD, IN_BENDS, IN_QUEUES
 from urbantwin.traffic.sumo.halts import ends_of_halts
 
 __all__ = ["types_of_reserve", "write_routes"]

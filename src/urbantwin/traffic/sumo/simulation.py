@@ -25,8 +25,8 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
-from urbantwin.traffic.demand.manners import IN_QUEUES
 from urbantwin.traffic.demand.passengers import boarding_job
+from urbantwin.traffic.demand.vehicle_types import IN_QUEUES
 from urbantwin.traffic.sumo.halts import write_stops
 from urbantwin.traffic.sumo.observed import Observed
 from urbantwin.traffic.sumo.route_file import write_routes
