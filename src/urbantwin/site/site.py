@@ -295,8 +295,10 @@ class Site:
 
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        given = (*self._maps().values(), *self.geometry, *self.imagery)
-        named = [one.path for one in given if one.path is not None]
+        given: list[Path | None] = [file.path for file in self._maps().values()]
+        given += [source.path for source in self.geometry]
+        given += [picture.path for picture in self.imagery]
+        named = [path for path in given if path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
     def inputs(self) -> list[dict[str, str]]:
