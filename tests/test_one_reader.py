@@ -16,7 +16,7 @@ OTHER_FORMATS = {
     "exports/frames/openpcdet.py",
     "exports/frames/semantickitti.py",
     "fidelity/clouds.py",  # any folder of clouds
-    "fidelity/discovery/written.py",
+    "fidelity/discovery/recording.py",
     "fidelity/readers/own.py",  # folders of OpenPCDet and MMDetection3D, which are laid out alike
     "fidelity/readers/kitti.py",  # of SemanticKITTI
     "reconstruct/recording/recorded_frames.py",  # of discoveries

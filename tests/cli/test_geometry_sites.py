@@ -163,7 +163,7 @@ def test_a_bad_source_is_one_line_and_leaves_nothing(
 
 def test_a_survey_cut_short_is_one_line(run_here: Run, tmp_path: Path, shared_data: Path) -> None:
     cut_laz(tmp_path, shared_data)
-    assert "is cut short or damaged" in refused(
+    assert "cannot be read as LAS or LAZ" in refused(
         run_here, tmp_path, {"file": "a.laz", "crs": "EPSG:7415"}
     )
 

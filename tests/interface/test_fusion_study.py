@@ -78,8 +78,8 @@ def test_a_fleet_and_its_datasets_are_the_same_nodes(fleet: Path) -> None:
         for track, points, box in zip(b.track.tolist(), b.num_points, b.box, strict=True):
             assert seen[track] == points
             own = a.box[a.track == track][0]
-            # Each node's beams meet an actor somewhat later in its turn of a tenth of a second.
-            assert np.hypot(*(own[:2] - box[:2])) < 2.0
+            # A node's beams meet an actor later by up to a turn, 0.2 s, at up to 14 m/s.
+            assert np.hypot(*(own[:2] - box[:2])) < 2.8
             assert np.allclose(own[3:6], box[3:6], atol=0.2)
         frames = [one.frame(moment) for one in (together.nodes[1], apart.nodes[1])]
         assert (frames[0].points == frames[1].points).all()

@@ -73,7 +73,7 @@ def test_two_folders_of_clouds_are_compared_without_what_makes_twins(
 def test_a_measure_loads_what_it_computes_with() -> None:
     for measure, needed in (
         ("jensen_shannon", {"numpy"}),
-        ("earth_mover", {"numpy", "scipy"}),
+        ("earth_mover", {"numba", "numpy", "scipy"}),  # beside measures of nearest points
     ):
         program = f"from urbantwin.fidelity import {measure}; {measure}.__doc__"
         assert loaded(program) <= needed

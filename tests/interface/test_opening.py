@@ -43,8 +43,7 @@ def test_inputs_are_opened_too(line: Line, tmp_path: Path) -> None:
 def test_every_kind_of_artefact_is_known(tmp_path: Path, kind: str) -> None:
     write_json(tmp_path / f"{kind}.json", {"kind": kind})
     if kind in (
-        "twin", "motion", "dataset", "report", "objects", "sequence", "fleet", "placement",
-        "campaign",
+        "twin", "motion", "dataset", "report", "sequence", "fleet", "placement", "campaign",
     ):  # fmt: skip
         with pytest.raises(ut.InputError, match=f"{kind}.json: .*(lacks|is missing|is of version)"):
             ut.open(tmp_path)

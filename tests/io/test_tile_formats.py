@@ -206,7 +206,7 @@ def test_a_composite_holds_tiles_of_every_kind_and_other_composites():
         content(nested)
 
 
-def test_b3dm_with_batch_ids_and_old_headers():
+def test_b3dm_with_batch_ids():
     gltf = Gltf()
     points = np.concatenate([ARROW, ARROW + 10]) @ Z_UP_TO_Y_UP.T
     batch = gltf.accessor(np.repeat([1, 0], 4), "u2")
@@ -217,11 +217,6 @@ def test_b3dm_with_batch_ids_and_old_headers():
     (mesh,) = content(b3dm(model, {"BATCH_LENGTH": 2}, {"gml_id": ["a", "b"]})).meshes
     assert mesh.names == ("node 0 / a", "node 0 / b")
     np.testing.assert_array_equal(mesh.object, [1] * 4 + [0] * 4)
-    # The header of 2016: batch length and length of the batch table only.
-    table = json.dumps({"name": ["x", "y"]}).encode().ljust(24)
-    old = struct.pack("<4s4I", b"b3dm", 1, 20 + len(table + model), 2, len(table)) + table + model
-    (mesh,) = content(old).meshes
-    assert mesh.names == ("node 0 / x", "node 0 / y")
 
 
 # --- implicit tilings -------------------------------------------------------------------------

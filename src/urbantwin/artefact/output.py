@@ -30,7 +30,7 @@ __all__ = ["KINDS", "check_file", "check_folder", "kind_of", "replaced_file", "r
 
 #: Every kind of artefact; the manifest of a ``twin`` is ``twin.json``.
 KINDS = (
-    *("twin", "motion", "dataset", "report", "objects", "coverage", "tuning", "submission"),
+    *("twin", "motion", "dataset", "report", "coverage", "tuning", "submission"),
     *(
         "variation",
         "suite",

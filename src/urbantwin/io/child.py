@@ -11,7 +11,6 @@ import contextlib
 import importlib
 import os
 import pickle
-import resource
 import select
 import subprocess
 import sys
@@ -139,6 +138,8 @@ def read_in_child(
 
 def serve() -> None:
     """Answer the calls of the parent until it ends."""
+    import resource  # not on Windows, where every module imports all the same
+
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -177,6 +178,8 @@ def _limit(memory: int, seconds: float) -> None:
     RLIMIT_DATA counts private writable pages when they are requested, unlike RLIMIT_AS without the
     address space that libraries reserve.
     """
+    import resource
+
     used = 0
     with contextlib.suppress(OSError, StopIteration):
         status = Path("/proc/self/status").read_text(encoding="utf-8")

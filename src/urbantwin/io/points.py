@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import read_array
 from urbantwin.errors import InputError
-from urbantwin.io.las import read_las_fields
 from urbantwin.io.pcd import read_pcd
 
 __all__ = ["FORMATS", "Fields", "is_cloud", "organised", "position_and_intensity", "read_fields"]
@@ -71,6 +70,8 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
         named, shape = _from_ply(path)
         return organised({name.lower(): values for name, values in named.items()}, *shape)
     if kind in (".las", ".laz"):
+        from urbantwin.io.las import read_las_fields  # with pyproj and shapely
+
         return read_las_fields(path)
     raise InputError(f"{kind} is unknown", file=path, expected=", ".join(FORMATS))
 

@@ -26,17 +26,8 @@ from urbantwin.traffic.demand.counted_places import crossing_of, ridden_along, r
 from urbantwin.traffic.demand.demand import WALKING_MS, CountedRow, Demand, LeftOut, Routes, Trip
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = [
-    "QUARTER_S",
-    "counted_demand",
-    "departures_of",
-    "fitted_demand",
-    "fitted_volumes",
-    "is_counted",
-    "rates_of",
-    "wanted_of",
-    "way_through",
-]
+__all__ = ["QUARTER_S", "counted_demand", "departures_of", "fitted_demand", "fitted_volumes"]
+__all__ += ["is_counted", "rates_of", "wanted_of", "way_through"]
 
 QUARTER_S = 900.0
 _NOT_MOTORS = ("bicycle", "pedestrian", "tram")
