@@ -163,7 +163,7 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     (nuScenes, "Database schema"; "Tracking task", results format).
 
     Raises:
-        InputError: a file is missing, or is none; the entry is named.
+        InputError: a file is missing or not in the format; the entry is named.
     """
     rows = RowList(path, _NUSCENES)
     whole = read_json_value(path, _NUSCENES)
@@ -248,7 +248,7 @@ def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     (``frame_properties.timestamp``: seconds, or a date), or follow each other by ``rate_hz``.
 
     Raises:
-        InputError: the file is missing, or is none; the object and frame are named.
+        InputError: the file is missing or no OpenLABEL; the object and frame are named.
     """
     whole = read_json_value(path, _OPENLABEL)
     rows = RowList(path, _OPENLABEL)
