@@ -134,6 +134,73 @@ def test_kitti(tmp_path):
         recording.read(0)
 
 
+def test_kitti_tracking(tmp_path):
+    """The same objects in a sequence: frame and track before each label, no colons."""
+    write_kitti(tmp_path)
+    training = tmp_path / "training"
+    objects = (training / "label_2/000007.txt").read_text().splitlines()
+    tracks = [-1, 4, 5, 6]
+    rows = [f"0 9 {objects[1]}", *(f"2 {t} {o}" for t, o in zip(tracks, objects, strict=True))]
+    (training / "label_02").mkdir()
+    (training / "label_02/0011.txt").write_text("\n".join(rows) + "\n")
+    text = (training / "calib/000007.txt").read_text()
+    for ours, theirs in (("R0_rect:", "R_rect"), ("Tr_velo_to_cam:", "Tr_velo_cam")):
+        text = text.replace(ours, theirs)
+    (training / "calib/0011.txt").write_text(text)
+    for name in ("000000", "000002"):  # the cloud of frame 1 is missing
+        write_bin(training / f"velodyne/0011/{name}.bin")
+    (training / "velodyne/000007.bin").unlink()
+    recording = open_recording(tmp_path / "training")
+    assert (recording.layout, recording.names) == ("kitti-tracking", ("000000", "000002"))
+    first, frame = recording
+    assert first.boxes.source_names == ("Van",)
+    check(frame, classes=WITH_VAN, world=False)
+    assert len({*frame.boxes.track.tolist(), *first.boxes.track.tolist()}) == 4
+    (training / "label_02/0011.txt").write_text("0 1 Car 0 0\n")
+    with pytest.raises(InputError, match=r"0011\.txt: line 1"):
+        open_recording(training)
+
+
+def test_kitti_raw(tmp_path):
+    """A drive: tracklets stand in the LiDAR's frame, poses come from GPS and IMU."""
+    drive = tmp_path / "2011_09_26/2011_09_26_drive_0001_sync"
+    for name in ("0000000000", "0000000001"):
+        write_bin(drive / f"velodyne_points/data/{name}.bin")
+    items = "".join(
+        f"<item><objectType>{name}</objectType><h>{b[5]}</h><w>{b[4]}</w><l>{b[3]}</l>"
+        f"<first_frame>1</first_frame><poses><count>1</count><item><tx>{b[0]}</tx><ty>{b[1]}</ty>"
+        f"<tz>{b[2] - b[5] / 2}</tz><rx>0</rx><ry>0</ry><rz>{b[6]}</rz><occlusion>1</occlusion>"
+        "</item></poses></item>"
+        for b, name in zip(BOXES, ("Van", "Person_sitting", "Bus"), strict=True)
+    )
+    xml = (
+        f"<boost_serialization><tracklets><count>3</count>{items}</tracklets></boost_serialization>"
+    )
+    (drive / "tracklet_labels.xml").write_text(xml)
+    lever = np.array([-0.81, 0.32, -0.8])  # the LiDAR's frame has the vehicle's axes here
+    (drive.parent / "calib_imu_to_velo.txt").write_text(as_text({"R": np.eye(3), "T": -lever}, ":"))
+    (drive / "oxts/data").mkdir(parents=True)
+    # 0.0001 degrees of longitude at 49 degrees of latitude are 7.303 m; it turns to the north.
+    for name, east, yaw in (("0000000000", 8.0, 0.0), ("0000000001", 8.0001, np.pi / 2)):
+        (drive / f"oxts/data/{name}.txt").write_text(f"49.0 {east} 115 0 0 {yaw}" + " 0" * 24)
+    recording = open_recording(drive)
+    assert recording.layout == "kitti-raw"
+    first, frame = recording
+    assert len(first.boxes) == 0
+    check(frame, classes=WITH_VAN, world=False)
+    assert len(set(frame.boxes.track.tolist())) == 3
+    np.testing.assert_allclose(frame.boxes.occlusion, 0.4)
+    np.testing.assert_allclose(first.world_SE3_frame.translation, lever, atol=1e-9)
+    turned = [-lever[1], lever[0], lever[2]]
+    east = 6_378_137 * np.cos(np.radians(49)) * np.radians(1e-4)
+    np.testing.assert_allclose(
+        frame.world_SE3_frame.translation, turned + np.array([east, 0, 0]), atol=1e-6
+    )
+    (drive / "tracklet_labels.xml").write_text(xml.replace("<tx>", "<tx>no"))
+    with pytest.raises(InputError, match=r"tracklet_labels\.xml"):
+        open_recording(drive)
+
+
 def as_text(rows, colon):
     return "".join(f"{k}{colon} {' '.join(map(str, np.ravel(v)))}\n" for k, v in rows.items())
 

@@ -1,4 +1,4 @@
-"""KITTI's benchmarks: calibrations and object labels, and SemanticKITTI's labels of points.
+"""KITTI's benchmarks: calibrations, labels of objects and tracks, and SemanticKITTI's point labels.
 
 Sources: Geiger et al. 2012 and the development kit's readme; Behley et al. 2019 and
 semantic-kitti-api. Object labels are in the frame of the rectified camera (x right, y down,
@@ -23,7 +23,7 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.labels import Box, LabelledBox, boxes_of
+from urbantwin.fidelity.readers.labels import Box, LabelledBox, boxes_of, track_of
 from urbantwin.geometry import Pose
 from urbantwin.io.points import Fields
 from urbantwin.io.poses import checked_pose
@@ -33,9 +33,11 @@ from urbantwin.taxonomy import semantic_classes, semantic_id
 __all__ = [
     "ALL_AROUND",
     "KITTI",
+    "KITTI_TRACKING",
     "SEMANTIC_KITTI",
     "Calibration",
     "box_of_values",
+    "calibration_rows",
     "label_rows",
     "read_calibration",
     "read_regions",
@@ -118,11 +120,11 @@ def read_calibration(path: Path) -> Calibration:
         InputError: missing, not laid out as KITTI's, or without the sensor's place.
     """
     with laid_out(path, _CALIBRATION):
-        rows = _calibration_rows(path)
+        rows = calibration_rows(path)
         if path.name in _RAW:
             for name in _RAW:
                 if (path.parent / name).is_file():
-                    rows = _calibration_rows(path.parent / name) | rows
+                    rows = calibration_rows(path.parent / name) | rows
         if "R" in rows and "T" in rows and path.name in _RAW:
             rows["Tr_velo_to_cam"] = np.column_stack([rows["R"].reshape(3, 3), rows["T"]])
         placed = next((rows[name] for name in _FROM_LIDAR if name in rows), None)
@@ -141,7 +143,7 @@ def read_calibration(path: Path) -> Calibration:
         )
 
 
-def _calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
+def calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
     """Return the numbers of each line by its name, with or without a colon after it."""
     rows = {}
     for line in read_lines(path, _CALIBRATION):
@@ -214,6 +216,81 @@ KITTI = FolderDataset(
     clouds=_clouds,
     labels=_object_labels,
     verified=True,
+)
+
+
+def _sequence_of(path: Path) -> tuple[Path, str]:
+    """Return the folder of a split of the tracking benchmark and the name of a sequence in it."""
+    folder = path.absolute()
+    return folder.parent.parent, folder.name
+
+
+def _tracking_labels(path: Path, files: list[Path]) -> Labels:
+    """Boxes of all frames of a sequence: each line begins with the frame and the track."""
+    split, name = _sequence_of(path)
+    labels, calibration = split / "label_02" / f"{name}.txt", split / "calib" / f"{name}.txt"
+    if not (labels.is_file() and calibration.is_file()):
+        return Labels(lambda file, index, fields: {})
+    lidar_SE3_camera = read_calibration(calibration).camera_SE3_lidar.inverse()
+    frames: dict[int, list[LabelledBox]] = {}
+    for frame, rows in tracking_rows(labels).items():
+        frames[frame] = [
+            LabelledBox(
+                box_of_values(values[8:15], lidar_SE3_camera),
+                source_name,
+                track=track_of(f"{name} {int(values[0])}"),
+                occlusion=_OCCLUSION.get(int(values[2]), math.nan),
+            )
+            for source_name, values in rows
+        ]
+
+    def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
+        # Some clouds of the benchmark are missing, so the file's name tells the frame.
+        number = int(file.stem) if file.stem.isdigit() else index
+        return {"boxes": boxes_of(frames.get(number, [])), "notes": (_CAMERA_NOTE,)}
+
+    return Labels(read)
+
+
+def tracking_rows(path: Path) -> dict[int, list[tuple[str, NDArray[np.float64]]]]:
+    """Return the class and the numbers of each object by frame, without ``DontCare``.
+
+    The numbers are the track, then those of an object label (truncation first).
+
+    Raises:
+        InputError: a line is not a label of the tracking benchmark.
+    """
+    frames: dict[int, list[tuple[str, NDArray[np.float64]]]] = {}
+    for number, line in enumerate(read_lines(path, "labels of KITTI tracking"), 1):
+        words = line.split()
+        if not words or "DontCare" in words[2:3]:
+            continue
+        try:
+            values = np.array(finite_numbers([words[1], *words[3:]]))
+            if len(words) < _LABEL_WORDS + 2:
+                raise ValueError
+            frames.setdefault(int(words[0]), []).append((words[2], values))
+        except (ValueError, IndexError):
+            raise InputError(
+                "is not a label of KITTI tracking",
+                file=path,
+                place=f"line {number}",
+                expected="frame, track, class and 14 values",
+            ) from None
+    return frames
+
+
+KITTI_TRACKING = FolderDataset(
+    name="kitti-tracking",
+    title="KITTI tracking",
+    detect=lambda path: (
+        path.absolute().parent.name == "velodyne"
+        and (_sequence_of(path)[0] / "calib" / f"{path.absolute().name}.txt").is_file()
+        and bool(clouds_in(path, ".bin"))
+    ),
+    clouds=lambda path: clouds_in(path, ".bin"),
+    labels=_tracking_labels,
+    verified=False,
 )
 
 

@@ -12,7 +12,8 @@ from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
 from urbantwin.fidelity.readers.bag import is_mcap, is_rosbag, open_bag
 from urbantwin.fidelity.readers.captures import CAPTURES, is_capture_of, open_capture
 from urbantwin.fidelity.readers.folder import FolderDataset, is_plain, open_plain
-from urbantwin.fidelity.readers.kitti import KITTI, SEMANTIC_KITTI
+from urbantwin.fidelity.readers.kitti import KITTI, KITTI_TRACKING, SEMANTIC_KITTI
+from urbantwin.fidelity.readers.kitti_raw import KITTI_RAW
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
 from urbantwin.fidelity.readers.opencood import OPENCOOD
 from urbantwin.fidelity.readers.openlabel import TUMTRAF
@@ -68,7 +69,8 @@ LAYOUTS: dict[str, Layout] = {
     "argoverse2": Layout("Argoverse 2", is_argoverse, _without_columns(open_argoverse), True),
     "waymo2": Layout("Waymo Open Dataset v2", is_waymo, _without_columns(open_waymo), False),
     "nuscenes": Layout("nuScenes", is_nuscenes, _without_columns(open_nuscenes), False),
-    **dict(map(_of, (ONCE, IPS300, LUMPI, TUMTRAF, DAIR_V2X, SEMANTIC_KITTI, KITTI, OPENCOOD))),
+    **dict(map(_of, (ONCE, IPS300, LUMPI, TUMTRAF, DAIR_V2X, SEMANTIC_KITTI))),
+    **dict(map(_of, (KITTI, KITTI_TRACKING, KITTI_RAW, OPENCOOD))),
     "rosbag": Layout("a ROS bag", is_rosbag, lambda path, _: open_bag(path, "rosbag"), False),
     "mcap": Layout("MCAP", is_mcap, lambda path, _: open_bag(path, "mcap"), False),
     **{name: _capture(name, maker, name == "ouster") for name, maker in CAPTURES.items()},
