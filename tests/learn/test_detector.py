@@ -301,7 +301,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
     same = Varied(placed=False, beams=False, objects=False, sizes=False, clutter=False)
-    recipe = Recipe(steps=120, batch=2, window_m=24.0, varied=same)
+    recipe = Recipe(steps=240, batch=2, window_m=24.0, varied=same)
     network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
     folder = tmp_path / "model"
     folder.mkdir()
