@@ -1,4 +1,4 @@
-"""Reference lines: lines, arcs and parametric cubics, end to end, without a kink."""
+"""Reference lines of roads: chains of lines, arcs and parametric cubics with continuous heading."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from urbantwin.geometry import stations_of_points
 
 __all__ = ["Curve", "Piece", "all_at", "all_turned", "aside", "filleted", "splined", "turned"]
 
-#: How far a fillet may leave the corner that it rounds, metres.
+#: Largest distance between a fillet and the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.2
-#: Smaller changes of heading are not rounded, radians.
+#: Changes of heading below this are not rounded, radians.
 STRAIGHT = 1e-6
-#: Lanes on the inside of a bend keep at least this radius, metres.
+#: Smallest radius of the inner edge of the lanes in a bend, metres.
 INNER_RADIUS_M = 1.0
-#: Length of the parametric cubics that a spline is written as, metres.
+#: Length of the parametric cubics that approximate a spline, metres.
 CUBIC_M = 2.0
-#: Precision of stations, metres.
+#: Precision of the stations that `Curve.locate` returns, metres.
 LOCATED_M = 1e-7
-#: Spacing of the samples that stations are first looked up by, metres.
+#: Spacing of the samples that give `Curve.locate` its start values, metres.
 SAMPLE_M = 0.5
-#: Fewest cubics of a turn: enough that its curvature starts near zero.
+#: Minimum number of cubics of a turn: enough that its curvature starts near zero.
 TURN_CUBICS = 10
-#: Speeds at the ends of a turn that are tried, in its chord.
+#: Candidate speeds at the ends of a turn, as multiples of its chord.
 TURN_SPEEDS = np.linspace(0.4, 2.8, 13)
 #: Nodes of Gauss-Legendre quadrature on [0, 1], for the length of a cubic.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -47,10 +47,10 @@ def aside(pose: NDArray[np.float64], t: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Piece:
-    """One ``<geometry>``: a line, an arc (``curvature`` 1/m) or a cubic.
+    """One ``<geometry>`` of OpenDRIVE: a line, an arc (``curvature`` in 1/m) or a cubic.
 
-    A cubic's ``u`` and ``v`` (4,) are the coefficients of its place along and across the
-    heading at its start, over a parameter that runs from 0 to 1.
+    For a cubic, ``u`` and ``v`` (4,) are the coefficients of the position along and across the
+    start heading, over a parameter from 0 to 1.
     """
 
     x: float
@@ -62,7 +62,7 @@ class Piece:
     v: tuple[float, ...] = ()
 
     def at(self, ds: float) -> tuple[float, float, float]:
-        """Return x, y, heading at a distance from its start, from 0 to its length."""
+        """Return x, y, heading at a distance ``ds`` (0 to ``length``, metres) from the start."""
         if self.u:
             p = ds / max(self.length, 1e-12)
             u, v = self.u, self.v
@@ -83,13 +83,13 @@ class Piece:
 
 @dataclass(frozen=True)
 class Curve:
-    """A chain of pieces; ``s`` runs from 0 to ``length``."""
+    """A chain of pieces; the station ``s`` runs from 0 to ``length``, metres."""
 
     pieces: tuple[Piece, ...]
 
     @cached_property
     def starts(self) -> NDArray[np.float64]:
-        """Where each piece begins, and the end (K + 1,)."""
+        """Stations of the starts of the pieces, and of the end (K + 1,), metres."""
         return np.array([0.0, *accumulate(piece.length for piece in self.pieces)])
 
     @property
@@ -103,7 +103,7 @@ class Curve:
         return _posed_on(self._table[which], self._cubic[which], self._powers[which], ds)
 
     def _within(self, s: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return on which pieces stations lie, and how far from their starts."""
+        """Return the index of the piece at each station, and the distance from its start."""
         stations = np.asarray(s, np.float64).reshape(-1)
         stations = np.minimum(np.maximum(stations, 0.0), self.length)
         which = self.starts[1:-1].searchsorted(stations, side="right")
@@ -117,7 +117,7 @@ class Curve:
 
     @cached_property
     def _table(self) -> NDArray[np.float64]:
-        """A row a piece: x, y, heading, its cosine and sine, length, curvature."""
+        """Rows of x, y, heading, its cosine and sine, length, curvature; one row per piece."""
         return np.array(
             [
                 (
@@ -130,7 +130,7 @@ class Curve:
 
     @cached_property
     def _powers(self) -> NDArray[np.complex128]:
-        """A row a piece: a cubic's u + iv (4,)."""
+        """Complex coefficients u + iv (K, 4) of the cubics; zero for other pieces."""
         none = (0.0,) * 4
         if not self._cubic.any():
             return np.zeros((len(self.pieces), 4), np.complex128)
@@ -140,7 +140,7 @@ class Curve:
 
     @cached_property
     def _cubic(self) -> NDArray[np.bool_]:
-        """Which pieces are cubics."""
+        """Mask (K,) of the pieces that are cubics."""
         return np.array([bool(piece.u) for piece in self.pieces])
 
     def beside(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
@@ -176,12 +176,12 @@ class Curve:
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """The curve as a polyline of half-metre steps."""
+        """The curve as a polyline with steps of about 0.5 m."""
         steps = max(3, int(self.length / 0.5) + 2)
         return shapely.LineString(self.at(np.linspace(0.0, self.length, steps))[:, :2])
 
     def between(self, first: float, last: float) -> Curve:
-        """Return the part from one station to another; stations keep their distances."""
+        """Return the part from station ``first`` to ``last``, metres; its stations start at 0."""
         pieces = []
         for piece, start in zip(self.pieces, self.starts, strict=False):
             a, b = max(first, start), min(last, start + piece.length)
@@ -199,7 +199,7 @@ class Curve:
 
 
 def all_at(curves: Sequence[Curve], s: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return x, y, heading (N, 3) at the stations of many curves, one curve after the other."""
+    """Return x, y, heading (N, 3) at stations of several curves, concatenated in their order."""
     if not curves:
         return np.zeros((0, 3))
     within = [curve._within(stations) for curve, stations in zip(curves, s, strict=True)]
@@ -252,7 +252,7 @@ def _posed(
     across: NDArray[np.float64],
     turn: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return poses (N, 3) ahead of the starts of pieces, to their left, and turned."""
+    """Return poses (N, 3) at offsets along and across the starts of pieces, turned by ``turn``."""
     x, y, heading, c, s, _, _ = rows.T
     pose = np.empty((len(rows), 3))
     pose[:, 0] = x + along * c - across * s
@@ -274,7 +274,7 @@ def _part(
     turn = piece.heading - pose[2]
     c, s = math.cos(turn), math.sin(turn)
     u, v = along * c - across * s, along * s + across * c
-    # It begins at its own origin and straight ahead, to the last digit.
+    # Set exactly: the part begins at its own origin, in the direction of its heading.
     u[0] = v[0] = v[1] = 0.0
     return Piece(*pose, length, u=tuple(map(float, u)), v=tuple(map(float, v)))
 
@@ -282,13 +282,13 @@ def _part(
 def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve:
     """Return a polyline as lines joined by arcs.
 
-    Each corner is rounded so that the arc stays within ``FILLET_DEVIATION_M`` of it, but never so
-    tightly that lanes on the inside would fold over, and never beyond the middle of a segment.
+    Each arc stays within ``FILLET_DEVIATION_M`` of its corner unless lanes on the inside would fold
+    over. It never reaches beyond the middle of a segment.
 
     Args:
         points: (N, 2), N >= 2.
-        left: how far lanes reach to the left of the line, metres.
-        right: how far they reach to the right.
+        left: extent of the lanes to the left of the line, metres.
+        right: extent of the lanes to the right.
     """
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.concatenate([[True], step > 1e-3])]
@@ -296,7 +296,7 @@ def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve
     length = np.linalg.norm(leg, axis=1)
     heading = np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))
     turn = np.diff(heading)
-    # Legs are shared by the corners at their ends; the first and the last belong to one alone.
+    # Two corners share each inner segment; the first and the last segment have one corner each.
     share = np.full(len(length), 0.5)
     share[[0, -1]] = 1.0
     room = np.minimum((share * length)[:-1], (share * length)[1:])
@@ -324,7 +324,7 @@ def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve
 
 
 def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
-    """Return a smooth curve through points as cubics, continuous in heading and curvature.
+    """Return a smooth curve of cubics through points, continuous in heading and curvature.
 
     Args:
         points: (N, 2), N >= 2.
@@ -355,15 +355,15 @@ def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
 def turned(
     start: NDArray[np.float64], end: NDArray[np.float64], *, directness: float = 1.0
 ) -> Curve:
-    """Return a way from one pose to another, straight at both ends, as gently bent as possible.
+    """Return a smooth curve between two poses, straight at both ends and with low curvature.
 
-    A quintic whose curvature starts and ends at zero; of the speeds at its ends those are taken
-    that keep the way short, the tightest radius large, and the bends few.
+    A quintic whose curvature is zero at both ends. The speeds at its ends minimise curvature,
+    number of bends and length.
 
     Args:
-        start: x, y, heading (3,) where it begins.
-        end: where it ends.
-        directness: what a detour of one chord costs, in curvature of one over the chord.
+        start: x, y, heading (3,) of the start.
+        end: the same of the end.
+        directness: weight of the length against curvature, both in units of the chord.
     """
     return all_turned(start[None], end[None], directness=directness)[0]
 
@@ -371,19 +371,19 @@ def turned(
 def all_turned(
     start: NDArray[np.float64], end: NDArray[np.float64], *, directness: float = 1.0
 ) -> list[Curve]:
-    """Return many ways at once, as ``turned`` returns one.
+    """Return curves between M pairs of poses; see ``turned``.
 
     Args:
-        start: x, y, heading (M, 3) where they begin.
-        end: where they end.
-        directness: what a detour of one chord costs, in curvature of one over the chord.
+        start: x, y, heading (M, 3) of the starts.
+        end: the same of the ends.
+        directness: weight of the length against curvature, both in units of the chord.
     """
     gap = end[:, :2] - start[:, :2]
     reach = np.maximum(np.linalg.norm(gap, axis=1), 1e-6)
     c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
     x, y = gap[:, 0] * c + gap[:, 1] * s, gap[:, 1] * c - gap[:, 0] * s
     goal = np.column_stack([x / reach, y / reach, end[:, 2] - start[:, 2]])
-    # A few at a time stay in the processor's cache.
+    # Small batches stay in the processor's cache.
     parts = [_gentlest(goal[k : k + 16], directness) for k in range(0, len(goal), 16)]
     u, v = (np.concatenate(part) * reach[:, None] for part in zip(*parts, strict=True))
     fine = np.linspace(0.0, 1.0, 129)
@@ -411,7 +411,7 @@ def all_turned(
 def _gentlest(
     goal: NDArray[np.float64], directness: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return quintics u, v (M, 6) each from the origin, along x, to x, y, heading (M, 3)."""
+    """Return the best quintics u, v (M, 6) from the origin along x to x, y, heading (M, 3)."""
     x, y, turn = goal.T
     tried = len(TURN_SPEEDS) ** 2
     first, last = (grid.ravel() for grid in np.meshgrid(TURN_SPEEDS, TURN_SPEEDS))
@@ -423,7 +423,7 @@ def _gentlest(
     du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
     speed = np.maximum(np.hypot(du, dv), 1e-9)
     bend = (du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
-    # Up and down again: the largest curvature where there is one bend, more where there are more.
+    # Half the total variation of the curvature: its maximum for one bend, more for several.
     swing = np.abs(np.diff(bend, axis=1)).sum(axis=1) / 2
     cost = np.round(swing + directness * speed.mean(axis=1), 9).reshape(len(x), tried)
     best = np.arange(len(x)) * tried + cost.argmin(axis=1)
@@ -436,7 +436,7 @@ def _quintic(
     zero: NDArray[np.float64],
     last: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return coefficients (N, 6) of quintics from 0 to ``to`` (N,), unaccelerated at both ends."""
+    """Return coefficients (N, 6) of quintics from 0 to ``to``, unaccelerated at both ends."""
     rest = to - first
     change = last - first
     return np.column_stack(
@@ -461,7 +461,7 @@ def _derivative(
 
 
 def _cubics(xy: NDArray[np.float64], heading: NDArray[np.float64], reach: float) -> Curve:
-    """Join places and headings by Hermite cubics of about unit speed over ``reach`` metres."""
+    """Join points (N, 2) and headings (N,) by Hermite cubics of end speed ``reach`` metres."""
     c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
     gap, turn = np.diff(xy, axis=0), np.diff(heading)
     du, dv = gap[:, 0] * c + gap[:, 1] * s, gap[:, 1] * c - gap[:, 0] * s

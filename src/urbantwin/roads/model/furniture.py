@@ -15,11 +15,12 @@ __all__ = [
     "SignalController",
 ]
 
-#: What crossings are marked with: stripes, two lines, two broken lines, two rows of studs, nothing.
+#: Markings of crossings: stripes, two lines, two broken lines, two rows of studs, none.
 CROSSING_MARKINGS = ("zebra", "lines", "dashes", "dots", "none")
-#: Name of areas that are painted in the middle of mini-roundabouts.
+#: Name of painted areas in the middle of mini-roundabouts.
 MINI_ROUNDABOUT = "MiniRoundabout"
-#: A phase of a fixed-time program: seconds, and one character of state per link, as SUMO writes it.
+#: A phase of a fixed-time program: duration in seconds, and a state with one character per link, in
+#: SUMO's notation.
 Phase = tuple[float, str]
 
 
@@ -28,15 +29,16 @@ class RoadArea:
     """An area on a road: a crosswalk, a stop line, a traffic island.
 
     Attributes:
-        id: its id, unique among everything on roads.
-        road: the road that it lies on.
-        kind: as OpenDRIVE names it: crosswalk, roadMark, trafficIsland.
+        id: unique among all elements of the lane model.
+        road: id of the road that it belongs to.
+        kind: OpenDRIVE object type: crosswalk, roadMark, trafficIsland.
         name: ``crosswalk``, ``StopLine``, ...
-        s: station of its origin, on the reference line.
-        corners: (N, 3) outline in the road's frame there: ahead, left, up; not closed.
-        height: how far it stands above the carriageway, metres.
-        strip: id of the crossing in ``RoadNetwork``; empty for all else.
-        marking: what a crosswalk is marked with, as ``Lane.marking``; empty where nobody told.
+        s: station of its origin, on the reference line, metres.
+        corners: (N, 3) outline relative to the origin, in the road's frame: ahead, left, up,
+            metres; not closed.
+        height: height above the carriageway, metres.
+        strip: id of the crossing in ``RoadNetwork``; empty for other areas.
+        marking: marking of a crosswalk, as ``Lane.marking``; empty if unknown.
     """
 
     id: int
@@ -55,23 +57,23 @@ class RoadSignal:
     """A signal head or a sign on a road.
 
     Attributes:
-        id: its id, unique among everything on roads.
-        road: the road that it is for.
-        name: for people.
-        dynamic: whether it changes: a traffic light.
-        country, type, subtype: its number in a catalogue (``OpenDRIVE`` or ISO 3166 code).
-        value, unit: what a sign says (``50``, ``km/h``); nan and empty where nothing.
-        s, t: its place.
-        z: height of its middle above the road, metres.
-        orientation: ``+``, ``-`` or ``none``: the traffic that it is for.
-        lanes: ids of the lanes that it governs; empty for all.
+        id: unique among all elements of the lane model.
+        road: id of the road that it applies to.
+        name: readable name.
+        dynamic: whether its state changes (traffic lights).
+        country, type, subtype: number in a catalogue (``OpenDRIVE`` or an ISO 3166 code).
+        value, unit: value of a sign (``50``, ``km/h``); nan and empty if it has none.
+        s, t: position in the road's coordinates, metres.
+        z: height of its centre above the road, metres.
+        orientation: direction of the traffic that it applies to: ``+``, ``-`` or ``none``.
+        lanes: ids of the lanes that it applies to; empty for all.
         program: id of its signal program; empty for signs.
-        links: what it shows: indices into the program's states.
-        strip: ids of the strips that it governs, joined by spaces; empty if unknown.
-        height: of its lights or its plate, metres.
-        width: the same.
-        pose: where it does not stand at ``s``, ``t`` but elsewhere, beyond the junction: x, y, z of
-            its middle, metres, and the heading that it faces, radians, site frame; else empty.
+        links: indices of its links in the program's states.
+        strip: ids of the strips that it applies to, separated by spaces; empty if unknown.
+        height: height of its lights or plate, metres.
+        width: width of its lights or plate, metres.
+        pose: position if it is not at ``s``, ``t``, such as beyond the junction: x, y, z of its
+            centre, metres, and the heading that it faces, radians, site frame; else empty.
     """
 
     id: int
@@ -98,15 +100,15 @@ class RoadSignal:
 
 @dataclass(frozen=True)
 class SignalController:
-    """What switches signals together.
+    """A controller that switches a group of signals.
 
     Attributes:
-        id: its id, unique among everything on roads.
+        id: unique among all elements of the lane model.
         name: id of the signal program.
         signals: ids of its signals.
-        junctions: ids of the junctions where they stand.
-        offset: seconds by which the program starts late.
-        phases: its fixed-time program; empty where it is not known.
+        junctions: ids of the junctions of its signals.
+        offset: delay of the program's start, seconds.
+        phases: its fixed-time program; empty if unknown.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""Lane sections: the lanes of a road side by side, with widths that change along it."""
+"""Lane sections: the lanes of a road side by side, with widths that vary along it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = [
     "turned_round",
 ]
 
-#: Kinds of lanes. ``connection`` lanes of junctions are of the kind of what drives on them.
+#: Kinds of lanes. Lanes of connecting roads have the kind of the traffic on them.
 LANE_KINDS = (
     "driving",
     "bus",
@@ -30,10 +30,10 @@ LANE_KINDS = (
     "island",
     "none",
 )
-#: Height of curbs, and of sidewalks, medians and islands behind them, above the carriageway, metres
-#: (AASHTO Green Book: vertical curbs 0.10 to 0.20 m).
+#: Height of curbs, sidewalks, medians and islands above the carriageway, metres (AASHTO Green Book:
+#: vertical curbs 0.10 to 0.20 m).
 CURB_HEIGHT_M = 0.15
-#: Kinds of lanes that stand above the carriageway.
+#: Kinds of lanes that are raised above the carriageway.
 RAISED_KINDS = ("sidewalk", "curb", "median", "island")
 
 
@@ -42,25 +42,25 @@ class SectionLane:
     """One lane within one lane section.
 
     Attributes:
-        id: negative to the right of the reference line, positive to its left, counted outwards
-            from 1; never 0 (ASAM OpenDRIVE 1.8, 11.2).
+        id: negative to the right of the reference line, positive to its left, counted outwards from
+            1; never 0 (ASAM OpenDRIVE 1.8, 11.2).
         kind: one of ``LANE_KINDS``.
         width: metres, over the distance from the start of the section.
         forward: whether traffic runs along the reference line.
-        speed_limit: m/s; 0 where nothing drives.
+        speed_limit: m/s; 0 for lanes without traffic.
         allowed: classes of actors that may use it.
-        strip: id of the lane in the SUMO network and of the strip in ``RoadNetwork``; empty where
-            it has none yet. Sections of one road share it where the lane goes on.
-        predecessor: id of the lane that it continues at the section's start, in the section before
-            or in the road linked there; ``None`` where there is none or a junction.
+        strip: id of the lane in the SUMO network and in ``RoadNetwork``; empty if it has none yet.
+            Consecutive sections of one road share it where the lane continues.
+        predecessor: id of the preceding lane, in the section before or in the linked road; ``None``
+            at a junction or if there is none.
         successor: the same at the section's end.
-        height: how far it stands above the carriageway, metres.
-        mark: the line on its outer border, as OpenDRIVE names it: none, solid, broken, curb, ...
-        change: who may change lanes over that line: none, both, increase, decrease.
-        parking: how vehicles stand on a parking lane: parallel, diagonal or perpendicular; empty
-            where nobody told. On one less than 3.5 m wide they stand along it all the same.
-        opposite: of a lane that both directions share, the strip of those who drive against
-            ``forward``; empty where traffic runs one way.
+        height: height above the carriageway, metres.
+        mark: line on its outer border, in OpenDRIVE's terms: none, solid, broken, curb, ...
+        change: lane changes permitted over that line: none, both, increase, decrease.
+        parking: orientation of vehicles on a parking lane: parallel, diagonal or perpendicular;
+            empty if unknown. Lanes less than 3.5 m wide always have parallel parking.
+        opposite: on a lane that both directions share, the strip of the direction opposite to
+            ``forward``; else empty.
     """
 
     id: int
@@ -80,7 +80,7 @@ class SectionLane:
 
 
 def turned_round(lane: SectionLane) -> SectionLane:
-    """Return a lane that both directions share as those see it who drive against it."""
+    """Return a lane that both directions share as seen in the opposite direction."""
     return replace(lane, strip=lane.opposite, opposite=lane.strip, forward=not lane.forward)
 
 
@@ -89,10 +89,10 @@ class LaneSection:
     """The lanes of a road from station ``s`` to the next section.
 
     Attributes:
-        s: where it begins, metres along the reference line.
+        s: start of the section, metres along the reference line.
         lanes: from left to right.
-        centre_mark: the line on the reference line itself.
-        centre_change: who may change lanes over it.
+        centre_mark: line on the reference line itself.
+        centre_change: lane changes permitted over that line.
     """
 
     s: float
@@ -102,12 +102,12 @@ class LaneSection:
 
     @cached_property
     def by_id(self) -> dict[int, SectionLane]:
-        """Lanes by their ids."""
+        """Lanes by id."""
         return {lane.id: lane for lane in self.lanes}
 
     @cached_property
     def directed(self) -> tuple[SectionLane, ...]:
-        """Lanes by direction: one that both directions share comes once for each of them."""
+        """Lanes by direction: a lane that both directions share occurs once for each of them."""
         return tuple(
             found
             for lane in self.lanes

@@ -1,4 +1,4 @@
-"""The lane model of a site, and its file."""
+"""The lane model of a site and its file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from urbantwin.taxonomy import ROAD_USERS
 
 __all__ = ["Connection", "LaneModel", "ModelJunction", "carriageway_in_plan"]
 
-#: No road of a site is longer, metres.
+#: Upper limit of the length of a road, metres.
 _LONGEST_M = 1e6
 _PROFILES = ("offset", "elevation", "bank", "crown")
 STEP_M = 2.0
@@ -35,11 +35,12 @@ class LaneModel:
 
     Attributes:
         driving_side: ``right`` or ``left``. On the right, lanes of negative ids run along the
-            reference line; on the left, lanes of positive ids do, unless a lane says otherwise.
-        roads: streets and the ways through junctions.
-        junctions: where they meet.
+            reference line; on the left, lanes of positive ids do, unless a lane's ``forward``
+            differs.
+        roads: streets, and connecting roads through junctions.
+        junctions: the junctions of the roads.
         areas: crosswalks, stop lines, islands.
-        signals: heads and signs.
+        signals: signal heads and signs.
         controllers: signal programs.
     """
 
@@ -52,34 +53,34 @@ class LaneModel:
 
     @cached_property
     def road_by_id(self) -> dict[int, ModelRoad]:
-        """Every road by its id."""
+        """Roads by id."""
         return {road.id: road for road in self.roads}
 
     @cached_property
     def junction_by_id(self) -> dict[int, ModelJunction]:
-        """Every junction by its id."""
+        """Junctions by id."""
         return {junction.id: junction for junction in self.junctions}
 
     @property
     def next_id(self) -> int:
-        """An id that nothing has yet."""
+        """The lowest id above all that are in use."""
         everything = (self.roads, self.junctions, self.areas, self.signals, self.controllers)
         return 1 + max((item.id for group in everything for item in group), default=0)
 
     def with_roads(self, roads: tuple[ModelRoad, ...]) -> LaneModel:
-        """Return the model with other roads."""
+        """Return a copy with other roads."""
         return replace(self, roads=roads)
 
     def save(self, path: Path) -> None:
-        """Write the model as JSON, every number in full."""
+        """Write the model as JSON at full precision."""
         write_json(path, as_json({"kind": "lane model", **asdict(self)}))
 
     @classmethod
     def load(cls, path: Path) -> LaneModel:
-        """Read what ``save`` wrote.
+        """Read a file that ``save`` wrote.
 
         Raises:
-            InputError: the file is missing or is not a lane model; the field is named.
+            InputError: the file is missing or is not a lane model; the message names the field.
         """
         model = read_typed(path, cls, "a twin's lane_model.json")
         check_model(model, path)
@@ -88,13 +89,13 @@ class LaneModel:
 
 @dataclass(frozen=True)
 class Connection:
-    """A way through a junction.
+    """A connecting road through a junction.
 
     Attributes:
-        incoming: the road that traffic comes from.
-        connecting: the road that leads through the junction.
-        contact: the end of the connecting road that meets the incoming one: ``start`` or ``end``.
-        links: pairs of lanes: of the incoming road, of the connecting road.
+        incoming: id of the road that traffic comes from.
+        connecting: id of the road that leads through the junction.
+        contact: end of the connecting road at the incoming road: ``start`` or ``end``.
+        links: pairs of lane ids: of the incoming road, of the connecting road.
     """
 
     incoming: int
@@ -105,15 +106,15 @@ class Connection:
 
 @dataclass(frozen=True)
 class ModelJunction:
-    """Where roads meet.
+    """A junction of roads.
 
     Attributes:
-        id: its id, unique among junctions.
+        id: unique among all elements of the lane model.
         name: id of the junction in the SUMO network and in ``RoadNetwork``; empty if none yet.
-        connections: every way through.
-        outline: (M, 2) its border in plan; empty where unknown.
+        connections: all connections through it.
+        outline: (M, 2) outline in plan, site frame, metres; empty if unknown.
         level: 0 on the ground, 1, 2, ... above other roads.
-        members: ids of all junctions of the SUMO network that are one here, with ``name``.
+        members: ids of all junctions of the SUMO network that it combines, including ``name``.
     """
 
     id: int
@@ -125,11 +126,11 @@ class ModelJunction:
 
 
 def check_model(model: LaneModel, file: Path) -> None:
-    """Refuse a model with references to nothing, or with roads that cannot be drawn.
+    """Check ids, references and geometry of a model.
 
     Raises:
-        InputError: an id is given twice or is of nothing, a curve or a profile has no pieces, a
-            road has no lanes or no end; the field is named.
+        InputError: an id is repeated or refers to nothing, a curve or a profile has no pieces, or a
+            road has no lanes or no length; the message names the field.
     """
     if model.driving_side not in ("right", "left"):
         raise InputError(
@@ -204,7 +205,7 @@ def _known(wanted: Iterable[int], known: Collection[int], file: Path, place: str
 
 
 def carriageway_in_plan(model: LaneModel, area: shapely.Polygon) -> shapely.Geometry:
-    """Return the union of the lanes for vehicles that lie at ground level and meet ``area``."""
+    """Return the union of the ground-level lanes for vehicles of roads within 60 m of ``area``."""
     pieces = []
     shapely.prepare(area)
     for road in model.roads:

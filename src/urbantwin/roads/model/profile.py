@@ -1,4 +1,4 @@
-"""Profiles along a road: elevation and superelevation as cubics without a step or a kink."""
+"""Profiles along a road, such as its elevation: piecewise cubics, continuous in value and slope."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from urbantwin.artefact.typed_document import Numbers, Quads
 
 __all__ = ["Profile", "fitted"]
 
-#: Lengths of cubics that are tried, from coarse to fine, metres.
+#: Candidate lengths of the cubics, from coarse to fine, metres.
 STEPS_M = (1e9, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Cubics a + b ds + c ds^2 + d ds^3; ``start`` (K,) ascending, ``abcd`` (K, 4)."""
+    """Piecewise cubic a + b ds + c ds^2 + d ds^3; ``start`` (K,) ascending, ``abcd`` (K, 4)."""
 
     start: Numbers
     abcd: Quads
@@ -32,7 +32,7 @@ class Profile:
 
     @cached_property
     def constant_value(self) -> float | None:
-        """The value of a profile that is written as one constant."""
+        """The value of a profile that is a single constant; else ``None``."""
         alone = len(self.start) == 1 and not self.abcd[0, 1:].any()
         return float(self.abcd[0, 0]) if alone else None
 
@@ -50,17 +50,17 @@ class Profile:
 
     @classmethod
     def constant(cls, value: float) -> Profile:
-        """Return a profile of one value everywhere."""
+        """Return a constant profile."""
         return cls(np.zeros(1), np.array([[value, 0.0, 0.0, 0.0]]))
 
     @classmethod
     def ramp(cls, first: float, last: float, length: float) -> Profile:
-        """Return a cubic from one value to another over a length, level at both ends."""
+        """Return a cubic from one value to another over ``length`` metres, level at both ends."""
         grow = (last - first) / max(length, 1e-9) ** 2
         return cls(np.zeros(1), np.array([[first, 0.0, 3 * grow, -2 * grow / max(length, 1e-9)]]))
 
     def between(self, first: float, last: float) -> Profile:
-        """Return the profile from one station to another, with its stations counted from there."""
+        """Return the profile from station ``first`` to ``last``, with stations that start at 0."""
         if len(self.start) == 1 and first == self.start[0] == 0.0:
             return self
         keep = [k for k, s in enumerate(self.start) if first + 1e-9 < s < last - 1e-9]
@@ -73,7 +73,7 @@ class Profile:
 
     @property
     def is_zero(self) -> bool:
-        """Whether it is nowhere different from zero by more than rounding."""
+        """Whether all coefficients are zero up to rounding."""
         return bool(np.abs(self.abcd).max(initial=0.0) < 1e-6)
 
 
@@ -87,10 +87,10 @@ def fitted(
     """Return the coarsest profile that stays within a tolerance of samples.
 
     Args:
-        s: (N,) ascending stations, the first 0.
-        value: (N,) values there; the profile meets the first and the last exactly.
+        s: (N,) ascending stations, the first 0, metres.
+        value: (N,) values there; the profile is exact at the first and the last.
         tolerance: largest difference at a sample.
-        slopes: the derivative at both ends; else the samples' own.
+        slopes: derivatives at the two ends; by default estimated from the samples.
     """
     length = float(s[-1])
     for step in STEPS_M:
@@ -110,7 +110,7 @@ def fitted(
 def _hermite(
     s: NDArray[np.float64], value: NDArray[np.float64], slope: NDArray[np.float64]
 ) -> Profile:
-    """Return the cubics that have values and slopes (K,) at stations (K,)."""
+    """Return the piecewise cubic with given values and slopes (K,) at stations (K,)."""
     step = s[1:] - s[:-1]
     chord = (value[1:] - value[:-1]) / step
     bend = (slope[:-1] + slope[1:] - 2 * chord) / step

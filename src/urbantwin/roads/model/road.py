@@ -1,4 +1,4 @@
-"""Roads of the lane model: a reference line, profiles, and lane sections."""
+"""Roads of the lane model: a reference line, profiles and lane sections."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _MOTOR = ("driving", "bus")
 
 @dataclass(frozen=True)
 class RoadLink:
-    """What a road is joined to at one end.
+    """The road or junction linked at one end of a road.
 
     Attributes:
         element: ``road`` or ``junction``.
         id: its id.
-        contact: which end of the other road: ``start`` or ``end``; empty for a junction.
+        contact: end of the linked road: ``start`` or ``end``; empty for a junction.
     """
 
     element: str
@@ -34,26 +34,26 @@ class RoadLink:
 
 @dataclass(frozen=True)
 class ModelRoad:
-    """A street between two junctions, or one way through a junction.
+    """A street between two junctions, or a connecting road through a junction.
 
-    The surface at station s, t metres to the left of the reference line, lies at
-    ``elevation(s) + t sin(bank(s)) - crown(s) |t|``; its place in plan is t cos(bank(s)) to the
+    The surface at station s and offset t metres to the left of the reference line has the height
+    ``elevation(s) + t sin(bank(s)) - crown(s) |t|``. Its offset in plan is t cos(bank(s)) to the
     left (ASAM OpenDRIVE 1.8, 10.5).
 
     Attributes:
-        id: its id, unique among roads.
-        name: the street's name.
-        kind: class of the street in OpenStreetMap's words (``residential``); empty if unknown.
-        ways: ids of the ways of the map that it was made from.
-        junction: id of the junction that it leads through; -1 for a street.
+        id: unique among all elements of the lane model.
+        name: name of the street.
+        kind: class of the street as in OpenStreetMap (``residential``); empty if unknown.
+        ways: ids of its OSM ways.
+        junction: id of its junction; -1 for a street.
         curve: the reference line, site frame.
-        offset: how far the lanes are moved to the left of the reference line, metres.
+        offset: lane offset to the left of the reference line, metres.
         elevation: height of the reference line, metres.
         bank: superelevation, radians, positive where the left side is higher.
-        crown: fall of the surface away from the reference line to both sides, as a fraction.
-        sections: lane sections, the first at 0.
-        predecessor: what the start is joined to.
-        successor: what the end is joined to.
+        crown: cross fall away from the reference line on both sides, as a fraction.
+        sections: lane sections, the first at station 0.
+        predecessor: link at the start.
+        successor: link at the end.
         level: 0 on the ground, 1, 2, ... above other roads.
     """
 
@@ -79,16 +79,16 @@ class ModelRoad:
 
     @cached_property
     def section_ends(self) -> tuple[float, ...]:
-        """Where each section ends."""
+        """End station of each section, metres."""
         return (*(section.s for section in self.sections[1:]), self.length)
 
     def section_at(self, s: float) -> LaneSection:
-        """Return the section at a station; at a border, the one that begins there."""
+        """Return the section at a station; at a boundary, the one that begins there."""
         starts = [section.s for section in self.sections]
         return self.sections[max(0, int(np.searchsorted(starts, s + 1e-9, side="right")) - 1)]
 
     def place(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
-        """Return points (N, 3) of the road's surface at stations and offsets to the left (N,)."""
+        """Return points (N, 3) of the surface at stations and offsets t to the left, metres."""
         s = np.atleast_1d(np.asarray(s, np.float64))
         t = np.broadcast_to(np.asarray(t, np.float64), s.shape)
         angle = self.bank.at(s)
@@ -97,7 +97,7 @@ class ModelRoad:
         return np.column_stack([xy, z])
 
     def heights(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
-        """Return heights (N,) of the surface where the offset in plan is ``t``."""
+        """Return heights (N,) of the surface at stations and offsets ``t`` in plan, metres."""
         s = np.atleast_1d(np.asarray(s, np.float64))
         angle = self.bank.at(s)
         across = np.asarray(t, np.float64) / np.cos(angle)
@@ -118,24 +118,25 @@ class ModelRoad:
         return np.asarray(t)
 
     def middle(self, section: LaneSection, lane: SectionLane, s: ArrayLike) -> NDArray[np.float64]:
-        """Return the offset t (N,) of a lane's middle."""
+        """Return the offset t (N,) of a lane's centre line at stations of its section."""
         inner = self.border(section, lane, s, outer=False)
         return np.asarray((inner + self.border(section, lane, s, outer=True)) / 2)
 
 
 def with_lane_marks(section: LaneSection) -> LaneSection:
-    """Return a lane section with lines on the borders of its lanes.
+    """Return a lane section with markings on the borders of its lanes.
 
-    Between lanes of motor traffic in one direction the line is broken and may be crossed; where
-    kinds differ it is solid; beside what is raised there is a curb. The middle of a two-way street
-    is broken with one lane each way and solid with more (US MUTCD 3B.01, German RMS 1).
+    Between lanes of motor traffic in one direction the line is broken and may be crossed. Between
+    lanes of different kinds it is solid; beside raised lanes there is a curb. The centre line of a
+    two-way street is broken with one lane each way and solid with more (US MUTCD 3B.01, German RMS
+    1).
     """
     lanes = tuple(_marked(section, lane) for lane in section.lanes)
     return replace(section, lanes=lanes, centre_mark=_centre(section), centre_change="none")
 
 
 def without_lines(road: ModelRoad) -> ModelRoad:
-    """Return a road without painted lines on and between its lanes; curbs stay."""
+    """Return a road without painted lane lines; curbs stay."""
     sections = []
     for section in road.sections:
         lanes = tuple(

@@ -1,4 +1,4 @@
-"""Objects on the roads: crosswalks, stop lines, signals and their controllers."""
+"""Objects on roads: crosswalks, stop lines, signals and their controllers."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
 
 __all__ = ["with_furniture"]
 
-#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
+#: Signal types of OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
-#: Height of a signal's lights over the road, metres (clearance of US MUTCD 4D.15: 4.6 m and more).
+#: Height of signal heads above the road, metres (clearance of US MUTCD 4D.15: at least 4.6 m).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
 #: Width of a stop line along the road, metres (US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
-#: How far before the end of a road a crossing may lie, metres.
+#: Reach of an end of a road, before and beyond it, within which crossings belong to it, metres.
 REACH_M = 12.0
 
 
 @dataclass(frozen=True)
 class _Host:
-    """An end of a street as something that a crossing lies across."""
+    """An end of a street, as a candidate for a crossing."""
 
     road: ModelRoad
     junction: int
-    line: shapely.LineString  # In plan, extended straight where a crossing may lie beyond the end.
+    line: shapely.LineString  # In plan, extended straight ahead: a crossing may lie beyond the end.
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A lane of the model where it ends."""
+    """A lane of the model, with the station where traffic leaves it."""
 
     road: ModelRoad
     section: LaneSection
@@ -58,12 +58,12 @@ class _Place:
 
 
 def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
-    """Return the lane model with crosswalks, stop lines and signals on it.
+    """Return the lane model with crosswalks, stop lines and signals.
 
     Args:
         model: the lane model, with heights.
         raw: the network that it was made from: crossings, signal heads, programs.
-        height: the surface.
+        height: heights of the surface.
     """
     junction_of = {name: j.id for j in model.junctions for name in j.members}
     places = _places(model)
@@ -93,7 +93,7 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
             signal = _at_stop_line(number, place, head)
             areas.append(_stop_line(first + len(areas), place))
         elif lane.kind != "crossing" and not lane.allowed:
-            # Between two parts of a junction, where nobody may drive, nobody stops.
+            # Closed lanes between two parts of a junction have no signals.
             continue
         else:
             found = _within(number, model, junction, head, walkers=lane.kind == "crossing")
@@ -120,7 +120,7 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
 
 
 def _places(model: LaneModel) -> dict[str, _Place]:
-    """Return strip -> the lane where traffic leaves its road."""
+    """Return a map from each strip to the lane where its traffic leaves the road."""
     found: dict[str, _Place] = {}
     for road in model.roads:
         for section in road.sections:
@@ -148,9 +148,10 @@ def _hosts(model: LaneModel) -> list[_Host]:
 
 
 def _crossed(lane: Lane, hosts: Sequence[_Host], junction_of: Mapping[str, int]) -> _Host | None:
-    """Return the road whose end a crossing lies across, as squarely as possible.
+    """Return the end of a street that a crossing lies across, at the largest angle.
 
-    Not a connecting road: there CARLA measures from the lane offset, and the standard does not.
+    Connecting roads are excluded: on them, CARLA measures from the lane offset, contrary to the
+    standard.
     """
     middle = shapely.LineString(lane.centre[:, :2])
     chord = lane.centre[-1, :2] - lane.centre[0, :2]
@@ -168,7 +169,7 @@ def _crossed(lane: Lane, hosts: Sequence[_Host], junction_of: Mapping[str, int])
 
 
 def _outlines(lanes: Sequence[Lane], height: SurfaceHeight) -> list[NDArray[np.float64]]:
-    """Return the outlines (N, 3) of crossings on the surface."""
+    """Return the outlines (N, 3) of crossings on the surface, site frame."""
     outlines = [_corners(lane) for lane in lanes]
     for level in sorted({lane.level for lane in lanes}):
         mine = [k for k, lane in enumerate(lanes) if lane.level == level]
@@ -246,7 +247,7 @@ def _at_stop_line(number: int, place: _Place, head: SignalHead) -> RoadSignal:
 def _within(
     number: int, model: LaneModel, junction: int, head: SignalHead, *, walkers: bool
 ) -> RoadSignal | None:
-    """Place objects within a junction on the way over it, else on the nearest."""
+    """Return a signal on its lane's connecting road, else on the nearest of the junction."""
     roads = [road for road in model.roads if road.junction >= 0 and road.junction == junction]
     if not roads:
         return None

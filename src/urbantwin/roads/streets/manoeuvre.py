@@ -1,4 +1,4 @@
-"""Manoeuvres: connecting roads through junctions, each with a curve of its own."""
+"""Manoeuvres: connecting roads through junctions, each with its own curve."""
 
 from __future__ import annotations
 
@@ -18,35 +18,37 @@ from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
 __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology", "gentle_curves"]
 
-#: Edges shorter than this between junctions are part of one larger junction, metres.
+#: Edges shorter than this between two junctions become part of one larger junction, metres.
 WITHIN_JUNCTION_M = 3.0
-#: A street from such a junction back into it is a road where so much of it lies beyond, metres.
+#: An edge from such a junction back into it stays a road if at least this length lies outside,
+#: metres.
 LOOP_M = 30.0
-#: Room that lanes get to meet each other: roads are cut back where a junction leaves less, metres.
+#: Minimum gap between the ends of linked lanes; roads are cut back where it is smaller, metres.
 ROOM_M = 3.0
-#: The same at a signal, whose stop line should keep its place.
+#: The same at a signal, where the stop line should keep its position.
 ROOM_AT_SIGNAL_M = 1.0
-#: Lanes that go on to one side do so no more tightly than this, where there is room, metres.
+#: Minimum radius of connecting roads that shift sideways without turning, metres, space permitting.
 SHIFT_RADIUS_M = 25.0
-#: Lanes that turn by more than this do not go straight on, radians.
+#: Lanes whose headings differ by more than this turn instead of shifting sideways, radians.
 SHIFT_TURN = 0.35
-#: Lines that meet at such angles turn a corner, radians: motor traffic does so no more tightly than
-#: this (turning circles of cars are 10 to 12 m), as far as roads keep this for arrows, metres.
+#: Range of angles of turns at corners, radians, and their minimum radius for motor traffic, metres
+#: (turning circles of cars are 10 to 12 m). Roads keep the last length for arrows, metres.
 CORNERS, CORNER_RADIUS_M, LEFT_M = (0.6, 2.4), 4.5, 13.0
-#: Largest share of an edge that is cut off at one end.
+#: Largest share of an edge that may be cut off at one end.
 TRIM_SHARE = 0.25
-#: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
+#: Minimum spacing of the points that a spline passes through, metres: it avoids oscillation.
 SPACING_M = 1.5
-#: Directness of the curves that are tried in turn, and how far each may lie from netconvert's way,
-#: in metres and tenths of its length.
+#: Stages of curve fitting: directness, and the allowed distance from netconvert's path in units of
+#: 1 m + 0.1 of its length.
 DIRECTNESS = ((1.0, 1.0), (4.0, 1.0), (12.0, 3.0))
-#: Ways over junctions of several nodes are kept to this closely, metres; how their names begin.
+#: Allowed distance from paths over junctions of several nodes, metres; prefix of the names of these
+#: junctions.
 KEPT_M, CLUSTER = 0.3, "cluster_"
 
 
 @dataclass(frozen=True)
 class Route:
-    """A way through a junction: lanes of the model from ``start`` over ``via`` to ``end``."""
+    """A movement through a junction: from lane ``start`` over lanes ``via`` to lane ``end``."""
 
     start: str
     via: tuple[str, ...]
@@ -55,13 +57,13 @@ class Route:
 
 @dataclass(frozen=True)
 class Topology:
-    """What becomes a road, what a manoeuvre, and which junctions are one.
+    """Division of a network into roads, connecting roads and junctions.
 
     Attributes:
         edges: edges that become roads.
-        routes: ways between their lanes.
-        junction: id of a junction of the lane model -> id of the one that stands for its group.
-        trims: (edge id, ``start`` or ``end``) -> metres of the edge left to the junction.
+        routes: movements between their lanes.
+        junction: id of a junction -> id of the junction that represents its group.
+        trims: (edge id, ``start`` or ``end``) -> length cut off the edge there, metres.
     """
 
     edges: tuple[Road, ...]
@@ -72,19 +74,19 @@ class Topology:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A connecting road: one lane, one way, its reference line in the lane's middle.
+    """A connecting road: one lane, whose centre line is the reference line.
 
     Attributes:
         number: id of the road.
-        side: number of its lane: -1 where lanes lie to the right of their reference line, else 1.
-        route: the lanes that it stands for.
+        side: id of its lane: -1 where lanes lie to the right of their reference line, else 1.
+        route: the movement that it represents.
         junction: id of its junction.
-        entry, exit: the roads that it joins, and
-        start, end: the lanes there.
+        entry, exit: the streets that it links.
+        start, end: the lanes of these streets that it links.
         kind: ``driving``, ``bus`` or ``bicycle``.
-        allowed: classes of actors that may go this way.
+        allowed: classes of actors that may use it.
         speed_limit: m/s.
-        curve: the middle of its lane.
+        curve: centre line of its lane, site frame.
     """
 
     number: int
@@ -102,7 +104,7 @@ class Manoeuvre:
 
 
 def find_topology(network: RoadNetwork) -> Topology:
-    """Return which lanes of the lane model become roads and which become manoeuvres."""
+    """Return which edges of a network become roads, and the movements between their lanes."""
     kind_of = {junction.id: junction.kind for junction in network.junctions}
     border = {name for name, kind in kind_of.items() if kind == "dead_end"}
     within = {
@@ -112,7 +114,7 @@ def find_topology(network: RoadNetwork) -> Topology:
         and not {edge.from_junction, edge.to_junction} & border
     }
     group = _groups(network, within)
-    # What runs from such a junction back into it lies within it too, but for loops beyond it.
+    # Edges from such a junction back into it are part of it, except long loops outside.
     outline = _outlines(network, group)
     within |= {
         edge.id
@@ -128,13 +130,13 @@ def find_topology(network: RoadNetwork) -> Topology:
         for lane in vehicle_lanes(network, edge):
             for route in _routes(network, lane, within, edge_of):
                 routes.setdefault((route.start, route.end), route)
-    # Lanes that end without a connection join their neighbour's.
+    # Lanes that end without a connection get one.
     every = tuple(routes.values()) + _merges(network, edges, routes, border, group)
     return Topology(edges, every, group, _trims(network, every, edge_of))
 
 
 def _outlines(network: RoadNetwork, group: Mapping[str, str]) -> dict[str, shapely.Geometry]:
-    """Return the hull of the junctions of each group."""
+    """Return the convex hull of the junctions of each group."""
     members: dict[str, list[shapely.Geometry]] = defaultdict(list)
     for junction in network.junctions:
         members[group.get(junction.id, junction.id)].append(junction.polygon)
@@ -142,7 +144,7 @@ def _outlines(network: RoadNetwork, group: Mapping[str, str]) -> dict[str, shape
 
 
 def _beyond(network: RoadNetwork, edge: Road, outline: shapely.Geometry) -> float:
-    """Return how much of an edge lies beyond an outline, metres."""
+    """Return the length of an edge outside an outline, metres."""
     line = shapely.LineString(vehicle_lanes(network, edge)[0].centre[:, :2])
     return float(line.difference(outline).length)
 
@@ -165,7 +167,7 @@ def _groups(network: RoadNetwork, within: set[str]) -> dict[str, str]:
 def _routes(
     network: RoadNetwork, lane: Lane, within: set[str], edge_of: Mapping[str, Road]
 ) -> Iterable[Route]:
-    """Return the ways from a lane's end to the next lanes that are roads', shortest first."""
+    """Yield the movements from a lane's end to the next lanes of roads, fewest lanes first."""
     waiting: list[tuple[str, tuple[str, ...]]] = [(name, ()) for name in lane.successors]
     while waiting:
         name, via = waiting.pop(0)
@@ -187,10 +189,10 @@ def _merges(
     border: set[str],
     group: Mapping[str, str],
 ) -> tuple[Route, ...]:
-    """Return ways for lanes of motor traffic that end at a junction without one.
+    """Return movements for lanes of motor traffic that end at a junction without a connection.
 
-    They join the way of the nearest lane beside them that goes on, else the edge that leaves the
-    junction most nearly straight on.
+    They follow the nearest connected lane beside them, else the edge that leaves the junction with
+    the smallest change of direction.
     """
     onward: dict[str, list[Route]] = defaultdict(list)
     for route in routes.values():
@@ -244,7 +246,7 @@ def _trims(
         lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - way)
         give = lacking / 2
         if before.id in signalled:
-            # The stop line keeps its place; the other side gives the remaining length.
+            # The stop line keeps its position; the other side is cut by the remaining length.
             give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
         corner = _room_to_turn(first, last)
         giving = max(give, corner[0] if before.id not in signalled else 0.0)
@@ -258,7 +260,7 @@ def _trims(
 
 
 def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
-    """Return how much a lane has to end earlier, and the next to begin later, to turn gently."""
+    """Return the lengths to cut off the first and the last lane for a turn of sufficient radius."""
     if "bicycle" in (first.kind, last.kind):
         return 0.0, 0.0
     legs = first.centre[-1, :2] - first.centre[-2, :2], last.centre[1, :2] - last.centre[0, :2]
@@ -267,7 +269,7 @@ def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
     turn = abs(float(np.arctan2(across, a @ b)))
     if not CORNERS[0] < turn < CORNERS[1]:
         return 0.0, 0.0
-    # How far ahead of the one and behind the other their lines meet.
+    # Distances from the ends of the lanes to the intersection of their lines.
     gap = last.centre[0, :2] - first.centre[-1, :2]
     ahead = float(gap[0] * b[1] - gap[1] * b[0]) / across
     behind = float(a[0] * gap[1] - a[1] * gap[0]) / across
@@ -281,7 +283,7 @@ def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
 
 
 def _room_to_shift(first: Lane, last: Lane) -> float:
-    """Return how long a way must be that moves sideways from one lane to another ahead of it."""
+    """Return the minimum length for a sideways shift between two lanes, metres."""
     legs = first.centre[-1, :2] - first.centre[-2, :2], last.centre[1, :2] - last.centre[0, :2]
     a, b = (leg / max(float(np.linalg.norm(leg)), 1e-9) for leg in legs)
     if a @ b < np.cos(SHIFT_TURN):
@@ -289,7 +291,7 @@ def _room_to_shift(first: Lane, last: Lane) -> float:
     gap = last.centre[0, :2] - first.centre[-1, :2]
     ahead = (a + b) / np.linalg.norm(a + b)
     aside = abs(float(ahead[0] * gap[1] - ahead[1] * gap[0]))
-    # Two arcs that meet in the middle: aside = length^2 / (4 radius).
+    # Two arcs that join in the middle: aside = length^2 / (4 radius).
     return float(np.sqrt(4 * SHIFT_RADIUS_M * aside))
 
 
@@ -301,14 +303,14 @@ def build_manoeuvres(
     side: int,
     standing: Sequence[shapely.Geometry] = (),
 ) -> tuple[Manoeuvre, ...]:
-    """Return a connecting road for every route.
+    """Return a connecting road for every movement.
 
     Args:
         network: the network.
-        streets: its roads.
-        topology: what becomes a road, what a manoeuvre.
+        streets: its streets.
+        topology: its division into roads and connecting roads.
         side: as in ``build_streets``.
-        standing: outlines of what stands on the ground, which ways lead round, site frame.
+        standing: outlines of static obstacles on the ground, which paths avoid, site frame.
     """
     street_of = {name: street for street in streets for name in street.strip_of}
     joints = [
@@ -349,7 +351,7 @@ def build_manoeuvres(
 
 @dataclass(frozen=True)
 class _Joint:
-    """What a way through a junction joins, and netconvert's lanes there."""
+    """The streets and strips that a movement links, and netconvert's lanes between them."""
 
     entry: Street
     start: Strip
@@ -359,7 +361,7 @@ class _Joint:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """x, y, heading (2, 3) where it begins and where it ends."""
+        """x, y, heading (2, 3) of the start and the end."""
         poses = np.empty((2, 3))
         ends = ((self.entry, self.start, True), (self.exit, self.end, False))
         for pose, (street, strip, leaving) in zip(poses, ends, strict=True):
@@ -367,13 +369,13 @@ class _Joint:
             pose[:2] = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
             pose[2] = heading + (0.0 if strip.forward else np.pi)
         turn = poses[1, 2] - poses[0, 2]
-        # `wrapped`, rounded in the order that the curves of every twin so far were made with.
+        # Not `wrapped`: the order of rounding keeps the curves of existing twins unchanged.
         poses[1, 2] = poses[0, 2] + (turn + np.pi) % (2 * np.pi) - np.pi
         return poses
 
 
 def _allowed(start: Lane, end: Lane, chain: list[Lane]) -> tuple[str, ...]:
-    """Return the classes that may use all lanes of a way; without any, those of its first lane."""
+    """Return the classes that may use all lanes of a movement; if none, those of its first lane."""
     common = [name for name in start.allowed if all(name in x.allowed for x in (*chain, end))]
     return tuple(common) or (chain[0] if chain else start).allowed
 
@@ -388,10 +390,10 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
 
 
 def _curves(joints: Sequence[_Joint], standing: Sequence[shapely.Geometry]) -> list[Curve]:
-    """Return the gentlest ways; where the map leads far round something, the map's own way."""
+    """Return the curves of movements; where the map's path is no smooth curve, that path."""
     poses = [joint.poses for joint in joints]
     mapped = [_mapped(x, pose) if x.chain else None for x, pose in zip(joints, poses, strict=True)]
-    # Ways over junctions of several nodes are drawn before netconvert, and kept.
+    # Paths over junctions of several nodes are drawn before netconvert, and are kept.
     kept = [any(lane.junction.startswith(CLUSTER) for lane in joint.chain) for joint in joints]
     curves = gentle_curves(poses, mapped, kept)
     free = [k for k, joint in enumerate(joints) if not kept[k] and joint.start.lane.level == 0]
@@ -406,12 +408,12 @@ def gentle_curves(
     mapped: Sequence[shapely.LineString | None],
     kept: Sequence[bool] | None = None,
 ) -> list[Curve]:
-    """Return the gentlest way from pose to pose that keeps to the map's way.
+    """Return smooth curves between pairs of poses that stay close to the map's paths.
 
     Args:
-        ends: x, y, heading (2, 3) where each begins and ends.
-        mapped: the map's way from one to the other, if it has one.
-        kept: whether that is kept to as it is.
+        ends: x, y, heading (2, 3) of each curve's start and end.
+        mapped: the map's path between them, if any.
+        kept: whether the curve follows that path closely.
     """
     if not len(ends):
         return []
@@ -436,7 +438,7 @@ def gentle_curves(
 
 
 def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
-    """Return netconvert's way from pose to pose."""
+    """Return netconvert's path between two poses."""
     first, last = poses[:, :2]
     return shapely.LineString(
         np.vstack(
@@ -452,14 +454,14 @@ def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
 
 
 def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points of a polyline that come after a place beside it."""
+    """Return the points of a polyline beyond the projection of a place."""
     at = shapely.LineString(points).project(shapely.Point(place))
     along = stations_of_points(points)
     return np.asarray(points[along > at + 0.05])
 
 
 def _calm(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Thin points that lie closer together than ``SPACING_M``; the ends stay."""
+    """Remove points closer together than ``SPACING_M``; the ends stay."""
     kept = [points[0]]
     for point in points[1:-1]:
         if min(np.linalg.norm(point - kept[-1]), np.linalg.norm(point - points[-1])) > SPACING_M:

@@ -1,4 +1,4 @@
-"""The lane model in plan from netconvert's network: streets and connecting roads."""
+"""The lane model in plan, from netconvert's network: streets and connecting roads."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from urbantwin.roads.streets.street import Street, Strip, build_streets
 __all__ = ["planar_model"]
 
 ZERO = Profile.constant(0.0)
-#: Less than this cut off the end of a street is not noticed, metres.
+#: Smaller distances between a street's trimmed end and its lanes' ends are ignored, metres.
 CUT_M = 0.05
-#: Half the gaps that are closed, the narrowest first, until a junction is one area, metres.
+#: Half-widths of gaps that are closed, in this order, until a junction is one area, metres.
 GAPS_M = (0.1, 0.5, 2.0, 5.0)
 
 
 def planar_model(network: RoadNetwork, standing: Sequence[shapely.Geometry] = ()) -> LaneModel:
-    """Return a network as roads and junctions, all heights zero, nothing on the roads yet.
+    """Return a network as a lane model with zero heights and without objects.
 
     On the right side of the road, lanes of negative ids run along the reference line; on the left
-    side, lanes of positive ids do. A connecting road has one lane, and its reference line is that
-    lane's middle.
+    side, lanes of positive ids do. A connecting road has one lane, whose centre line is the
+    reference line.
 
     Args:
-        network: what ``read_sumo_network`` read.
-        standing: outlines of posts and islands that ways through junctions lead round, site frame.
+        network: the network from ``read_sumo_network``.
+        standing: outlines of posts and islands that paths through junctions avoid, site frame.
     """
     side = 1 if network.driving_side == "left" else -1
     topology = find_topology(network)
@@ -77,7 +77,7 @@ def planar_model(network: RoadNetwork, standing: Sequence[shapely.Geometry] = ()
 
 
 def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tuple[int, str], int]:
-    """Return (road, ``start`` or ``end``) -> the junction there."""
+    """Return (road, ``start`` or ``end``) -> id of the junction there."""
     found = {}
     for m in manoeuvres:
         found[m.entry.number, "end" if m.start.forward else "start"] = number[m.junction]
@@ -86,7 +86,7 @@ def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tu
 
 
 def _street(street: Street, ends: Mapping[tuple[int, str], int]) -> ModelRoad:
-    # A lane that both directions share is one lane, seen as those do who drive along the road.
+    # A lane that both directions share is one lane, in the direction of the reference line.
     own = [x for x in street.strips if x.forward or x.lane.opposite not in street.strip_of]
     lanes = [replace(_lane(x), opposite=x.lane.opposite) for x in own]
     lanes = [x if x.opposite in street.strip_of else replace(x, opposite="") for x in lanes]
@@ -163,7 +163,7 @@ def _link(street: Street, strip: Strip, *, leaving: bool) -> RoadLink:
 def _outlines(
     network: RoadNetwork, streets: Sequence[Street], members: Mapping[str, Sequence[str]]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the outline of each junction, with the parts cut off its streets."""
+    """Return the outline of each junction, including the parts cut off its streets."""
     shape = {junction.id: junction.polygon for junction in network.junctions}
     plain = {junction.id: junction.outline for junction in network.junctions}
     slabs: dict[str, list[shapely.Geometry]] = defaultdict(list)
@@ -188,7 +188,7 @@ def _outlines(
         for gap in GAPS_M:
             if len(shapely.get_parts(whole)) == 1:
                 break
-            # Nodes of one junction may lie apart, with short roads between them.
+            # Nodes of one junction may be apart, with short roads between them.
             closed = whole.buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
             whole = area_union([whole, closed])
         areas = shapely.get_parts(whole)

@@ -1,4 +1,4 @@
-"""Streets: which edges of the network share a road, and its reference line."""
+"""Streets: edges that share a road, and the road's reference line."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from urbantwin.roads.network import Lane, Road, RoadNetwork
 
 __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 
-#: Two directions share a road where their inner borders lie closer than this, metres.
+#: Two directions share a road where their inner borders are closer than this, metres.
 PAIRED_M = 0.3
-#: Smaller bends of lines are inaccuracies of mapping, metres.
+#: Smaller deviations of lines are mapping inaccuracies, metres.
 THINNED_M = 0.1
-#: The shortest road that is left where its ends are cut back for the junctions, metres.
+#: Minimum length of a road after its ends are cut back for junctions, metres.
 SHORTEST_M = 0.5
 
 
@@ -31,7 +31,7 @@ class Strip:
     Attributes:
         lane: the lane of the network.
         id: negative to the right of the reference line, positive to the left.
-        t: offset of its middle from the reference line, metres to the left.
+        t: offset of its centre from the reference line, metres to the left.
         forward: whether traffic runs along the reference line.
     """
 
@@ -49,8 +49,8 @@ class Street:
         number: id of the road.
         edge: the edge of the network that runs along the reference line.
         strips: its lanes, from left to right.
-        curve: the reference line.
-        ways: ids of the ways of the map.
+        curve: the reference line, site frame.
+        ways: ids of its OSM ways.
     """
 
     number: int
@@ -61,26 +61,26 @@ class Street:
 
     @cached_property
     def strip_of(self) -> Mapping[str, Strip]:
-        """Lane id -> strip."""
+        """Strips by lane id."""
         return {strip.lane.id: strip for strip in self.strips}
 
     @property
     def start(self) -> str:
-        """The junction at station 0."""
+        """Id of the junction at station 0."""
         return self.edge.from_junction
 
     @property
     def end(self) -> str:
-        """The junction at the last station."""
+        """Id of the junction at the last station."""
         return self.edge.to_junction
 
     def end_of(self, strip: Strip, *, leaving: bool) -> float:
-        """Return the station where a lane ends (``leaving``) or begins."""
+        """Return the station where traffic leaves a lane (``leaving``) or enters it, metres."""
         return self.curve.length if strip.forward == leaving else 0.0
 
 
 def vehicle_lanes(network: RoadNetwork, edge: Road) -> list[Lane]:
-    """Return the lanes of an edge that are not for pedestrians, from the kerb inwards."""
+    """Return the lanes of an edge that are not sidewalks, from the kerb inwards; if none, all."""
     lanes = [network.lane_by_id[name] for name in edge.lanes]
     return [lane for lane in lanes if lane.kind != "sidewalk"] or lanes
 
@@ -92,12 +92,12 @@ def build_streets(
     *,
     side: int,
 ) -> tuple[Street, ...]:
-    """Make roads of edges.
+    """Return roads made of edges; the two directions of a street share one.
 
     Args:
-        network: the lane model.
-        edges: what becomes roads.
-        trims: (edge id, ``start`` or ``end``) -> metres left to the junction there.
+        network: the network.
+        edges: edges that become roads.
+        trims: (edge id, ``start`` or ``end``) -> length left to the junction there, metres.
         side: -1: lanes along the reference line lie to its right; 1: to its left.
     """
     streets: list[Street] = []
@@ -152,7 +152,7 @@ def _street(
     if other is not None:
         against = [network.lane_by_id[name] for name in other.lanes[::-1]]
         if outwards[0].opposite == against[0].id:
-            # One lane for both: it lies on the side of those who drive along the road.
+            # One lane for both directions: it lies on the side of the forward lanes.
             strips.append(replace(strips[0], lane=against[0], forward=False))
             against = against[1:]
         strips += _strips(against, -side, forward=False)
@@ -165,7 +165,7 @@ def _street(
     first += max(trims.get((edge.id, "start"), 0.0), _trim(trims, other, "end"))
     last -= max(trims.get((edge.id, "end"), 0.0), _trim(trims, other, "start"))
     if last - first < SHORTEST_M:
-        # Too short to give anything away: the middle, or all that there is.
+        # Too short to be cut: keep the middle, or the whole road.
         half = min(SHORTEST_M, whole.length) / 2
         middle = float(np.clip((first + last) / 2, half, whole.length - half))
         first, last = middle - half, middle + half
@@ -189,12 +189,12 @@ def _strips(lanes: list[Lane], side: int, *, forward: bool) -> list[Strip]:
 
 
 def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Drop points that lie on the line between others, as nearly as maps are drawn."""
+    """Remove points that are collinear within the accuracy of maps."""
     return np.asarray(shapely.get_coordinates(shapely.LineString(points).simplify(THINNED_M)))
 
 
 def _extent(curve: Curve, strips: list[Strip]) -> tuple[float, float]:
-    """Return between which stations every lane for vehicles exists."""
+    """Return the range of stations where all lanes for vehicles exist, metres."""
     vehicles = [strip for strip in strips if strip.lane.kind != "sidewalk"] or strips
     xy = np.vstack([strip.lane.centre[[0, -1], :2] for strip in vehicles])
     ends = curve.locate(xy)[0].reshape(-1, 2)
