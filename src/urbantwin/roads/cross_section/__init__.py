@@ -1,4 +1,4 @@
-"""Cross sections of roads: lanes from a way's tags, and how netconvert is given them."""
+"""Cross sections of roads: lanes from an OSM way's tags, and their input to netconvert."""
 
 from urbantwin.roads.cross_section.from_tags import cross_section, reinterpreted
 from urbantwin.roads.cross_section.netconvert_input import MappedSegment, PreparedWays, prepare_ways

@@ -1,7 +1,7 @@
-"""Lanes whose width nobody mapped, between houses that stand nearer than the usual width.
+"""Lanes of unmapped width, narrowed between buildings that are closer than the default width.
 
-A default is what a country builds where there is room. Streets that are older than it lie between
-houses as they are: in Japan 4 m wide, and less (Building Standards Act, articles 42 and 43).
+Default widths assume new construction. Old streets can be narrower: in Japan 4 m wide and less
+(Building Standards Act, articles 42 and 43).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from urbantwin.roads.cross_section.segment import Segment
 
 __all__ = ["THIN_M", "between_walls", "room_beside", "walls_of"]
 
-#: The least width of a lane of motor traffic, metres: a car of 1.8 m fits between walls. On main
-#: streets as RASt 06 has it where no buses meet.
+#: Minimum width of a lane of motor traffic, metres: a car of 1.8 m fits between walls. On main
+#: streets as in RASt 06 for streets without buses.
 LOCAL_M, MAIN_M = 2.0, 2.75
-#: Room between a carriageway and a wall, and the spacing of the places that are looked at, metres.
+#: Clearance between a carriageway and a wall, and spacing of the sampled places, metres.
 FREE_M, STEP_M = 0.1, 1.0
-#: Where walls are nearer to each other the street leads through the building, metres; what is
-#: thinner is no building that a street keeps clear of, but a roof or a sliver.
+#: Walls closer than the first are those of a building passage; buildings thinner than the second
+#: are roofs or slivers and do not count, metres.
 PASSAGE_M, THIN_M = 2.0, 2.0
-#: Beyond this a wall is not beside the street, metres.
+#: Walls farther than this are not beside the street, metres.
 FAR_M = 30.0
 
 
@@ -37,12 +37,12 @@ def between_walls(
     sections: Sequence[CrossSection],
     buildings: Sequence[shapely.Polygon],
 ) -> list[CrossSection]:
-    """Return the cross sections, with assumed lanes as wide as there is room between walls.
+    """Return the cross sections with assumed lanes narrowed to the room between walls.
 
     Args:
         segments: parts of ways.
         sections: their cross sections.
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
     """
     if not len(buildings):
         return list(sections)
@@ -76,7 +76,7 @@ def _fitted(section: CrossSection, segment: Segment, walls: shapely.STRtree) -> 
 
 
 def _room(segment: Segment, walls: shapely.STRtree) -> float:
-    """Return the least room between walls on both sides of a segment, metres."""
+    """Return the minimum distance between the walls on both sides of a segment, metres."""
     line = shapely.LineString(segment.piece.points).segmentize(STEP_M)
     points = shapely.get_coordinates(line)
     legs = np.gradient(points, axis=0)

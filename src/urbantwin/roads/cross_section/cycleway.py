@@ -10,15 +10,15 @@ from urbantwin.roads.cross_section.lane_tags import metres
 
 __all__ = ["Cycleway", "Cycleways", "cycleways"]
 
-#: Values that mean a lane on the carriageway, and a track beside it. A track that is mapped as a
-#: way of its own is a part of this street too: such ways are not in the network by themselves.
+#: Values for a lane on the carriageway, and for a track beside it. A track that is mapped as a
+#: separate way is also part of the street: such ways are not in the network themselves.
 LANE = frozenset({"lane", "yes", "opposite_lane"})
 TRACK = frozenset({"track", "opposite_track", "separate", "sidepath", "use_sidepath"})
 
 
 @dataclass(frozen=True)
 class Cycleway:
-    """A cycle lane, or a ``track`` apart from the carriageway; ``width`` in metres."""
+    """A cycle lane, or a ``track`` separate from the carriageway; ``width`` in metres."""
 
     width: float
     track: bool
@@ -30,7 +30,7 @@ class Cycleways:
 
     Attributes:
         forward, backward: at the outer side of each direction.
-        inner: at the inner side of a one-way road, where cyclists ride with its traffic.
+        inner: at the inner side of a one-way road, in the direction of its traffic.
     """
 
     forward: Cycleway | None = None
@@ -45,15 +45,15 @@ def cycleways(
 
     Args:
         tags: the way's tags.
-        way: ``forward``, ``backward`` or ``both``: which ways traffic runs.
+        way: directions of traffic: ``forward``, ``backward`` or ``both``.
         driving_side: ``right`` or ``left``.
-        standard: widths where none are mapped.
+        standard: default widths.
     """
     sides = {side: _side(tags, side, way, driving_side, standard) for side in ("left", "right")}
     other = "left" if driving_side == "right" else "right"
     if way == "both":
         return Cycleways(sides[driving_side], sides[other])
-    # Seen along the traffic, a road that runs against its way has its sides swapped.
+    # Seen along the traffic, a one-way road against its OSM way has its sides swapped.
     outer, inner = (driving_side, other) if way == "forward" else (other, driving_side)
     if sides[inner] is None or not _against(tags, inner):
         against, same = None, sides[inner]
@@ -93,7 +93,7 @@ def _side(
 
 
 def _general(tags: Mapping[str, str], side: str, way: str, driving_side: str) -> str | None:
-    """Return what tags without a side say of one."""
+    """Return the value for a side that tags without a side imply."""
     value = tags.get("cycleway")
     sided = any(f"cycleway:{s}" in tags for s in ("left", "right", "both"))
     if value is None and not sided and tags.get("bicycle") == "use_sidepath":

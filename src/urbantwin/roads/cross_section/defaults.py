@@ -24,14 +24,14 @@ MOTORWAYS = frozenset({"motorway", "motorway_link", "trunk", "trunk_link"})
 MAIN = frozenset(
     "primary primary_link secondary secondary_link tertiary tertiary_link busway".split()
 )
-#: Classes that have two lanes in a direction where nothing is mapped and the road is one-way
-#: (OSM wiki, "Key:lanes", assumptions).
+#: Classes with two lanes per direction on one-way roads where nothing is mapped (OSM wiki,
+#: "Key:lanes", assumptions).
 WIDE_ONE_WAY = frozenset({"motorway", "trunk", "primary"})
 
 
 @dataclass(frozen=True)
 class Standard:
-    """Widths of a country's roads, metres."""
+    """Default widths of a country's roads, metres."""
 
     motorway: float = 3.6
     main: float = 3.25
@@ -48,13 +48,13 @@ class Standard:
     perpendicular: float = 5.0
 
     def lane(self, highway: str) -> float:
-        """Return the width of a lane for motor traffic of a class of road."""
+        """Return the width of a motor traffic lane of a class of road, metres."""
         if highway in MOTORWAYS:
             return self.motorway
         return self.main if highway in MAIN else self.local
 
     def parking(self, orientation: str) -> float:
-        """Return the depth of parking of an orientation."""
+        """Return the depth of parking of an orientation, metres."""
         return {"diagonal": self.diagonal, "perpendicular": self.perpendicular}.get(
             orientation, self.parallel
         )
@@ -80,12 +80,12 @@ STANDARDS = {
 
 
 def standard_of(country: str) -> Standard:
-    """Return the widths of a country (ISO 3166-1 alpha-2; empty if unknown)."""
+    """Return the default widths of a country (ISO 3166-1 alpha-2; empty if unknown)."""
     return STANDARDS.get(country, Standard())
 
 
 def default_lanes(highway: str, *, one_way: bool) -> int:
-    """Return how many lanes a direction has where the map does not say."""
+    """Return the number of lanes per direction where none is mapped."""
     if highway in ("motorway", "trunk"):
         return 2
     return 2 if one_way and highway in WIDE_ONE_WAY else 1

@@ -1,4 +1,4 @@
-"""The cross section of a road from its way's tags."""
+"""Cross section of a road from the tags of its OSM way."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ from urbantwin.site.access import CYCLE_TRACK, Permission, permission_of
 
 __all__ = ["cross_section", "reinterpreted"]
 
-#: Widths that lanes of motor traffic can have, metres; a width of the whole road that would give
-#: others is taken for something else.
+#: Range of widths of motor traffic lanes, metres; a road width outside it is ignored.
 NARROWEST_M, WIDEST_M = 2.0, 8.0
-#: A road with one lane for both directions where nobody mapped how wide it is, metres, and one on
-#: which cars can pass each other (``lanes=1.5``; RASt 06: 4.10 m for two cars at low speed).
+#: Default width of one lane for both directions, metres, and of one on which cars can pass each
+#: other (``lanes=1.5``; RASt 06: 4.10 m for two cars at low speed).
 ONE_LANE_M, LANE_AND_A_HALF_M = 3.5, 4.5
-#: The least width of one lane for both directions, metres: a car with its mirrors fits.
+#: Minimum width of one lane for both directions, metres: a car with its mirrors fits.
 ONE_LANE_LEAST_M = 2.2
-#: On a carriageway of this width or more two cars meet without waiting (RASt 06), metres.
+#: Carriageway width from which two cars pass each other without waiting (RASt 06), metres.
 PASSING_M = 4.75
-#: Lists that say whether motor traffic may use a lane, the narrowest first.
+#: Lane access tags of motor traffic, the most specific first.
 _ACCESS = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
 ARROWS = frozenset(
     "left slight_left sharp_left through right slight_right sharp_right reverse merge_to_left "
@@ -44,10 +43,10 @@ ARROWS = frozenset(
 KM_H, MPH, KNOT = 1 / 3.6, 0.44704, 0.514444
 #: Walking pace (Germany, StVO section 42 with sign 325.1: 4 to 7 km/h).
 WALK = 7 * KM_H
-#: Where there is no limit, people drive the advisory speed (Germany: 130 km/h).
+#: Speed where there is no limit: the advisory speed (Germany: 130 km/h).
 UNLIMITED = 130 * KM_H
-#: Speeds of the law in km/h: urban, rural, divided rural or trunk, motorway, living street.
-#: Source: OSM wiki, "Default speed limits" (the countries' road traffic acts).
+#: Statutory limits in km/h: urban, rural, divided rural or trunk, motorway, living street. Source:
+#: OSM wiki, "Default speed limits" (the countries' road traffic acts).
 LAW: dict[str, tuple[float, float, float, float, float]] = {
     "AT": (50, 100, 100, 130, 7), "AU": (50, 100, 100, 110, 10), "BE": (50, 70, 90, 120, 20),
     "BR": (60, 80, 100, 110, 20), "CA": (50, 80, 90, 100, 20), "CH": (50, 80, 100, 120, 20),
@@ -75,16 +74,16 @@ CONTEXTS = {
 }  # fmt: skip
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?")
 ZONE = re.compile(r"zone:?\s*(\d+)|^(\d+)$")
-#: Values of ``oneway`` that are read as they are meant.
+#: Values of ``oneway`` that are fully supported.
 _KNOWN = frozenset({"yes", "true", "1", "-1", "reverse", "no", "false", "0"})
 
 
 def cross_section(
     tags: Mapping[str, str], *, driving_side: str, sidewalks: str, country: str = ""
 ) -> CrossSection:
-    """Return the cross section that a way's tags describe; defaults fill in the rest.
+    """Return the cross section that a way's tags describe, completed by defaults.
 
-    Nothing in the tags is an error: a value that makes no sense counts as missing.
+    No tag is an error: invalid values count as missing.
 
     Args:
         tags: the way's tags.
@@ -144,8 +143,8 @@ def _is_one_lane(
 ) -> bool:
     """Return whether both directions of motor traffic share one lane.
 
-    So say ``lanes=1`` without ``oneway`` (OSM wiki, "Key:lanes") and ``oneway=alternating``, unless
-    the carriageway is mapped so wide that two cars can pass each other.
+    Tags for it are ``lanes=1`` without ``oneway`` (OSM wiki, "Key:lanes") and
+    ``oneway=alternating``, unless two cars can pass each other on the mapped width.
     """
     if one_way(tags) != "both" or any(
         [lane.kind == "bicycle" for lane in lanes[:2]] not in ([False], [False, True])
@@ -172,7 +171,7 @@ def _lanes(
     standard: Standard,
     country: str,
 ) -> list[CarriagewayLane]:
-    """Return the lanes that the tags count, from the middle outwards; open widths are 0."""
+    """Return the lanes that the tags count, from the middle outwards; unmapped widths are 0."""
     if found is None:
         return []
     usual = speed_limit(tags, name, country)
@@ -194,7 +193,7 @@ def _lanes(
     if any(lane.kind == "bus" for lane in lanes):
         closed = any(found.value(key, k) in CLOSED for key in _ACCESS for k in range(found.slots))
         if open_to_cars and not closed and not any("car" in lane.allowed for lane in lanes):
-            # Nothing closes the street to cars: they share the bus lane next to its middle.
+            # Cars are not excluded from the street, so they share the bus lane next to its middle.
             first = next(k for k, lane in enumerate(lanes) if lane.kind == "bus")
             lanes[first] = replace(lanes[first], kind="driving", allowed=permission.motor)
         return lanes
@@ -204,7 +203,7 @@ def _lanes(
 
 
 def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, tuple[str, ...]]:
-    """Return the kind of a lane and who may use it."""
+    """Return the kind of a lane and the classes of actors that may use it."""
     access = next((v for key in _ACCESS if (v := found.value(key, slot))), "")
     bus = {found.value("bus:lanes", slot), found.value("psv:lanes", slot)}
     bicycle = found.value("bicycle:lanes", slot)
@@ -233,7 +232,7 @@ def _with_cycleways(
     cycles: Cycleways,
     country: str,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
-    """Add cycleways to the lanes; cyclists keep to them."""
+    """Add cycleways to the lanes and close other lanes to cyclists."""
 
     def lane(cycleway: Cycleway, direction: str) -> CarriagewayLane:
         speed = speed_limit(tags, direction, country)
@@ -272,9 +271,9 @@ def _with_widths(
     *,
     one_lane: bool,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
-    """Fill in widths of lanes without a tag of their own; of one lane for both, half for each."""
+    """Fill in unmapped lane widths; a lane shared by both directions counts half for each."""
     if one_lane and (whole := max(forward[0].width, backward[0].width)):
-        # A width of each lane is that of the one that there is.
+        # A width tag of each lane is that of the shared lane.
         forward, backward = (
             [replace(side[0], width=whole / 2), *side[1:]] for side in (forward, backward)
         )
@@ -301,7 +300,7 @@ def _with_widths(
 def _share(
     tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard, least: float
 ) -> float | None:
-    """Return the width of a lane that ``width``, from curb to curb, leaves to each."""
+    """Return the width per unmapped lane that ``width`` (curb to curb) leaves, metres."""
     whole = _carriageway(tags)
     if whole is None:
         return None
@@ -313,7 +312,7 @@ def _share(
 
 
 def _parked(tags: Mapping[str, str], standard: Standard) -> float:
-    """Return how much of a carriageway parked cars take, metres."""
+    """Return the width of a carriageway that parked cars occupy, metres."""
     found = (parking(tags, side, standard) for side in ("left", "right"))
     on_road = ("lane", "yes", "half_on_kerb")
     return sum(one.width for one in found if one is not None and one.position in on_road)
@@ -330,12 +329,12 @@ def speed_of(value: str, country: str = "") -> float | None:
 
     Args:
         value: such as ``50``, ``20 mph``, ``walk``, ``none``, ``DE:urban``, ``DE:zone30``.
-        country: whose law applies to a value that names none.
+        country: for values without a country: ISO 3166-1 alpha-2.
 
     Returns:
         m/s; ``None`` where the value states no number, as ``signals`` and ``variable`` do.
     """
-    # Of several values (``50;30``) the lowest is safe.
+    # The lowest of several values (``50;30``) is on the safe side.
     if ";" in value:
         found = [speed_of(part, country) for part in value.split(";")]
         return min((speed for speed in found if speed is not None), default=None)
@@ -362,12 +361,12 @@ def speed_of(value: str, country: str = "") -> float | None:
 
 
 def speed_limit(tags: Mapping[str, str], direction: str, country: str) -> float:
-    """Return the limit of one direction of a way, m/s.
+    """Return the speed limit of one direction of a way, m/s.
 
     Args:
         tags: the way's tags.
         direction: ``forward`` or ``backward``.
-        country: ISO 3166-1 alpha-2, for the law where nothing is mapped.
+        country: ISO 3166-1 alpha-2, for the statutory limit where none is mapped.
     """
     for key in (
         f"maxspeed:{direction}",
@@ -385,7 +384,7 @@ def speed_limit(tags: Mapping[str, str], direction: str, country: str) -> float:
 
 
 def default_speed(highway: str, country: str) -> float:
-    """Return the law's limit of a class of road within a town, m/s."""
+    """Return the statutory urban speed limit of a class of road, m/s."""
     urban, _, trunk, motorway, living = _law(country)
     if highway == "motorway":
         return motorway
@@ -403,11 +402,11 @@ def _law(country: str) -> tuple[float, ...]:
 
 
 def reinterpreted(tags: Mapping[str, str], section: CrossSection) -> list[str]:
-    """Return what of a way's tags its cross section leaves out or takes otherwise, each in words.
+    """Return messages on the tags that a cross section ignores or reinterprets.
 
     Args:
         tags: the way's tags.
-        section: what was made of them.
+        section: its cross section.
     """
     return [*_direction(tags, section), *_counts(tags), *_lists(tags, section)]
 
@@ -437,7 +436,7 @@ def _direction(tags: Mapping[str, str], section: CrossSection) -> list[str]:
 
 
 def _counts(tags: Mapping[str, str]) -> list[str]:
-    """Return the total of lanes where the parts that are mapped make another one."""
+    """Return a message if the total number of lanes contradicts the mapped parts."""
     total = count(tags.get("lanes"))
     parts = [count(tags.get(f"lanes:{name}")) for name in ("forward", "backward")]
     known = [number for number in parts if number is not None]
@@ -458,7 +457,7 @@ def _counts(tags: Mapping[str, str]) -> list[str]:
 
 
 def _lists(tags: Mapping[str, str], section: CrossSection) -> list[str]:
-    """Return the lists of turns that have another number of values than there are lanes."""
+    """Return messages on lists of turns whose length differs from the number of lanes."""
     found = []
     way = one_way(tags)
     for direction in ("forward", "backward") if way == "both" else (way,):

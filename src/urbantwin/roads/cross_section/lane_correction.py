@@ -1,4 +1,4 @@
-"""Lanes that a person adds to a way or removes from it, as tags."""
+"""Lanes that a user adds to a way or removes from it, expressed as tags."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 
 __all__ = ["ImpossibleLaneError", "Street", "with_lane", "without_lane"]
 
-#: Tags that say how wide the whole carriageway is.
+#: Tags for the width of the whole carriageway.
 WHOLE = ("width", "width:carriageway", "est_width")
-#: Kinds of lanes that lie beside the lanes of motor traffic: their tags.
+#: Kinds of lanes beside the lanes of motor traffic, with their tags.
 BESIDE = {
     "bicycle": "cycleway",
     "parking": "parking",
     "shoulder": "shoulder",
     "sidewalk": "sidewalk",
 }
-#: Beginnings of tags that count bus lanes, where lists may tell which lanes they are.
+#: Prefixes of tags that count bus lanes; lists may replace them.
 BUS_COUNTS = ("lanes:bus", "lanes:psv", "busway")
-#: Most lanes of a direction.
+#: Maximum number of lanes per direction.
 MOST = 8
 OTHER = {"left": "right", "right": "left"}
 Tags = dict[str, str]
 
 
 class ImpossibleLaneError(ValueError):
-    """A lane that cannot be there, or is not there to be removed; its text says why."""
+    """A lane cannot be added or removed; the message says why."""
 
 
 @dataclass(frozen=True)
 class Street:
-    """What is known of a way beside its tags.
+    """Properties of a way that are not in its tags.
 
     Attributes:
         driving_side: ``right`` or ``left``.
@@ -49,7 +49,7 @@ class Street:
     country: str = ""
 
     def section(self, tags: Mapping[str, str]) -> CrossSection:
-        """Return the cross section that tags describe here."""
+        """Return the cross section that tags describe for this way."""
         return cross_section(
             tags, driving_side=self.driving_side, sidewalks=self.sidewalks, country=self.country
         )
@@ -58,21 +58,21 @@ class Street:
 def with_lane(
     tags: Mapping[str, str], side: str, kind: str, width_m: float | None, street: Street
 ) -> Tags:
-    """Return the tags of a way that has one lane more.
+    """Return the tags of a way with one more lane.
 
-    It lies outside of the lanes of motor traffic on its side, within a cycle lane there. Lanes of
-    motor traffic and for bicycles make the carriageway wider on that side; the other side stays
-    where it is.
+    A lane of motor traffic is added at the outer side of the others, inside a cycle lane. Lanes of
+    motor traffic and cycle lanes widen the carriageway on that side; the other side keeps its
+    position.
 
     Args:
         tags: the way's tags.
         side: ``left`` or ``right``, as seen along the way.
         kind: driving, bus, bicycle, parking, shoulder or sidewalk.
-        width_m: its width; ``None``: what is usual there.
-        street: what else is known of the way.
+        width_m: its width, metres; ``None`` for the default.
+        street: other properties of the way.
 
     Raises:
-        ImpossibleLaneError: there is one already, or there are as many as there can be.
+        ImpossibleLaneError: there already is such a lane, or the maximum number of lanes.
     """
     before = street.section(tags)
     if kind in ("driving", "bus"):
@@ -91,16 +91,16 @@ def with_lane(
 
 
 def without_lane(tags: Mapping[str, str], side: str, kind: str, street: Street) -> Tags:
-    """Return the tags of a way that has one lane less: the outermost one of its kind and side.
+    """Return the tags of a way without the outermost lane of a kind on a side.
 
     Args:
         tags: the way's tags.
         side: ``left`` or ``right``, as seen along the way.
         kind: driving, bus, bicycle, parking, shoulder or sidewalk.
-        street: what else is known of the way.
+        street: other properties of the way.
 
     Raises:
-        ImpossibleLaneError: there is none, or nothing would be left of the direction.
+        ImpossibleLaneError: there is no such lane, or it is the only lane of its direction.
     """
     before = street.section(tags)
     if kind in ("driving", "bus"):
@@ -123,7 +123,7 @@ def _forward(tags: Mapping[str, str], side: str, street: Street) -> bool:
 
 
 def _lanes_of(section: CrossSection, side: str) -> tuple[CarriagewayLane, ...]:
-    """Return the lanes whose outer border is on a side of the way, outwards."""
+    """Return the lanes whose outer border is on a side of the way, from the middle outwards."""
     if not section.backward:
         ahead = section.forward
         return ahead if side == section.driving_side else ahead[::-1]
@@ -145,7 +145,7 @@ def _has(section: CrossSection, side: str, kind: str, street: Street) -> bool:
 
 
 def _sided(tags: Mapping[str, str], kind: str, street: Street) -> Tags:
-    """Return tags in which what is said of both sides is said of each."""
+    """Return tags in which values for both sides are replaced by values per side."""
     key = BESIDE[kind]
     section = street.section(tags)
     after = {name: value for name, value in tags.items() if name not in (key, f"{key}:both")}
@@ -159,14 +159,14 @@ def _sided(tags: Mapping[str, str], kind: str, street: Street) -> Tags:
         lane = _lanes_of(section, side)[-1:]
         beside = section.left if side == "left" else section.right
         if kind == "bicycle" and lane and lane[0].listed:
-            continue  # said by a list of lanes
+            continue  # set by a list of lanes
         if kind == "bicycle":
             after[f"{key}:{side}"] = "track" if lane[0].track else "lane"
             width = lane[0].width
         elif kind == "parking" and beside.parking is not None:
             after[f"{key}:{side}"] = beside.parking.position
             after[f"{key}:{side}:orientation"] = beside.parking.orientation
-            continue  # its width is said of the side, or is usual
+            continue  # its width is tagged per side, or the default
         else:
             after[f"{key}:{side}"] = "yes"
             width = beside.shoulder if kind == "shoulder" else beside.sidewalk
@@ -210,7 +210,7 @@ def _without_motor_lane(
     motor = sum(lane.kind in ("driving", "bus") for lane in row)
     if motor < 2:
         raise ImpossibleLaneError("it is the only lane of its direction: tag the way (oneway)")
-    # Lists run from left to right in the direction of travel; ``row`` outwards to the side.
+    # Lists run from left to right in the direction of travel; ``row`` runs outwards to the side.
     slot = own[-1] if at_end else len(row) - 1 - own[-1]
     lists = dict(found.lists)
     for key, values in lists.items():
@@ -222,13 +222,13 @@ def _without_motor_lane(
 
 
 def _with_whole(tags: Tags, more_m: float) -> Tags:
-    """Return tags that say a carriageway is wider or narrower, where they say how wide it is."""
+    """Return tags whose carriageway widths, if any, are changed by ``more_m`` metres."""
     known = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
     return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in known.items()}
 
 
 def _beside_m(section: CrossSection, side: str, kind: str) -> float:
-    """Return how much of a carriageway a lane beside those of motor traffic takes up, metres."""
+    """Return the carriageway width that a parking or cycle lane occupies, metres."""
     beside = section.left if side == "left" else section.right
     if (
         kind == "parking"
@@ -245,11 +245,11 @@ def _beside_m(section: CrossSection, side: str, kind: str) -> float:
 def _direction(
     tags: Mapping[str, str], side: str, street: Street
 ) -> tuple[DirectionTags, Tags, str, bool]:
-    """Return the direction of a side's lanes, tags that say it by itself, and where the side is.
+    """Return the direction of a side's lanes, with tags separated by direction.
 
     Returns:
-        What the tags say of that direction; tags with lists and counts of that direction alone;
-        its name; and whether the side is at the end of its lists.
+        The lanes of that direction; tags with separate lists and counts per direction; the
+            direction's name; and whether the side is at the end of its lists.
     """
     forward = _forward(tags, side, street)
     ahead, back, shared = direction_tags(tags, street.driving_side)
@@ -266,12 +266,12 @@ def _direction(
         after |= {f"{key}:{name}": "|".join(values) for key, values in one.lists.items()}
     after["lanes"] = str(sum(one.motor for one in ways.values()) + shared)
     name = "forward" if forward else "backward"
-    # Seen along the traffic, the right of a way that is driven against its line is its left.
+    # On a way driven against its line, the right side along the traffic is the way's left side.
     return ways[name], after, name, (side == "right") == forward
 
 
 def _with_bus_list(one: DirectionTags, street: Street) -> DirectionTags:
-    """Return a direction whose bus lanes at the curb are in a list, where a count tells of them."""
+    """Return a direction with its counted kerbside bus lanes turned into a list."""
     if not one.buses:
         return one
     row = [""] * (one.slots - one.buses) + ["designated"] * one.buses
@@ -284,7 +284,7 @@ def _count(tags: Tags, more: int) -> None:
 
 
 def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> Tags:
-    """Return tags that keep the border of the other side where it was."""
+    """Return tags that keep the other side's border in its position."""
     then = street.section(after)
     (was, now) = (
         [sum(lane.width for lane in lanes if not lane.track) for lanes in (x.forward, x.backward)]
@@ -296,7 +296,7 @@ def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> T
     moved = 0.0
     inner = OTHER[street.driving_side] if then.forward else street.driving_side
     if side == inner and not (then.forward and then.backward):
-        # The middle of a road of one direction is the inner border of its lanes.
+        # The middle of a one-way road is the inner border of its lanes.
         moved = (sum(now) - sum(was)) * (-then.outward if then.forward else then.outward)
     kept = {key: value for key, value in after.items() if not key.startswith("placement")}
     kept[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"

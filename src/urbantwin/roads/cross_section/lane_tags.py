@@ -1,4 +1,4 @@
-"""Values of tags: lengths with units, counts, lists with a value for each lane."""
+"""Values of tags: lengths with units, counts, and lists with one value per lane."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ __all__ = [
     "one_way",
 ]
 
-#: Metres of a unit (OSM wiki, "Map features/Units"; metres where none is given).
+#: Metres per unit (OSM wiki, "Map features/Units"; metres if none is given).
 UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "ft": 0.3048, "'": 0.3048, "in": 0.0254, '"': 0.0254}
 LENGTH = re.compile(r"^\s*(\d+(?:[.,]\d+)?)\s*(m|cm|ft|in|'|\")?\s*$")
 FEET_AND_INCHES = re.compile(r"^\s*(\d+)\s*'\s*(\d+(?:\.\d+)?)\s*\"?\s*$")
-#: Longest length and largest count that a road can have; larger values are mapping errors.
+#: Maximum length in metres, and maximum count of lanes; larger values are mapping errors.
 LONGEST_M, MOST = 100.0, 12
-#: Tags with one value for each lane, the more reliable first.
+#: Tags with one value per lane, the more reliable first.
 LISTS = (
     "turn:lanes",
     "bus:lanes",
@@ -48,13 +48,13 @@ RESERVED = frozenset({"designated", "official", "lane"})
 
 @dataclass(frozen=True)
 class DirectionTags:
-    """What the tags say of the lanes of one direction.
+    """Lanes of one direction according to the tags.
 
     Attributes:
-        slots: how many lanes they count, cycle lanes between motor lanes included.
-        motor: how many of these are for motor traffic.
-        lists: tag -> one value for each slot, left to right in the direction of travel.
-        buses: how many lanes at the curb are for buses, where no list says which.
+        slots: number of lanes, including cycle lanes between motor lanes.
+        motor: number of lanes for motor traffic.
+        lists: tag -> one value per slot, left to right in the direction of travel.
+        buses: number of kerbside bus lanes if no list identifies them.
     """
 
     slots: int
@@ -63,12 +63,12 @@ class DirectionTags:
     buses: int = 0
 
     def value(self, key: str, slot: int) -> str:
-        """Return a lane's value of a tag; empty where it has none."""
+        """Return a lane's value of a tag; empty if it has none."""
         return self.lists[key][slot] if key in self.lists else ""
 
 
 def metres(text: str | None) -> float | None:
-    """Return a length in metres; ``None`` where it is missing, zero or no length."""
+    """Return a length in metres; ``None`` if it is missing, zero or invalid."""
     if text is None:
         return None
     feet = FEET_AND_INCHES.match(text)
@@ -83,7 +83,7 @@ def metres(text: str | None) -> float | None:
 
 
 def count(text: str | None) -> int | None:
-    """Return a number of lanes; the smallest of several (``2;3``), ``None`` if it is invalid."""
+    """Return a number of lanes, the smallest of several (``2;3``); ``None`` if it is invalid."""
     if text is None:
         return None
     words = [word.strip() for word in text.split(";")]
@@ -92,7 +92,7 @@ def count(text: str | None) -> int | None:
 
 
 def lane_list(tags: Mapping[str, str], key: str, direction: str = "") -> list[str] | None:
-    """Return the values of a tag with one value for each lane, left to right.
+    """Return the values of a tag with one value per lane, left to right.
 
     Args:
         tags: a way's tags.
@@ -106,7 +106,7 @@ def lane_list(tags: Mapping[str, str], key: str, direction: str = "") -> list[st
 def one_way(tags: Mapping[str, str]) -> str:
     """Return ``forward``, ``backward`` or ``both`` (OSM wiki, "Key:oneway").
 
-    Reversible roads are taken as they are drawn: they carry one direction at a time.
+    Reversible roads count as ``forward``: they carry one direction at a time.
     """
     value = tags.get("oneway", "")
     if value in ("yes", "true", "1", "reversible"):
@@ -157,7 +157,7 @@ def _two_way(
             if wanted[name] is None and known is not None:
                 wanted[name] = max(1, rest - known)
         if wanted["forward"] is None:
-            # Of an odd number the direction that the way is drawn in has one more.
+            # Of an odd number of lanes, the forward direction has one more.
             wanted["forward"] = max(1, (rest + 1) // 2)
             wanted["backward"] = max(1, rest // 2)
     _share_whole_lists(tags, lists, wanted, driving_side)
@@ -171,16 +171,16 @@ def _two_way(
 
 
 def _has_turning_lane(tags: Mapping[str, str]) -> bool:
-    """Whether tags other than its count say that a lane for both directions lies in the middle."""
+    """Return whether tags other than the count imply a middle lane for both directions."""
     return "turn:lanes:both_ways" in tags or tags.get("centre_turn_lane") == "yes"
 
 
 def _with_lanes_for_cars(
     found: DirectionTags, tags: Mapping[str, str], name: str, driving_side: str
 ) -> DirectionTags:
-    """Return a direction whose bus lanes come on top where they would leave none for cars.
+    """Return a direction with bus lanes added where they would leave no lane for cars.
 
-    A street that is open to cars has a lane for them: ``lanes`` does not count its bus lanes.
+    A street that is open to cars has a lane for them: its ``lanes`` does not count bus lanes.
     """
     listed = {"bus:lanes", "psv:lanes"} & found.lists.keys()
     cars = permission_of(tags, walkers_on_lanes=False, direction=name).cars
@@ -195,7 +195,7 @@ def _with_lanes_for_cars(
 
 
 def _lists(tags: Mapping[str, str], direction: str) -> dict[str, list[str]]:
-    """Return the lists of a direction that agree on the number of lanes."""
+    """Return the lists of a direction that have the most common length."""
     found = {key: values for key in LISTS if (values := lane_list(tags, key, direction))}
     if not found:
         return {}
@@ -211,10 +211,10 @@ def _share_whole_lists(
     wanted: Mapping[str, int | None],
     driving_side: str,
 ) -> None:
-    """Give both directions their part of lists without a direction.
+    """Split lists without a direction between both directions.
 
-    Such a list counts all lanes of the road from the left, as seen along the way; one that counts
-    only as many as run forward is taken for these.
+    Such a list counts all lanes of the road from the left, seen along the way. A list with as many
+    values as forward lanes applies to these only.
     """
     whole = _lists(tags, "")
     forward, backward = wanted["forward"], wanted["backward"]
@@ -238,9 +238,9 @@ def _fitted(
     lists: Mapping[str, list[str]],
     sides: tuple[str, ...],
 ) -> DirectionTags:
-    """Decide how many lanes a direction has; lists that do not fit are dropped.
+    """Return the lanes of a direction; lists of other lengths are dropped.
 
-    ``sides``: the sides of the road at which it has its curb: both for a one-way road.
+    ``sides`` are the sides of the road with its kerbs: both for a one-way road.
     """
     one = len(sides) == 2
     slots = len(next(iter(lists.values()))) if lists else 0
@@ -257,7 +257,7 @@ def _fitted(
 
 
 def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
-    """Return which lanes of lists are for bicycles only."""
+    """Return the indices of the lanes in lists that are for bicycles only."""
     found = []
     for k in range(slots):
         values = {key: row[k] for key, row in lists.items() if k < len(row)}
@@ -273,7 +273,7 @@ def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
 
 
 def _bus_lanes(tags: Mapping[str, str], name: str, sides: tuple[str, ...]) -> int:
-    """Return how many lanes of a direction are for buses, by counts and ``busway``."""
+    """Return the number of bus lanes of a direction from counts and ``busway``."""
     for key in ("lanes:bus", "lanes:psv"):
         number = count(tags.get(f"{key}:{name}"))
         if number is not None:
@@ -287,7 +287,7 @@ def _bus_lanes(tags: Mapping[str, str], name: str, sides: tuple[str, ...]) -> in
 
 
 def _contraflow_buses(tags: Mapping[str, str], against: str) -> int:
-    """Return how many bus lanes run against a one-way road."""
+    """Return the number of bus lanes against a one-way road."""
     for key in ("lanes:bus", "lanes:psv"):
         number = count(tags.get(f"{key}:{against}"))
         if number:

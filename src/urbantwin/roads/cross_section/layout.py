@@ -1,4 +1,4 @@
-"""Layout of lanes in plan: the middle of every segment of road, offset from its mapped line."""
+"""Layout of lanes in plan: the middle of each segment, offset from its mapped line."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from urbantwin.roads.cross_section.segment import Segment
 
 __all__ = ["MIDDLE", "Middle", "middle_of_road", "middles_of"]
 
-#: Sharper corners than this are not mitred, as a ratio of the moved corner's distance.
+#: Maximum length of a mitred normal; corners that would exceed it are not fully mitred.
 MITRE = 2.0
 #: An end of a segment: its index, and whether it is the last node.
 End = tuple[int, bool]
-#: Tag of a way whose lanes a person corrected: how far the middle lies to the left of the line at
-#: its start and end, metres. No other tag keeps one curb in place while the other one moves.
+#: Tag of a way with corrected lanes: offset of the middle to the left of the line at its start and
+#: end, metres. No OSM tag keeps one kerb in place while the other one moves.
 MIDDLE = "urbantwin:middle"
 TWO_NUMBERS = re.compile(r"(-?\d{1,3}(?:\.\d{1,4})?);(-?\d{1,3}(?:\.\d{1,4})?)")
 PLACE = re.compile(r"(left_of|middle_of|right_of):(\d+)")
@@ -28,12 +28,12 @@ PLACE = re.compile(r"(left_of|middle_of|right_of):(\d+)")
 
 @dataclass(frozen=True, eq=False)
 class Middle:
-    """Where the middle of the road runs along a segment.
+    """The middle of the road along a segment.
 
     Attributes:
-        points: (N, 2) the points of the way, site frame.
-        normal: (N, 2) mitred normals to their left.
-        offset: (N,) how far the middle lies to the left of each point, metres.
+        points: (N, 2) points of the way, site frame, metres.
+        normal: (N, 2) mitred normals to the left.
+        offset: (N,) offset of the middle to the left of each point, metres.
     """
 
     points: NDArray[np.float64]
@@ -41,12 +41,12 @@ class Middle:
     offset: NDArray[np.float64]
 
     def beside(self, distance: float) -> NDArray[np.float64]:
-        """Return the line (N, 2) that many metres to the left of the middle."""
+        """Return the line (N, 2) at a distance to the left of the middle, metres."""
         return np.asarray(self.points + (self.offset + distance)[:, None] * self.normal)
 
 
 def middles_of(segments: Sequence[Segment], sections: Sequence[CrossSection]) -> list[Middle]:
-    """Return where the middle of the road runs along each segment.
+    """Return the middle of the road along each segment.
 
     Args:
         segments: parts of ways.
@@ -64,7 +64,7 @@ def middles_of(segments: Sequence[Segment], sections: Sequence[CrossSection]) ->
             for at_end in (False, True)
         )
         if None not in section.middle:
-            # Of a way that is cut in parts every part has its share.
+            # The offsets of a way that is cut in parts are interpolated along it.
             a, b = float(section.middle[0] or 0.0), float(section.middle[1] or 0.0)
             first, last = a + (b - a) * segment.first, a + (b - a) * segment.last
         points = segment.piece.points
@@ -92,7 +92,7 @@ def _offset(
     sections: Sequence[CrossSection],
     meeting: Mapping[int, Sequence[End]],
 ) -> float:
-    """Return the offset at an end; where the tags leave it open, that of the road that goes on."""
+    """Return the offset at an end; where the tags leave it open, that of the continuing road."""
     section = sections[k]
     own = section.middle[int(at_end)]
     usual = centred_middle(section.forward, section.backward, section.outward)
@@ -105,7 +105,7 @@ def _offset(
     theirs = next_section.middle[int(other[1])]
     if theirs is None:
         return usual
-    # A way that is drawn the other way round has its sides swapped.
+    # A way drawn in the other direction has its sides swapped.
     same = other[1] != at_end
     ahead, back = (
         (next_section.forward, next_section.backward)
@@ -119,14 +119,14 @@ def _offset(
     wider = ahead if extra > 0 else section.forward
     inner = "left" if section.driving_side == "right" else "right"
     turning = any(inner in turn for turn in wider[0].turns) if wider else False
-    # A lane for a turn across the road opens at its inner side: the outer border runs on.
+    # An inner turn lane opens at the inner side: the outer border continues.
     return theirs + (section.outward * extra if turning and not section.backward else 0.0)
 
 
 def _continuation(
     k: int, at_end: bool, segments: Sequence[Segment], meeting: Mapping[int, Sequence[End]]
 ) -> End | None:
-    """Return the one other segment that meets an end; ``None`` at junctions and dead ends."""
+    """Return the only other segment end at a node; ``None`` at junctions and dead ends."""
     node = segments[k].piece.nodes[-1 if at_end else 0]
     others = [end for end in meeting[node] if end != (k, at_end)]
     return others[0] if len(others) == 1 else None
@@ -154,7 +154,7 @@ def _normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _mitre(direction: NDArray[np.float64], through: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the normal at a node where one road goes through: the bisector of both sides."""
+    """Return the normal at a node that one road passes through: the bisector of both sides."""
     length = float(np.linalg.norm(through))
     along = through / length if length > 1e-6 else direction
     cosine = max(float(along @ direction), 1.0 / MITRE)
@@ -167,11 +167,11 @@ def middle_of_road(
     backward: Sequence[CarriagewayLane],
     outward: int,
 ) -> tuple[float | None, float | None]:
-    """Return how far the middle of the road lies to the left of the line, at its start and end.
+    """Return the offset of the road's middle to the left of the line at its start and end, metres.
 
-    The middle is where the lanes of both directions meet; of a road of one direction the inner
-    border of its lanes. Without ``placement`` the line runs along the middle of the carriageway
-    (OSM wiki, "Proposal:Placement").
+    The middle is the border between both directions; on a one-way road, the inner border of its
+    lanes. Without ``placement`` the line runs along the middle of the carriageway (OSM wiki,
+    "Proposal:Placement").
 
     Args:
         tags: the way's tags.
@@ -180,7 +180,7 @@ def middle_of_road(
         outward: 1 where lanes along the way lie to the left of the middle, else -1.
 
     Returns:
-        metres; ``None`` where ``placement=transition`` leaves it to the ways before and after.
+        ``None`` where ``placement=transition`` leaves it to the adjacent ways.
     """
     if (known := TWO_NUMBERS.fullmatch(tags.get(MIDDLE, ""))) is not None:
         return float(known[1]), float(known[2])
@@ -202,14 +202,14 @@ def middle_of_road(
 
 def _values(tags: Mapping[str, str], end: str) -> list[tuple[str, str]]:
     keys = ("placement:forward", "placement", "placement:backward")
-    # placement:end and placement:start of a transition say where it leads from and to.
+    # placement:start and placement:end of a transition give its values at the two ends.
     return [(key, tags[full]) for key in keys for full in (f"{key}:{end}", key) if full in tags]
 
 
 def centred_middle(
     forward: Sequence[CarriagewayLane], backward: Sequence[CarriagewayLane], outward: int
 ) -> float:
-    """Return how far the middle lies left of a line along the middle of the carriageway."""
+    """Return the offset of the middle to the left of the carriageway's centre line, metres."""
     ahead, back = (sum(x.width for x in lanes if not x.track) for lanes in (forward, backward))
     return -outward * (ahead - back) / 2
 
@@ -225,11 +225,11 @@ def _placement_offset(
     if not match:
         return None
     number = int(match[2])
-    # Lanes from left to right as seen along the way, and how far each lies left of the middle.
+    # Lanes from left to right as seen along the way; ``edge`` is their offset from the middle.
     ahead = list(forward) if outward < 0 else list(forward)[::-1]
     back = list(backward)[::-1] if outward < 0 else list(backward)
     if key.endswith("backward"):
-        # Lanes count from the left in the direction of travel: from right to left here.
+        # Lanes count from the left in the direction of travel: from right to left along the way.
         edge = 0.0 if outward < 0 else -sum(lane.width for lane in back)
         position = _along(back[::-1], match[1], number)
         return None if position is None else -(edge + position)
@@ -243,7 +243,7 @@ def _placement_offset(
 
 
 def _along(lanes: Sequence[CarriagewayLane], word: str, number: int) -> float | None:
-    """Return how far a place lies from the outer border of the first of lanes."""
+    """Return the distance of a lane's place from the outer border of the first lane, metres."""
     share = {"left_of": 0.0, "middle_of": 0.5}.get(word, 1.0)
     before, counted = 0.0, 0
     for lane in lanes:

@@ -1,4 +1,4 @@
-"""Input of netconvert: the map's ways, split and tagged so that it builds their cross sections."""
+"""Input of netconvert: OSM ways, split and tagged for the intended cross sections."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from urbantwin.site.extract import WayPiece
 
 __all__ = ["MappedSegment", "PreparedWays", "prepare_ways"]
 
-#: A stop's pole or platform is so far from the outermost lane of its street at most, metres.
+#: Maximum distance of a stop's pole or platform from the outermost lane, metres.
 BESIDE_M = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class MappedSegment:
-    """A part of a way of the map.
+    """A part of an OSM way.
 
     Attributes:
         way: id of the way.
-        points: (N, 2) its line, site frame.
+        points: (N, 2) its line, site frame, metres.
         section: its cross section.
     """
 
@@ -49,14 +49,14 @@ class MappedSegment:
 
 @dataclass(frozen=True, eq=False)
 class PreparedWays:
-    """Ways as netconvert reads them.
+    """Ways prepared for netconvert.
 
     Attributes:
         pieces: segments between junctions, with normalised tags.
-        edges: the attributes of edges that netconvert is given.
+        edges: attributes of SUMO edges, as input of netconvert.
         segments: the same segments with their cross sections.
-        parts: piece that was given -> the segments that it was cut into.
-        arrows: the turns that are signed for lanes.
+        parts: id of an original piece -> the segments that it was cut into.
+        arrows: signed turns of lanes.
         one_lane: ids of the segments on which both directions share one lane.
     """
 
@@ -68,7 +68,7 @@ class PreparedWays:
     one_lane: frozenset[int] = frozenset()
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-        """Return forbidden turns (from piece, over node, to piece) as ones between segments."""
+        """Return forbidden turns (from piece, over node, to piece) as turns between segments."""
         return [
             (start.id, via, end.id)
             for before, via, after in forbidden
@@ -87,15 +87,15 @@ def prepare_ways(
     buildings: Sequence[shapely.Polygon] = (),
     stops: NDArray[np.float64] | None = None,
 ) -> PreparedWays:
-    """Cut and tag ways so that netconvert builds their cross sections.
+    """Cut and tag ways for netconvert.
 
     Args:
         pieces: ways of the network with the map's tags, cut to the region.
         signals: nodes with traffic signals, where netconvert ends edges.
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        buildings: where buildings stand on the ground: lanes of unmapped width yield to them.
-        stops: (N, 2) where people wait for buses: there is a footway.
+        buildings: footprints of buildings on the ground, which narrow lanes of unmapped width.
+        stops: (N, 2) bus stops, which imply a sidewalk, site frame.
     """
     one_way = ("yes", "1", "true")
     others = [
@@ -135,7 +135,7 @@ def prepare_ways(
 
 
 def _named(piece: WayPiece, old: Mapping[str, str]) -> WayPiece:
-    """Give a street a name that every plot's font can write."""
+    """Replace a name that plot fonts cannot write by its English or international name."""
     latin = old.get("name:en", old.get("int_name"))
     if latin and not _is_alphabetic(old.get("name", "")):
         piece.tags["name"] = latin
@@ -143,7 +143,7 @@ def _named(piece: WayPiece, old: Mapping[str, str]) -> WayPiece:
 
 
 def _is_alphabetic(name: str) -> bool:
-    """Whether a name is in Latin, Greek or Cyrillic letters, which every plot's font has."""
+    """Return whether a name is in Latin, Greek or Cyrillic letters, which all plot fonts have."""
     return all(ord(character) < 0x2000 for character in name)
 
 
@@ -153,12 +153,12 @@ def with_footways_at_stops(
     stops: NDArray[np.float64],
     country: str,
 ) -> list[CrossSection]:
-    """Return the cross sections, with a sidewalk on the side of each stop.
+    """Return the cross sections with a sidewalk on the side of each bus stop.
 
     Args:
         segments: parts of ways.
         sections: their cross sections.
-        stops: (N, 2) poles and platforms where buses halt, site frame.
+        stops: (N, 2) poles and platforms of bus stops, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     result = list(sections)
@@ -183,7 +183,7 @@ def with_footways_at_stops(
 def _side_of(
     segment: Segment, section: CrossSection, line: shapely.LineString, stop: NDArray[np.float64]
 ) -> tuple[str, float]:
-    """Return on which side of a street a stop is, empty if nobody gets on there, and how far."""
+    """Return the side of a street (empty if no bus runs there) and the distance of a stop."""
     at = float(np.clip(line.project(shapely.Point(stop)), 0.5, max(line.length - 0.5, 0.5)))
     a, b = (shapely.get_coordinates(line.interpolate(at + d))[0] for d in (-0.5, 0.5))
     away, ahead = stop - (a + b) / 2, (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)

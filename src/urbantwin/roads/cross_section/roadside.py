@@ -12,8 +12,7 @@ __all__ = ["parking", "roadside"]
 
 ORIENTATIONS = ("parallel", "diagonal", "perpendicular")
 FORBIDDEN = frozenset({"no_parking", "no_stopping", "no_standing", "fire_lane"})
-#: Where cars stand, and how much of the depth of parking lies on the carriageway's side of the
-#: curb.
+#: Positions of parked cars, with the share of the parking depth on the carriageway.
 POSITIONS = {
     "lane": 1.0,
     "yes": 1.0,
@@ -22,17 +21,17 @@ POSITIONS = {
     "half_on_kerb": 0.5,
     "on_kerb": 0.0,
 }
-#: Positions in the tags of before 2022.
+#: Positions in the tagging scheme before 2022.
 FORMER = {"on_street": "lane", "lay_by": "street_side", "painted_area_only": "lane"}
-#: A road of this class has shoulders where it is faster than this, m/s (70 km/h).
+#: Speed above which roads of some classes have shoulders, m/s (70 km/h).
 FAST = 19.0
 NARROWEST_WALK_M, WIDEST_WALK_M = 0.8, 15.0
 
 
 def parking(tags: Mapping[str, str], side: str, standard: Standard) -> Parking | None:
-    """Return the parking of one side (OSM wiki, "Street parking"), also by the former scheme.
+    """Return the parking of one side (OSM wiki, "Street parking"), also in the former scheme.
 
-    Parking that is mapped as an area of its own (``separate``) does not belong to the road.
+    Parking that is mapped as a separate area (``separate``) is not part of the road.
     """
     found = _present(tags, side) or _former(tags, side)
     if found is None:
@@ -63,9 +62,9 @@ def roadside(
         tags: the way's tags.
         side: ``left`` or ``right``, as seen along the way.
         sidewalk: whether there is a sidewalk.
-        outer: whether it is the side that traffic keeps to, not the inner side of one direction.
-        standard: widths where none are mapped.
-        speed: the limit, m/s.
+        outer: whether it is the outer side of its traffic, not the inner side of a one-way road.
+        standard: default widths.
+        speed: speed limit, m/s.
     """
     keys = (f"sidewalk:{side}:width", "sidewalk:both:width", "sidewalk:width")
     width = _first_length(tags, keys) or standard.sidewalk

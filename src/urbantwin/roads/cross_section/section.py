@@ -1,4 +1,4 @@
-"""Cross sections: the lanes of both directions and what lies beside them."""
+"""Cross sections: the lanes of both directions and the roadsides."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ __all__ = ["CarriagewayLane", "CrossSection", "Parking", "Roadside"]
 
 @dataclass(frozen=True)
 class CarriagewayLane:
-    """A lane that traffic follows.
+    """A traffic lane.
 
     Attributes:
-        kind: driving, bus, bicycle, or none (nobody may use it).
+        kind: driving, bus, bicycle, or none (closed to all).
         width: metres.
         speed: limit, m/s.
         allowed: classes of actors that may use it.
-        turns: turns that its arrows show, in OpenStreetMap's words; empty for no arrow.
-        track: whether it is a cycle track, apart from the carriageway, and not a lane on it.
-        both_ways: whether it is shared by both directions, as a middle lane for turning is.
-        listed: whether tags with a value for each lane (``turn:lanes``) count it.
-        assumed: whether nobody mapped how wide it is.
+        turns: turns of its arrows, as in OpenStreetMap; empty for no arrow.
+        track: whether it is a cycle track separate from the carriageway.
+        both_ways: whether both directions share it, such as a middle turn lane.
+        listed: whether tags with a value per lane (``turn:lanes``) count it.
+        assumed: whether its width is a default.
     """
 
     kind: str
@@ -41,8 +41,8 @@ class Parking:
 
     Attributes:
         orientation: parallel, diagonal or perpendicular.
-        width: metres from the carriageway to the curb.
-        position: where it is: lane, street_side, on_kerb, half_on_kerb, shoulder.
+        width: depth from the carriageway to the curb, metres.
+        position: lane, street_side, on_kerb, half_on_kerb or shoulder.
     """
 
     orientation: str
@@ -52,7 +52,7 @@ class Parking:
 
 @dataclass(frozen=True)
 class Roadside:
-    """What lies beyond the outermost lane of one side; widths in metres, 0 where there is none."""
+    """Roadside beyond the outermost lane; widths in metres, 0 if absent."""
 
     parking: Parking | None = None
     shoulder: float = 0.0
@@ -68,12 +68,12 @@ class CrossSection:
         kind: value of ``highway``.
         forward: lanes along the way, from the middle of the road outwards.
         backward: lanes against it, from the middle outwards.
-        left, right: what lies beside the lanes, as seen along the way.
-        one_lane: whether both directions share the innermost lane: ``forward`` and ``backward``
-            begin with one half of it each.
-        middle: how far the middle of the road (where forward and backward lanes meet; for a road
-            of one direction the inner border of its lanes) lies to the left of the mapped line,
-            metres, at the way's start and end; ``None`` where the tags leave that open.
+        left, right: roadsides, as seen along the way.
+        one_lane: whether both directions share the innermost lane; ``forward`` and ``backward``
+            then begin with one half of it each.
+        middle: offset of the middle of the road to the left of the mapped line at the way's start
+            and end, metres; ``None`` if the tags leave it open. The middle is the border between
+            both directions; on a one-way road, the inner border of its lanes.
     """
 
     driving_side: str
@@ -95,11 +95,11 @@ class CrossSection:
         return self.forward if forward else self.backward
 
     def side(self, *, forward: bool) -> Roadside:
-        """Return what lies beyond the lanes of one direction."""
+        """Return the roadside of one direction."""
         return self.left if forward == (self.driving_side == "left") else self.right
 
     @cached_property
     def width(self) -> float:
-        """Width of the carriageway, cycle lanes included, tracks and parking not, metres."""
+        """Width of the carriageway including cycle lanes, without tracks and parking, metres."""
         lanes = (*self.forward, *self.backward)
         return sum(lane.width for lane in lanes if not lane.track)

@@ -17,12 +17,12 @@ __all__ = ["Segment", "segments_of"]
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A part of a way that no other way meets between its ends.
+    """A part of a way without other ways between its ends.
 
     Attributes:
-        piece: the part, with an id of its own.
-        origin: id of the piece that it was cut from.
-        first, last: the share of the way that lies before its start and before its end.
+        piece: the part, with its own id.
+        origin: id of the original piece.
+        first, last: shares of the original piece's length before its start and its end.
     """
 
     piece: WayPiece
@@ -32,16 +32,16 @@ class Segment:
 
 
 def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Segment, ...]:
-    """Cut ways where others meet them.
+    """Cut ways at nodes that they share.
 
-    netconvert cuts them there itself and numbers the parts; cut beforehand, every part is one edge
-    whose name is known, and can be given its shape.
+    netconvert would cut and number them itself. When they are cut before, each part is one edge
+    with a known name, and its shape can be set.
 
     Args:
         pieces: ways of the network.
         nodes: further nodes where edges end: signals.
     """
-    # netconvert takes nodes at one place for one node.
+    # netconvert merges nodes at the same position.
     place = {
         node: (round(float(x), 4), round(float(y), 4))
         for piece in pieces
@@ -74,7 +74,7 @@ def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Seg
 
 
 def _merged(piece: WayPiece, nodes: list[int]) -> WayPiece:
-    """Return a piece without nodes that repeat the one before."""
+    """Return a piece without consecutive duplicate nodes."""
     keep = [k for k in range(len(nodes)) if k == 0 or nodes[k] != nodes[k - 1]]
     return replace(piece, nodes=tuple(nodes[k] for k in keep), points=piece.points[keep])
 
@@ -102,7 +102,7 @@ def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Segment]:
 
 
 def _along(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the share of a line's length before each of its points."""
+    """Return the share of a line's length before each of its points (N,)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(along / max(float(along[-1]), 1e-9))

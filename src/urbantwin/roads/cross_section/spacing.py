@@ -1,7 +1,7 @@
 """Spacing of parallel carriageways: moved apart where their lanes would overlap.
 
-The lines of the map are good to a metre or two, and the default width of a lane may be more than
-what was built. Parallel carriageways share what is missing between them.
+Lines of the map are accurate to a metre or two, and default lane widths may exceed the real ones.
+Parallel carriageways share the missing distance.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from urbantwin.roads.grade_separation import way_layer
 
 __all__ = ["spaced"]
 
-#: Furthest that a carriageway is moved, metres.
+#: Maximum displacement of a carriageway, metres.
 FURTHEST_M = 2.5
-#: Lines closer than this are one road drawn twice, metres.
+#: Lines closer than this are one road mapped twice, metres.
 CLOSEST_M = 1.5
-#: Carriageways run side by side within this angle, as a cosine, over at least this length, metres.
+#: Minimum cosine of the angle between parallel carriageways, and their minimum common length,
+#: metres.
 PARALLEL, SHORTEST_M = 0.98, 25.0
 STEP_M = 5.0
 ROUNDS = 40
@@ -33,14 +34,14 @@ ROUNDS = 40
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two segments side by side.
+    """Two parallel segments.
 
     Attributes:
         a, b: their indices.
         side: 1 where b lies to the left of a, else -1.
-        apart: how far their middles are apart, metres.
-        need: how far they would have to be, metres.
-        along: 1 where they are drawn the same way, else -1.
+        apart: distance between their centre lines, metres.
+        need: distance that their widths require, metres.
+        along: 1 where they are drawn in the same direction, else -1.
     """
 
     a: int
@@ -54,14 +55,14 @@ class _Pair:
 def spaced(
     segments: Sequence[Segment], sections: Sequence[CrossSection], middles: Sequence[Middle]
 ) -> list[Middle]:
-    """Return the middles of roads with parallel carriageways side by side, not on each other.
+    """Return the middles of roads with overlapping parallel carriageways moved apart.
 
-    A way whose ``placement`` is mapped stays where it is.
+    A way with a mapped ``placement`` is not moved.
 
     Args:
         segments: parts of ways.
         sections: their cross sections.
-        middles: where the middle of each runs as mapped.
+        middles: their middles as mapped.
     """
     lines, half = [], []
     for section, middle in zip(sections, middles, strict=True):
@@ -101,9 +102,9 @@ def spaced(
 
 
 def _roads(segments: Sequence[Segment]) -> tuple[list[int], list[int]]:
-    """Return which segments are parts of one road, and 1 or -1: the way that each is drawn.
+    """Return the road index of each segment, and 1 or -1 for its direction in the road.
 
-    A road is all parts of a way, and what goes on from it where nothing else meets it.
+    A road consists of all parts of a way and of continuations without other branches.
     """
     ends: dict[int, list[tuple[int, bool]]] = defaultdict(list)
     beside: dict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -139,7 +140,7 @@ def _pairs(
     group: Sequence[int],
 ) -> list[_Pair]:
     shapes = [shapely.LineString(line) for line in lines]
-    # What is not yet in the way may be once others have moved.
+    # Segments that do not overlap yet may do so after others have moved.
     bands = [s.buffer(width + FURTHEST_M) for s, width in zip(shapes, half, strict=True)]
     tree = shapely.STRtree(bands)
     found = []

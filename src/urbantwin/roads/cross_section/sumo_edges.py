@@ -1,8 +1,8 @@
-"""SUMO's edges of cross sections: tags that netconvert reads as meant, and edges' shapes.
+"""SUMO edges of cross sections: tags for netconvert, and edge shapes.
 
-netconvert gets lanes, turns and speeds right if the tags are unambiguous. What it does not read, or
-reads differently for left-hand traffic, is given for each edge by name: the line that the lanes run
-along (``placement``, roads with more lanes in one direction) and who may use a lane.
+netconvert reads unambiguous tags correctly for lanes, turns and speeds. Properties that it ignores,
+or reads differently for left-hand traffic, are set per edge: the line of the lanes (``placement``,
+roads with unequal directions) and the permissions of each lane.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from urbantwin.site.extract import WayPiece
 
 __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
 
-#: Tags that do not speak of lanes and go to netconvert as they are.
+#: Tags unrelated to lanes, passed to netconvert unchanged.
 KEPT = ("name", "ref", "layer", "junction", "bridge")
-#: Classes that netconvert's type map does not know, and what they are to it.
+#: Classes that netconvert's type map lacks, with their substitutes.
 CLASSES = {"road": "unclassified", CYCLE_TRACK: "cycleway"}
-#: SUMO's vehicle classes of our classes of actors.
+#: Vehicle classes of SUMO per class of actors.
 VEHICLES = {
     "car": "private passenger hov taxi emergency authority army vip evehicle delivery custom1",
     "truck": "truck trailer",
@@ -37,7 +37,7 @@ VEHICLES = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
-#: Lanes that are closed to everybody keep one class, without which SUMO has no lane.
+#: Class of closed lanes: SUMO drops lanes without any permission.
 NOBODY = "authority"
 
 
@@ -46,11 +46,11 @@ class SumoEdge:
     """One direction of a segment.
 
     Attributes:
-        id: its name in SUMO.
+        id: edge id in SUMO.
         lanes: from lane 0, at the curb, inwards, without the sidewalk.
-        sidewalk: width of its sidewalk, which comes before the other lanes; 0 for none.
-        shape: (N, 2) the line that lanes are laid along, site frame; empty for the way itself.
-        walkers: whether people walk on its outermost lane because there is no sidewalk.
+        sidewalk: width of its sidewalk, which comes before the other lanes, metres; 0 for none.
+        walkers: whether pedestrians use its outermost lane because there is no sidewalk.
+        shape: (N, 2) line of the lanes, site frame; empty for the way itself.
         spread: ``right`` (lanes lie outwards of the shape) or ``center``.
     """
 
@@ -63,7 +63,7 @@ class SumoEdge:
 
 
 def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
-    """Return a segment with the tags that make netconvert build its cross section."""
+    """Return a segment with tags from which netconvert builds its cross section."""
     old = segment.piece.tags
     tags = {key: old[key] for key in KEPT if key in old}
     highway = old.get("highway", "")
@@ -83,7 +83,7 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     for forward, lanes in counted.items():
         ends = segment.last > 1 - 1e-9 if forward else segment.first < 1e-9
         if driven[forward] and ends and any(lane.turns for lane in lanes):
-            # On the left, netconvert reads the mirror image: both the order and the arrows.
+            # With left-hand traffic netconvert mirrors both the order and the arrows.
             mirror = section.driving_side == "left"
             values = [";".join(_turns(lane, mirror=mirror)) for lane in lanes]
             tags[f"turn:lanes:{names[forward]}"] = "|".join(values)
@@ -91,10 +91,11 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
         walk = section.side(forward=forward).sidewalk
         everything = [*widths, walk] if walk else widths
         if everything:
-            # On the left, lane 0 is the leftmost: netconvert takes widths from the left there.
+            # With left-hand traffic, lane 0 is the leftmost: netconvert reads widths from the left.
             ordered = everything if section.driving_side == "right" else everything[::-1]
             tags[f"width:lanes:{names[forward]}"] = "|".join(f"{w:.3f}" for w in ordered)
-        # netconvert calls the forward edge right and the backward one left, on the left as well.
+        # netconvert calls the forward edge right and the backward edge left, also with left-hand
+        # traffic.
         side = "right" if forward else "left"
         has_own = len(lanes) < len(section.lanes(forward=forward))
         tags[f"cycleway:{side}"] = "lane" if has_own else "no"
@@ -119,7 +120,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
     Args:
         segment: the part of a way.
         section: its cross section.
-        middle: where the middle of the road runs.
+        middle: the middle of the road along it.
     """
     found = []
     present = [f for f in (True, False) if _exists(section, forward=f)]
@@ -129,7 +130,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         spread, beside = "right", 0.0
         moved = bool(np.abs(middle.offset).max() > 1e-4)
         if len(present) == 1:
-            # A road of one direction is laid around its own middle: junctions look better.
+            # A one-way road is centred on its own middle, which gives better junctions.
             half = (sum(lane.width for lane in lanes) + walk) / 2
             spread, beside = "center", section.outward * half * (1 if forward else -1)
             moved = True
@@ -169,9 +170,9 @@ def _exists(section: CrossSection, *, forward: bool) -> bool:
 
 
 def _counted(lanes: Sequence[CarriagewayLane], *, own: bool) -> list[CarriagewayLane]:
-    """Return the lanes that netconvert counts: not the cycleway at the outer side of a street.
+    """Return the lanes that netconvert counts: all except an outer cycleway of a street.
 
-    ``own``: whether they are a way for bicycles of its own.
+    ``own`` is whether they belong to a separate way for bicycles.
     """
     beside = not own and lanes and lanes[-1].kind == "bicycle"
     return list(lanes[:-1] if beside else lanes)

@@ -1,7 +1,7 @@
-"""Turn lanes reconciled with junctions: no arrow to where no street leads, nor to too few lanes.
+"""Turn lanes consistent with junctions: arrows only to existing streets with enough lanes.
 
-netconvert discards the arrows of an approach where one of them leads nowhere or where more
-lanes point to a street than that street has, and then leaves lanes without a connection.
+netconvert discards all arrows of an approach if one of them leads nowhere, or if more lanes lead to
+a street than it has. It then leaves lanes without a connection.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from urbantwin.roads.cross_section.segment import Segment
 
 __all__ = ["SignedTurns", "fitting_turns", "signed_turns"]
 
-#: Two nodes where streets meet closer than this may become one junction, where ways lead on that
-#: do not start at the node itself, metres.
+#: Two junction nodes closer than this may become one junction whose exits start elsewhere, metres.
 ALONE_M = 40.0
-#: Bends sharper than this are turns, radians.
+#: Minimum angle of a turn, radians.
 TURN = math.radians(45.0)
 #: Directions of arrows.
 DIRECTIONS = {
@@ -35,7 +34,7 @@ DIRECTIONS = {
 
 @dataclass(frozen=True)
 class _Arm:
-    """A way on from a node: where it leads, and how many lanes cars have on it."""
+    """A street at a node: its heading away from the node, its number of car lanes, its segment."""
 
     heading: float
     lanes: int
@@ -44,21 +43,21 @@ class _Arm:
 
 @dataclass(frozen=True, eq=False)
 class SignedTurns:
-    """The turns that ways sign for their lanes; they are for what comes where the way ends.
+    """Signed turns of lanes; they apply to the junction at the end of the way.
 
     Attributes:
-        rows: edge -> the turns of each lane, from the kerb inwards, the sidewalk first.
-        onward: edge -> the next one of the same way; none where the way ends.
+        rows: edge -> turns of each lane, from the kerb inwards, the sidewalk first.
+        onward: edge -> next edge of the same way; absent where the way ends.
     """
 
     rows: Mapping[str, tuple[tuple[str, ...], ...]]
     onward: Mapping[str, str]
 
     def on(self, edges: Collection[str]) -> dict[str, tuple[tuple[str, ...], ...]]:
-        """Return the turns of those edges with which a way ends.
+        """Return the turns of those of the edges that are the last ones of a way.
 
-        What a junction has swallowed of the way is not among the edges: the one before it ends
-        there, at the first carriageway of a street that has two.
+        Parts of a way inside a junction are not among the edges. The edge before them is then the
+        last one, at the first carriageway of a crossing street.
         """
         return {
             name: row
@@ -78,7 +77,7 @@ def fitting_turns(
 ) -> list[CrossSection]:
     """Return the cross sections with arrows that fit the streets at their ends.
 
-    Where other junctions are near, arrows are left alone: they may be for the far side of one.
+    Arrows near other junctions are kept: they may apply to those.
     """
     arms: dict[int, list[_Arm]] = defaultdict(list)
     ends: dict[int, int] = defaultdict(int)
@@ -123,7 +122,7 @@ def _alone(junctions: Sequence[int], place: Mapping[int, NDArray[np.float64]]) -
 
 
 def _ways_on(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:
-    """Return direction -> lanes there; ``None`` where two streets share a direction."""
+    """Return direction -> number of lanes; ``None`` if two streets share a direction."""
     found: dict[str, int] = {}
     for arm in arms:
         bend = wrapped(arm.heading - heading)
@@ -155,14 +154,14 @@ def _fitted(
         turns[k] &= ways.keys()
     for name, room in ways.items():
         users = [k for k in cars if name in turns[k]]
-        # Lanes that have another way on give way first, from the side away from the turn.
+        # Lanes with another option are removed first, from the side away from the turn.
         spare = [k for k in users if len(turns[k]) > 1]
         spare = spare if name == inner else spare[::-1]
         for k in spare[: max(0, len(users) - room)]:
             turns[k].discard(name)
     lost = [k for k in cars if not turns[k]]
     if lost:
-        # A lane whose arrows all lead nowhere goes where its neighbour goes.
+        # A lane without a valid arrow gets the turns of its neighbour.
         for k in lost:
             near = min((j for j in cars if turns[j]), key=lambda j: abs(j - k), default=None)
             turns[k] = set(turns[near]) if near is not None else set()
@@ -174,7 +173,7 @@ def _fitted(
 
 
 def signed_turns(segments: Sequence[Segment], sections: Sequence[CrossSection]) -> SignedTurns:
-    """Return what the cross sections of segments sign, the segments of a way in its order."""
+    """Return the signed turns of segments, given in the order of their way."""
     rows: dict[str, tuple[tuple[str, ...], ...]] = {}
     onward: dict[str, str] = {}
     for segment, section in zip(segments, sections, strict=True):
