@@ -1,8 +1,8 @@
-"""Which nodes are one junction.
+"""Clustering of nodes into junctions.
 
-Where carriageways are mapped apart, one junction is many nodes with short edges between them. An
-edge on which the map has a stop line or a crossing is a road between two junctions, however short;
-any other short edge lies within one.
+Where carriageways are mapped separately, one junction has many nodes with short edges between them.
+An edge with a mapped stop line or crossing is a road between two junctions, however short; other
+short edges are inside one junction.
 """
 
 from __future__ import annotations
@@ -29,48 +29,49 @@ __all__ = [
     "meeting_nodes",
 ]
 
-#: The longest edge that makes one junction of its ends, metres: where both have signals, where one
-#: has, between carriageways mapped apart, and else (netconvert's ``junctions.join-dist`` is 10 m).
+#: Maximum length of an edge inside a junction, metres: with signals at both ends, at one end,
+#: between separately mapped carriageways, and else (netconvert's ``junctions.join-dist`` is 10 m).
 BOTH_M, ONE_M, CARRIAGEWAYS_M, ELSE_M = 40.0, 28.0, 18.0, 12.0
-#: Ways between nodes of one junction that are longer leave it and come back, metres.
+#: Longer chains between nodes of one junction are loops outside it, metres.
 ROAD_M = 60.0
-#: A junction of one node is near a wide one if the road between is shorter, metres.
+#: Maximum length of the road between a single-node junction and a wide one near it, metres.
 NEAR_M = 45.0
-#: Both ends of a marked road that is shorter, or of one that is one edge, are never one junction.
+#: The ends of a marked road up to this length, or of one with a single edge, are always in
+#: different junctions, metres.
 APART_M = 150.0
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Edges one after the other, from one node where streets meet to the next."""
+    """Consecutive edges from one node where streets meet to the next."""
 
     edges: tuple[PlainEdge, ...]
 
     @property
     def start(self) -> str:
-        """The node that it starts from."""
+        """Its first node."""
         return self.edges[0].start
 
     @property
     def end(self) -> str:
-        """The node that it leads to."""
+        """Its last node."""
         return self.edges[-1].end
 
     @cached_property
     def length(self) -> float:
-        """Metres."""
+        """Length, metres."""
         return float(sum(edge.line.length for edge in self.edges))
 
     @cached_property
     def line(self) -> shapely.LineString:
-        """Its course."""
+        """Its line, site frame."""
         return shapely.LineString(
             np.vstack([shapely.get_coordinates(edge.line) for edge in self.edges])
         )
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """All nodes along it, its ends included."""
+        """All nodes along it, including its ends."""
         return (self.start, *(edge.end for edge in self.edges))
 
     @property
@@ -79,7 +80,7 @@ class Chain:
         return frozenset(edge.end for edge in self.edges[:-1])
 
     def stations(self, shares: Mapping[str, tuple[float, ...]]) -> list[float]:
-        """Return where marks lie along the chain, metres from its start."""
+        """Return the stations of marks along the chain, metres from its start."""
         found, before = [], 0.0
         for edge in self.edges:
             length = float(edge.line.length)
@@ -89,19 +90,19 @@ class Chain:
 
 
 def is_signalised(plain: PlainNetwork, node: str) -> bool:
-    """Whether a node has signals."""
+    """Return whether a node has signals."""
     return plain.nodes[node].attributes.get("type", "").startswith("traffic_light")
 
 
 def driven_edges(plain: PlainNetwork) -> list[PlainEdge]:
-    """Return the edges that are open to more than people on foot."""
+    """Return the edges that are not for pedestrians only."""
     return [edge for edge in plain.edges.values() if edge.is_street]
 
 
 def meeting_nodes(plain: PlainNetwork, within: Collection[str] = ()) -> set[str]:
     """Return the nodes where streets of three or more directions meet.
 
-    So do those where edges ``within`` a junction begin and end.
+    Nodes where edges ``within`` a junction begin or end are included.
     """
     beside: dict[str, set[str]] = defaultdict(set)
     inside: dict[str, set[bool]] = defaultdict(set)
@@ -114,7 +115,7 @@ def meeting_nodes(plain: PlainNetwork, within: Collection[str] = ()) -> set[str]
 
 
 def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
-    """Return the edges of vehicles as chains between nodes where streets meet, and dead ends."""
+    """Return the edges for vehicles as chains between nodes where streets meet, and dead ends."""
     onward: dict[str, list[PlainEdge]] = defaultdict(list)
     arriving: dict[str, int] = defaultdict(int)
     for edge in driven_edges(plain):
@@ -137,7 +138,7 @@ def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
 
 
 def _before(plain: PlainNetwork, edge: PlainEdge) -> bool:
-    """Whether traffic comes to an edge from another street than its own other direction."""
+    """Return whether an edge has traffic from more than its own opposite direction."""
     return any(e.start != edge.end and e.is_street for e in plain.arriving[edge.start])
 
 
@@ -149,19 +150,19 @@ def clusters_of(
     apart: Collection[str],
     within: Collection[str] = (),
 ) -> list[tuple[str, ...]]:
-    """Return the nodes of every junction of two or more, sorted.
+    """Return the nodes of each junction of two or more nodes, sorted.
 
-    Chains are taken shortest first, and both ends of a chain that is a road are never united, so
-    that the result does not hang on the exact limit.
+    Chains are merged shortest first, and the ends of a chain that is a road are never merged. The
+    result therefore depends little on the exact limits.
 
     Args:
         plain: the network.
         chains: its chains.
         meeting: the nodes where streets meet.
         marks: the map's stop lines and crossings.
-        apart: edges that are no part of a junction: bridges, roundabouts, outer roads.
-        within: edges that lie within one, as the map says, up to `ROAD_M`; those that cross each
-            other lie within the same one.
+        apart: edges that are never part of a junction: bridges, roundabouts, outer roads.
+        within: edges mapped as part of a junction, up to `ROAD_M`; those that cross each other are
+            part of the same one.
     """
     top: dict[str, str] = {node: node for node in sorted(meeting)}
 
@@ -206,15 +207,15 @@ def clusters_of(
 def flat_nodes(
     chains: Collection[Chain], meeting: Collection[str], wide: Collection[Collection[str]]
 ) -> list[tuple[str, ...]]:
-    """Return single nodes whose junctions netconvert would draw too large, sorted.
+    """Return single nodes whose junctions netconvert would make too large, sorted.
 
-    It cuts arms back until they no longer overlap: where carriageways part or merge at a small
-    angle, far along both; and where a wide junction is near, nothing of the road to it is left.
+    netconvert cuts arms back until they no longer overlap. Carriageways that part or merge at a
+    small angle are cut far back, and a short road to a wide junction is lost.
 
     Args:
         chains: the chains of the network.
         meeting: the nodes where streets meet.
-        wide: the nodes of junctions of several.
+        wide: the nodes of junctions of several nodes.
     """
     within = {node for group in wide for node in group}
     touching: dict[str, list[Chain]] = defaultdict(list)
@@ -232,7 +233,7 @@ def flat_nodes(
 
 
 def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
-    """Whether the map has something on a chain that makes it a road."""
+    """Return whether a chain has a stop line or crossing, or an edge that lies in no junction."""
     return any(
         edge.id in apart or marks.stop_lines.get(edge.id) or marks.crossings.get(edge.id)
         for edge in chain.edges

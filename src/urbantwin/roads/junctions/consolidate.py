@@ -1,9 +1,9 @@
-"""Junctions of many nodes made one node with an outline of its own, before netconvert sees them.
+"""Junctions of several nodes replaced by one node with its own outline, before netconvert.
 
-netconvert's own joining leaves nodes apart where parallel ways enter a junction, cuts ways back
-until they no longer overlap, and forgets stop lines, crossings and arrows that lie between nodes.
-Here the ways through are found first, as the map allows them from edge to edge; then arms end where
-the map has stop lines and crossings, and what traffic sweeps over between them is the junction.
+netconvert's own joining misses nodes where parallel roads enter a junction, cuts roads back until
+they no longer overlap, and drops stop lines, crossings and arrows between nodes. Here the movements
+are determined first, from the map's edges. Arms then end at mapped stop lines and crossings, and
+the area swept by traffic between them is the junction.
 """
 
 from __future__ import annotations
@@ -48,24 +48,25 @@ from urbantwin.roads.junctions.ways_through import Way, WaysThrough, ways_throug
 
 __all__ = ["consolidated"]
 
-#: A signal this far from a junction along a slip lane belongs to the junction's controller, metres.
+#: Maximum distance of a signal on a slip lane from the junction that controls it, metres.
 SLIP_M = 45.0
-#: How much of a road between two junctions is left where no mark says less, and the least that
-#: a junction keeps of an arm, metres.
+#: Minimum length of a road between two junctions without marks, and of an arm inside a junction,
+#: metres.
 ROAD_LEFT_M, LEAST_M = 12.0, 2.0
-#: What netconvert cuts off a road at a junction that is not made here, about, metres.
+#: Approximate length that netconvert cuts off a road at other junctions, metres.
 OTHERS_M = 6.0
-#: Arms of a ring end at least this far from its lane's middle, for the curves into it, metres.
+#: Minimum distance of an arm's end from the centre line of a ring, for entry curves, metres.
 ENTRY_M = 6.0
-#: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
+#: Shorter remainders of edges between others belong to the junction, metres; shares below the
+#: second are zero.
 STUMP_M, NOTHING = 5.0, 1e-6
-#: Step of a way through as netconvert is told it, metres.
+#: Spacing of the points of a path that is passed to netconvert, metres.
 STEP_M = 1.0
-#: What is driven beyond a mouth of an arm and kept out of the outline, metres.
+#: Length of an arm beyond its mouth that is excluded from the outline, metres.
 BEYOND_M = 30.0
 #: Radius of curves at corners, metres (AASHTO Green Book, 9.6: 3 to 8 m in towns).
 CORNER_M = 5.0
-#: Half the width of what joins parts of a junction between which nobody drives, metres.
+#: Half-width of bridges between disconnected parts of a junction, metres.
 BRIDGE_M = 1.5
 
 
@@ -91,19 +92,19 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     standing: Sequence[shapely.Geometry] = (),
     driving_side: str,
 ) -> PlainNetwork:
-    """Return a network in which every junction is one node.
+    """Return a network in which each junction is one node.
 
     Args:
-        plain: what netconvert read of the map.
+        plain: the map's network, as read by netconvert.
         marks: the map's stop lines and crossings.
-        arrows: turns that ways sign for their lanes.
+        arrows: signed turns of lanes.
         apart: edges that lie in no junction.
-        within: edges that lie in one, as the map says.
-        followed: edge within a junction -> the line (N, 2) that traffic keeps to, site frame.
+        within: edges mapped as part of a junction.
+        followed: edge within a junction -> its drawn path (N, 2), site frame.
         rings: small roundabouts, each one junction.
         forbidden: turn restrictions over several edges, as in `passages_of`.
-        buildings: where buildings stand on the ground, site frame.
-        standing: outlines of posts and islands, which ways lead round, site frame.
+        buildings: footprints of buildings on the ground, site frame.
+        standing: outlines of posts and islands, which paths avoid, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
@@ -121,7 +122,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     signalised = {one for one in meeting if is_signalised(plain, one)}
     cuts = _cuts(clusters, strips, marks, signalised, meeting, rings)
     spans = _spans(plain, chains, cuts)
-    # Edges that an arm loses altogether belong to the junction at that end.
+    # Edges that are entirely cut off an arm belong to the junction at that end.
     clusters = [_grown(cluster, spans) for cluster in clusters]
     home = {node: cluster.id for cluster in clusters for node in cluster.nodes}
     inner = {name for cluster in clusters for name in cluster.inner}
@@ -145,7 +146,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     signed = arrows.on(edges)
     reached = {node for edge in edges.values() for node in (edge.start, edge.end)}
     if not reached:
-        return plain  # Streets lie nearer to each other than they are wide.
+        return plain  # Streets are closer to each other than their widths.
     for cluster in clusters:
         if cluster.id not in reached:
             continue
@@ -174,7 +175,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
 def _drawn(
     plain: PlainNetwork, edges: Mapping[str, PlainEdge], clusters: Sequence[_Cluster]
 ) -> PlainNetwork:
-    """Return edges as a network whose junctions are nodes that have some outline."""
+    """Return edges as a network whose junctions are nodes with a dummy outline."""
     some = np.zeros((3, 2))
     nodes = dict(plain.nodes)
     for cluster in clusters:
@@ -215,7 +216,7 @@ def _cuts(
     meeting: Collection[str],
     rings: Sequence[Ring],
 ) -> dict[tuple[str, ...], list[float]]:
-    """Return chain (its edges) -> metres that it gives at its start and at its end."""
+    """Return edges of a chain -> lengths cut off its start and its end, metres."""
     cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     spare: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     home = {node for cluster in clusters for node in cluster.nodes}
@@ -237,7 +238,7 @@ def _cuts(
         length = sum(strips[name].edge.line.length for name in names)
         ends = {strips[names[0]].edge.start, strips[names[-1]].edge.end}
         length = max(length - OTHERS_M * len(ends & others), 0.5 * length)
-        # Between two junctions that leave too little of a road, what no mark holds gives way first.
+        # If little remains of a road between two junctions, cuts without marks are reduced first.
         over = sum(given) - max(length - ROAD_LEFT_M, 0.5 * length)
         if over > 0.0:
             yielding = min(1.0, over / max(sum(spare[names]), 1e-9))
@@ -252,9 +253,9 @@ def _spans(
     chains: Sequence[Chain],
     cuts: Mapping[tuple[str, ...], Sequence[float]],
 ) -> dict[str, tuple[float, float]]:
-    """Return edge -> from where to where it is left, in shares of its length.
+    """Return edge -> first and last share of its length that remain.
 
-    Edges for people on foot alone, beside one-way streets, are cut like those.
+    Pedestrian edges beside one-way streets are cut like these.
     """
     spans: dict[str, tuple[float, float]] = {}
     for chain in chains:
@@ -269,11 +270,11 @@ def _spans(
             length = float(edge.line.length)
             a, b = (float(np.clip((at - starts[k]) / length, 0.0, 1.0)) for at in (first, last))
             if k != most and rest[k] < STUMP_M and b - a < 1.0:
-                # What is left of it before the next edge is no road of its own.
+                # A short remainder before the next edge is not kept as a road.
                 a = b = 1.0 if k < most else 0.0
             spans[edge.id] = (a, b)
     for name, (a, b) in tuple(spans.items()):
-        # Both directions of a street are lost together, though one may be some centimetres longer.
+        # Both directions of a street are cut off together, even if their lengths differ slightly.
         other = spans.get(_other_way(name))
         left = (b - a) * float(plain.edges[name].line.length)
         if other is not None and other[1] - other[0] <= NOTHING and left < 2 * STUMP_M:
@@ -287,7 +288,7 @@ def _spans(
 
 
 def _grown(cluster: _Cluster, spans: Mapping[str, tuple[float, float]]) -> _Cluster:
-    """Return a cluster with the edges that its arms lost altogether, and with footways beside."""
+    """Return a cluster with the edges that its arms lost entirely."""
     nodes, inner = set(cluster.nodes), set(cluster.inner)
     for arm in cluster.arms:
         for chain, outwards in ((arm.outward, True), (arm.inward, False)):
@@ -327,18 +328,18 @@ def _edges(
 
 
 def _other_way(name: str) -> str:
-    """Return the edge of the other direction."""
+    """Return the id of the edge of the opposite direction."""
     return name[1:] if name.startswith("-") else f"-{name}"
 
 
 def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether nothing is left of an edge, or of the one that people walk beside."""
+    """Return whether an edge, or the street that it runs beside, is cut off entirely."""
     a, b = spans.get(name, (0.0, 1.0))
     return b - a <= NOTHING
 
 
 def _extended(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
-    """Return a line that begins straight, earlier by some metres."""
+    """Return a line extended straight at its start by ``length`` metres."""
     leg = points[0] - points[1]
     ahead = points[0] + leg / max(float(np.linalg.norm(leg)), 1e-9) * length
     return np.vstack([ahead, points])
@@ -399,9 +400,10 @@ def _junction(
 def _with_slip_signals(
     plain: PlainNetwork, wide: Collection[str], stopping: Collection[str]
 ) -> PlainNetwork:
-    """Give signals on a wide junction's slip lanes to its controller.
+    """Assign signals on a wide junction's slip lanes to its controller.
 
-    Where a slip lane merges, its stop line alone is signalised, not what comes from the junction.
+    Where a slip lane merges, only edges with a stop line are signalised, not traffic from the
+    junction.
     """
     nodes, free = dict(plain.nodes), set[str]()
     for edge in plain.edges.values():
@@ -427,10 +429,10 @@ def _with_slip_signals(
 
 
 def _stopping(marks: Marks, spans: Mapping[str, tuple[float, float]]) -> set[str]:
-    """Return the edges that end at a stop line, or have one on what is left of them."""
+    """Return the edges with a stop line at their end or on the part that remains."""
     found = set()
     for name, shares in marks.stop_lines.items():
-        # Where the road ends before its stop line, or at it, that is where the line is painted.
+        # A stop line beyond the end of the road is painted at its end.
         first, _ = spans.get(name, (0.0, 1.0))
         if any(first < share for share in shares):
             found.add(name)
@@ -446,16 +448,16 @@ def outline_of(
     """Return the outline (M, 2) of a junction.
 
     Args:
-        swept: what its traffic drives over.
-        mouths: the ends (2, 2) of the line across each arm where it ends.
-        outside: the arms beyond their mouths, which are no part of it.
-        ends: what arms have within it: theirs, also where another arm runs beyond its mouth.
+        swept: areas swept by its traffic.
+        mouths: ends (2, 2) of the line across each arm at its mouth.
+        outside: areas of the arms beyond their mouths, which are excluded.
+        ends: areas of the arms inside their mouths, always included.
     """
     lines = [shapely.LineString(mouth).buffer(0.3, cap_style="flat") for mouth in mouths]
     whole = _connected(area_union([*swept, *lines]))
     closed = whole.buffer(CORNER_M, quad_segs=8).buffer(-CORNER_M, quad_segs=8)
     closed = area_union([closed, whole])
-    # Where streets lie nearer than they are wide, others' arms cover all of it.
+    # If streets are closer than their widths, other arms may cover the whole area.
     outer = area_difference(closed, area_union(list(outside)))
     closed = whole if outer.is_empty else outer
     closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))
@@ -466,7 +468,7 @@ def outline_of(
 
 
 def _connected(area: shapely.Geometry) -> shapely.Geometry:
-    """Return an area whose parts are joined where they are nearest: an arm may have no way in."""
+    """Return an area with its parts joined at their nearest points; arms may be unreachable."""
     while len(parts := sorted(shapely.get_parts(area), key=lambda part: -part.area)) > 1:
         rest = shapely.union_all(parts[1:])
         bridge = shapely.shortest_line(parts[0], rest).buffer(BRIDGE_M)

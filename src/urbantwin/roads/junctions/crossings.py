@@ -1,7 +1,7 @@
-"""Mapped crossings of the streets, each at the junction that it belongs to or at a node of its own.
+"""Mapped crossings of streets, each placed at a junction or at a new node.
 
-A crossing near a junction lies between the junction and the ends of one arm, which are cut back for
-it. Any other splits its street, whose lanes lead straight on over it.
+A crossing near a junction lies between the junction and one arm, which is cut back for it. Other
+crossings split their street, whose lanes continue straight across.
 """
 
 from __future__ import annotations
@@ -34,31 +34,32 @@ from urbantwin.roads.model.curve import aside
 
 __all__ = ["with_crossings"]
 
-#: How far from the ends of edges a crossing belongs to their junction, metres; further where
-#: signals let people cross with the junction's own stages.
+#: Maximum distance between a junction's edge ends and its crossings, metres; the second for
+#: signalised crossings of signalised junctions.
 NEAR_M, NEAR_AT_SIGNALS_M = 12.0, 20.0
-#: A crossing may lie this far beyond the end of an edge, where edges end before their junction.
+#: Maximum distance of a crossing beyond an edge's end, if edges end before their junction, metres.
 BEYOND_M = 20.0
-#: A crossing this near to a node that nothing but one street goes through lies on it, metres.
+#: A crossing within this distance of a node on a single street lies on the node, metres.
 ON_NODE_M = 3.0
-#: How far off a strip a crossing of it may be mapped, metres, and how skew to the street.
+#: Tolerances for matching a crossing to a strip: lateral distance, metres, and angle.
 OFF_M, SKEW = 2.0, np.radians(40.0)
-#: The same for a strip of the street that the crossing is mapped on, metres.
+#: Lateral tolerance for a strip of the street that the crossing is mapped on, metres.
 ASIDE_M = 20.0
-#: From a stop line to the crossing, and from it to where the exit begins, metres (RiLSA 2015, 4.1:
-#: 1 m; US MUTCD 3B.16: 4 ft).
+#: Distance from a stop line to the crossing, and from the crossing to the exit, metres (RiLSA 2015,
+#: 4.1: 1 m; US MUTCD 3B.16: 4 ft).
 BEFORE_M, BEHIND_M = 1.2, 0.3
-#: The shortest part of an edge that is left, metres.
+#: Minimum remaining length of an edge, metres.
 SHORTEST_M = 5.0
-#: Longest way over one carriageway, and gaps between directions that are no island, metres.
+#: Maximum length of a crossing of one carriageway, and of gaps between directions that are no
+#: island, metres.
 WIDEST_M, SEAM_M = 60.0, 0.6
-#: Less than this is not cut off, metres.
+#: Shorter lengths are not cut off, metres.
 CUT_M = 0.3
 
 
 @dataclass(frozen=True)
 class _Hit:
-    """An edge that a crossing lies on: metres from its start, and whether it runs ahead."""
+    """An edge that a crossing lies on: station in metres, and whether it runs ahead."""
 
     strip: Strip
     station: float
@@ -70,28 +71,28 @@ class _Hit:
 
     @property
     def to_end(self) -> float:
-        """Metres that are left to the edge's end, negative beyond it."""
+        """Distance to the edge's end, metres; negative beyond it."""
         return self.length - self.station
 
 
 @dataclass(frozen=True)
 class _Arm:
-    """The edges on one side of a node that a crossing lies across, and those on its other side."""
+    """The crossed edges on one side of a node, and the edges on its other side."""
 
     node: str
     hits: tuple[_Hit, ...]
     beyond: tuple[_Hit, ...]
-    is_before: bool  # whether the node lies ahead of the arm, as the crossing tells ahead
+    is_before: bool  # whether the node lies ahead of the arm, along the crossing's ``ahead``
 
 
 def with_crossings(
     plain: PlainNetwork, mapped: Iterable[MappedCrossing], *, driving_side: str
 ) -> PlainNetwork:
-    """Return the network with every mapped crossing of its edges.
+    """Return the network with all mapped crossings of its edges.
 
     Args:
-        plain: edges that end where their junctions begin, or at the junctions' nodes.
-        mapped: crossings of the map, in the order in which they are placed.
+        plain: edges that end at the outlines of their junctions, or at their nodes.
+        mapped: crossings of the map, in the order of placement.
         driving_side: ``right`` or ``left``.
     """
     outward = 1 if driving_side == "left" else -1
@@ -129,7 +130,7 @@ def with_crossings(
 
 
 def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCrossing]:
-    """Return one crossing for each arm of the junction that a crossing is told of."""
+    """Return one crossing for each arm of the junction that a crossing is mapped on."""
     place = shapely.Point(crossing.xy)
     made: list[MappedCrossing] = []
     for node in plain.nodes.values():
@@ -140,7 +141,7 @@ def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCros
         arms += [(edge, False) for edge in plain.leaving[node.id] if is_driven(edge)]
         poses = [_pose(e.line, e.line.length if arrives else 0.0) for e, arrives in arms]
         for (edge, arrives), (x, y, heading) in zip(arms, poses, strict=True):
-            # Edges that end at the node itself reach as far as the streets beside them are wide.
+            # Edges that end at the node itself start inside the widths of the streets beside them.
             beside = [
                 other.width / (2 if other.centred else 1)
                 for (other, _), pose in zip(arms, poses, strict=True)
@@ -173,7 +174,7 @@ def _is_one_arm(crossing: MappedCrossing, other: MappedCrossing) -> bool:
 def _lit(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
     """Return the network with signals at the node of a signalised crossing.
 
-    They stop who comes over the crossing; where others come to the node, too, it stays unlit.
+    The node stays without signals if other traffic reaches it too.
     """
     node = plain.nodes[arm.node]
     if not crossing.signalised or _is_signalised(plain, node.id):
@@ -192,14 +193,14 @@ def _is_signalised(plain: PlainNetwork, node: str) -> bool:
 def _as_netconvert(
     crossing: MappedCrossing, line: NDArray[np.float64], arm: _Arm, outward: int
 ) -> NDArray[np.float64]:
-    """Return the line as netconvert draws crossings: round their node, as traffic goes round it."""
+    """Return the line in netconvert's direction: round its node, as traffic circulates."""
     ahead, step = crossing.ahead, line[1] - line[0]
     to_left = float(ahead[0] * step[1] - ahead[1] * step[0]) > 0
     return line if to_left == (arm.is_before == (outward > 0)) else line[::-1]
 
 
 def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
-    """Return the edges that a crossing lies on, or would if they went on straight."""
+    """Return the edges that a crossing lies on, directly or on their straight extension."""
     found: list[_Hit] = []
     point = shapely.Point(crossing.xy)
     near = shapely.dwithin([s.edge.line for s in strips], point, BEYOND_M + WIDEST_M / 2)
@@ -214,11 +215,11 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
         gap = crossing.xy - [x, y]
         aside = float(step[0] * gap[1] - step[1] * gap[0])
         low, high = strip.driven()
-        # A crossing of a street crosses both its directions, wherever their middle is drawn.
+        # A crossing of a street crosses both directions, wherever their middle is drawn.
         off = ASIDE_M if _pieces(strip.edge) & crossing.pieces else OFF_M
         if np.linalg.norm(gap) - abs(aside) > 1.0 or not low - off < aside < high + off:
             continue
-        # The strip's middle is as long as its shape but for bends.
+        # The strip's middle and the edge's shape differ in length in bends.
         scale = strip.edge.line.length / max(strip.middle.length, 1e-9)
         station = (along - BEYOND_M) * (scale if 0 < along - BEYOND_M < strip.middle.length else 1)
         found.append(_Hit(strip, station, same > 0))
@@ -229,7 +230,7 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
 def _arm_at_junction(
     plain: PlainNetwork, crossing: MappedCrossing, hits: Sequence[_Hit]
 ) -> _Arm | None:
-    """Return the arm of a junction that a crossing lies on, the nearest; none if it is mid-way."""
+    """Return the nearest arm of a junction that a crossing lies on; ``None`` if mid-block."""
     arms: dict[tuple[str, bool], list[tuple[float, _Hit]]] = defaultdict(list)
     for hit in hits:
         edge = hit.strip.edge
@@ -250,7 +251,7 @@ def _arm_at_junction(
 
 
 def _others(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, ...]:
-    """Return the edges of the one street through a node that are not of an arm."""
+    """Return the edges through a node of a single street that are not part of an arm."""
     mine = {hit.strip.edge.id for hit in arm}
     return tuple(
         _Hit(
@@ -263,7 +264,7 @@ def _others(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, 
 
 
 def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[float, float]:
-    """Return how far beyond and before the ends of edges a node's crossings lie, metres."""
+    """Return the distances beyond and before edge ends of a node's crossings, metres."""
     node = plain.nodes[name]
     near = NEAR_AT_SIGNALS_M if crossing.signalised and _is_signalised(plain, name) else NEAR_M
     if len(node.outline):
@@ -277,7 +278,7 @@ def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[fl
 def _at_new_node(
     plain: PlainNetwork, crossing: MappedCrossing, hits: Sequence[_Hit]
 ) -> tuple[PlainNetwork, _Arm]:
-    """Split the edges that a crossing lies on, and return the arm before the new node."""
+    """Split the crossed edges at a new node; return the network and the arm before that node."""
     name = f"crossing{crossing.name}"
     kind = {"type": "traffic_light", "tl": name} if crossing.signalised else {"type": "priority"}
     stations = {hit.strip.edge.id: hit.station for hit in hits}
@@ -295,7 +296,7 @@ def _at_new_node(
 
 
 def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float64] | None:
-    """Return the line (2, 2) from kerb to kerb that people walk over the strips."""
+    """Return the line (2, 2) of the crossing from kerb to kerb; ``None`` if there is none."""
     reach = crossing.across * WIDEST_M / 2
     walked = shapely.LineString([crossing.xy - reach, crossing.xy + reach])
     driven = []
@@ -321,7 +322,7 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
         return None
     nearest = min(lines, key=lambda part: float(part.distance(shapely.Point(crossing.xy))))
     ends = np.asarray(shapely.get_coordinates(nearest)[[0, -1]])
-    # What joins both directions over the seam between them does not lead beyond the kerbs.
+    # The seam that joins both directions does not extend the line beyond the kerbs.
     (a, b), (c, d) = crossing.ahead, crossing.across
     beyond = SEAM_M / 2 / max(abs(float(a * d - b * c)), float(np.cos(SKEW))) * crossing.across
     if (ends[1] - ends[0]) @ crossing.across < 0:
@@ -330,10 +331,10 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
 
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
-    """Return the network with edges ended before the crossing and begun behind it."""
+    """Return the network with edges cut to end before the crossing and begin behind it."""
     edges, node = dict(plain.edges), plain.nodes[arm.node]
     cut_edges: dict[str, _CutOff] = {}
-    # Edges reach into an outline of the junction's own, where netconvert cuts them.
+    # Edges extend into a junction's own outline, where netconvert cuts them.
     into = INTO_M if len(node.outline) else 0.0
     skew = abs(float(crossing.across @ crossing.ahead))
     outline = [shapely.Polygon(node.outline)] if len(node.outline) else []
@@ -369,15 +370,15 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
 
 @dataclass(frozen=True)
 class _CutOff:
-    """What an edge gives to a junction: between two stations of its strip, metres."""
+    """The part cut off an edge: between two stations of its strip, metres."""
 
     strip: Strip
     given: tuple[float, float]
 
     def lane(self, number: int) -> NDArray[np.float64]:
-        """Return the middle of a lane there (N, 2), from mouth to mouth."""
+        """Return the centre line of a lane in that part (N, 2), from mouth to mouth."""
         first, last = self.given
-        # A way ends where its edge has reached into the junction's outline.
+        # A path ends where its edge reaches into the junction's outline.
         into = -INTO_M if first > 0.0 else INTO_M
         stations = np.linspace(first, last, max(2, round(last - first))) + into
         poses = np.array([self.strip.at(float(station)) for station in stations])
@@ -385,7 +386,7 @@ class _CutOff:
 
 
 def _reaching(link: PlainLink, cut_edges: Mapping[str, _CutOff]) -> PlainLink:
-    """Return a link without the shape that it had, or with as much more of it as edges gave."""
+    """Return a link without its shape, or with its drawn shape extended by the cut-off parts."""
     told = {key: value for key, value in link.attributes.items() if key != "shape"}
     if not link.followed:
         return replace(link, attributes=told)
@@ -398,9 +399,10 @@ def _reaching(link: PlainLink, cut_edges: Mapping[str, _CutOff]) -> PlainLink:
 
 
 def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:
-    """Return the network with nobody walking on the carriageways that a crossing leads over.
+    """Return the network without pedestrians on the carriageways of a crossing.
 
-    Without a sidewalk people walk along the outermost lane; netconvert has no crossing over it.
+    Without a sidewalk, pedestrians use the outermost lane, and netconvert makes no crossing over
+    it.
     """
     edges = dict(plain.edges)
     for hit in (*arm.hits, *arm.beyond):
@@ -423,7 +425,7 @@ def _not_walked(lane: PlainLane) -> PlainLane:
 
 
 def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:
-    """Return a line that goes on straight at both ends."""
+    """Return a line extended straight at both ends by ``reach`` metres."""
     points = shapely.get_coordinates(line)
     ends = []
     for end, inner in ((points[0], points[1]), (points[-1], points[-2])):
@@ -439,6 +441,6 @@ def _pose(line: shapely.LineString, at: float) -> tuple[float, float, float]:
 
 
 def _pieces(edge: PlainEdge) -> set[int]:
-    """Return the ids of the pieces that an edge's lanes were made of."""
+    """Return the ids of the pieces that an edge's lanes were made from."""
     words = [word for lane in edge.lanes for word in lane.origin.split()]
     return {abs(int(word)) for word in words if word.lstrip("-").isdigit()}

@@ -1,8 +1,8 @@
-"""Edges for people on foot alone: the map's own footways, and where people wait to cross.
+"""Pedestrian edges: mapped footways, and waiting areas at crossings.
 
-Where a footway runs beside a street's sidewalk it is that sidewalk. What is left of it becomes an
-edge, which meets streets where they are crossed. A crossing's end that nothing leads to gets a
-place to stand on, without which netconvert has no crossing.
+A footway beside a street's sidewalk is that sidewalk. The remaining parts become edges that join
+streets at crossings. The end of a crossing that nothing leads to gets a short edge as waiting area,
+without which netconvert makes no crossing.
 """
 
 from __future__ import annotations
@@ -33,43 +33,43 @@ from urbantwin.site.extract import Extract, Way
 
 __all__ = ["mapped_footways", "with_footways"]
 
-#: A footway this near to a street's sidewalk is the sidewalk, metres from its border.
+#: A footway within this distance of a street with a sidewalk is that sidewalk, metres.
 BESIDE_M = 3.0
-#: An end of a footway this near to the end of a crossing, or of a sidewalk, meets it, metres.
+#: Maximum distance between joined ends of footways, crossings and sidewalks, metres.
 MEETS_M = 6.0
-#: Sidewalks go on straight for this far to where people wait, metres.
+#: Straight extension of sidewalks towards waiting areas, metres.
 ONWARD_M = 8.0
-#: The shortest footway that is made, and between two crossings, metres.
+#: Minimum length of a footway, and of one between two crossings, metres.
 SHORTEST_M, REFUGE_M = 3.0, 0.6
-#: What is left of a street's own sidewalk is no footway if it is shorter and leads nowhere, metres.
+#: Shorter remainders of a street's own sidewalk that lead nowhere are dropped, metres.
 SCRAP_M = 15.0
-#: Lengths of a place to stand that are tried, and its width, metres.
+#: Candidate lengths of a waiting area, and its width, metres.
 PLACES_M, PLACE_WIDTH_M = (3.0, 8.0, 20.0), 2.0
-#: Turns away from the street that are tried for it, and how far apart netconvert sees it from the
-#: carriageways at least, radians.
+#: Candidate directions of a waiting area, as angles from the street, and its minimum angle from
+#: carriageways as netconvert sees it, radians.
 TURNS, APART = tuple(np.radians([0.0, 30.0, 60.0, 90.0])), np.radians(3.0)
-#: Between the kerb and where an edge begins, metres.
+#: Distance between the kerb and the start of an edge, metres.
 KERB_M = 0.3
-#: How far outwards a junction's outline is looked for, metres.
+#: Search distance for a junction's outline, metres.
 RAY_M = 40.0
 ON_FOOT = {"allow": "pedestrian"}
-#: Width where none is mapped, metres (as the scene draws footways), and bounds of mapped ones.
+#: Default width of footways, as in the scene, and bounds of mapped widths, metres.
 WIDTH_M, NARROWEST_M, WIDEST_M = 2.0, 1.0, 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Kerb:
-    """An end of a crossing: its node, the gap between carriageways there, where it is."""
+    """An end of a crossing: its node, the gap between carriageways, and its position."""
 
     node: str
     gap: int
     xy: NDArray[np.float64]
-    along: NDArray[np.float64]  # of the street, away from the node
+    along: NDArray[np.float64]  # along the street, away from the node
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What is left of a footway beside streets; its ends are nodes' names, made up or the map's."""
+    """A part of a footway that does not run beside streets; its ends are names of nodes."""
 
     points: NDArray[np.float64]
     ends: tuple[str, str]
@@ -82,11 +82,11 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class MappedFootway:
-    """A part of a way between places where others meet it.
+    """A part of a mapped way without other ways between its ends.
 
     Attributes:
         way: id of the way.
-        nodes: ids of its nodes, at the points.
+        nodes: ids of its nodes, one per point.
         points: (N, 2) site frame.
         width: metres.
         kind: value of ``highway``.
@@ -108,7 +108,7 @@ def with_footways(
 
     Args:
         plain: streets with their crossings.
-        footways: the map's.
+        footways: the map's footways.
         driving_side: ``right`` or ``left``.
     """
     outward = 1 if driving_side == "left" else -1
@@ -153,7 +153,7 @@ def _kerbs(plain: PlainNetwork, around: Mapping[str, RoundNode]) -> list[_Kerb]:
 
 
 def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
-    """Return node -> the line of a sidewalk from its end there inwards, and a little beyond."""
+    """Return nodes with the lines of sidewalks at them, from the end along both directions."""
     found = []
     for strip in strips:
         for k, lane in enumerate(strip.edge.lanes):
@@ -175,7 +175,7 @@ def _taken(
     strips: Sequence[Strip],
     walks: Sequence[tuple[str, shapely.LineString]],
 ) -> shapely.Geometry:
-    """Return what streets, their sidewalks and crossings cover, and what lies beside sidewalks."""
+    """Return the area of streets, sidewalks and crossings, with a margin beside sidewalks."""
     areas: list[shapely.Geometry] = []
     for strip in strips:
         beside = any(lane.is_sidewalk for lane in strip.edge.lanes)
@@ -214,7 +214,7 @@ def _joined(
     walks: Sequence[tuple[str, shapely.LineString]],
     around: Mapping[str, RoundNode],
 ) -> list[_Part]:
-    """Return the parts whose ends meet streets, and those that lead to such, named for nodes."""
+    """Return the parts connected to streets, with their ends replaced by the streets' nodes."""
     joints = [(kerb.node, kerb.gap, kerb.xy) for kerb in kerbs]
     joints += [(node, -1, shapely.get_coordinates(line)[0]) for node, line in walks]
     places = np.array([xy for _, _, xy in joints]).reshape(-1, 2)
@@ -241,10 +241,10 @@ def _joined(
 
 
 def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
-    """Return the parts that are connected with a street, without scraps.
+    """Return the parts that are connected to a street, without scraps.
 
-    A scrap leads nowhere and is short, or it is what is left of a street's own sidewalk where that
-    is mapped further out than the street has it.
+    A scrap is a short dead end, or a remainder of a street's own sidewalk that is mapped farther
+    out.
     """
     reached, kept = set(streets), list[_Part]()
     waiting = list(parts)
@@ -286,7 +286,7 @@ def _with_places_to_stand(
     around: Mapping[str, RoundNode],
     parts: Sequence[_Part],
 ) -> PlainNetwork:
-    """Return the network with short edges at crossings' ends that nothing leads to.
+    """Return the network with waiting areas at crossing ends that nothing leads to.
 
     Where the ends of two crossings meet between carriageways, netconvert makes a refuge itself.
     """
@@ -309,9 +309,9 @@ def _with_places_to_stand(
 
 
 def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
-    """Return the line (2, 2) of a place to stand, away from the street or out along it.
+    """Return the line (2, 2) of a waiting area, away from the street or along it.
 
-    Edges at a junction with an outline of its own begin on the outline, whatever is told.
+    Edges at a junction with its own outline always begin on the outline.
     """
     low, high = here.bounds(kerb.gap)
     away = kerb.xy - here.centre
@@ -323,7 +323,7 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
     ray = shapely.LineString([first, first + RAY_M * kerb.along])
     border = shapely.boundary(here.outline)
     met = shapely.get_coordinates(shapely.intersection(ray, border))
-    if not len(met):  # the street's own side of the outline lies beyond
+    if not len(met):  # the street's side of the outline lies farther out
         met = shapely.get_coordinates(shapely.shortest_line(border, shapely.Point(first)))[:1]
     first = met[np.argmax((met - first) @ kerb.along)]
     for turn, length in product(TURNS, PLACES_M):
@@ -332,7 +332,7 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
         angle = here.angle(points)
         if low + APART < angle < high - APART or low + APART < angle + 2 * np.pi < high - APART:
             return points
-    # Seen from the middle the street hides it: straight out from there.
+    # The street hides it, seen from the centre: place it straight outwards.
     outwards = away / max(float(np.linalg.norm(away)), 1e-9)
     return np.array([kerb.xy, kerb.xy + PLACES_M[0] * outwards])
 
@@ -340,13 +340,13 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
 def mapped_footways(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon, streets: Collection[int]
 ) -> tuple[MappedFootway, ...]:
-    """Return the footways on the ground within the region, cut where they meet.
+    """Return the footways on the ground within the region, cut at their junctions.
 
     Args:
         extract: the map.
         frame: the site frame.
-        region: where, site frame.
-        streets: nodes of streets.
+        region: the region, site frame.
+        streets: ids of the nodes of streets.
     """
     ways = [way for way in extract.highways() if _is_walked(way)]
     use = Counter(node for way in ways for node in way.nodes)

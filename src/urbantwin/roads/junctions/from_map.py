@@ -1,4 +1,4 @@
-"""Junctions, crossings and footways as the map has them, in the network that netconvert makes."""
+"""Junctions, crossings and footways of the map, added to netconvert's network."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from urbantwin.site.sketch import FOLLOWED
 
 __all__ = ["with_junctions_of_map"]
 
-#: The most sequences of segments that one restriction is read as.
+#: Maximum number of segment sequences per restriction.
 MOST = 64
 
 
@@ -40,17 +40,17 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     country: str,
     driving_side: str,
 ) -> PlainNetwork:
-    """Return a network whose junctions are one node each, with the map's crossings and footways.
+    """Return a network with one node per junction, and with the map's crossings and footways.
 
     Args:
-        plain: what netconvert read of the map.
+        plain: the map's network, as read by netconvert.
         extract: the map.
         frame: the site frame.
-        region: what is built, site frame.
-        prepared: the segments that its ways were cut into.
+        region: the region to build, site frame.
+        prepared: the segments of its ways.
         apart: segments that lie in no junction: bridges, outer roads.
         rings: small roundabouts, site frame.
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
         standing: outlines of posts and islands, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
         driving_side: ``right`` or ``left``.
@@ -94,11 +94,11 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
 def via_way_restrictions(
     extract: Extract, pieces: Sequence[WayPiece]
 ) -> list[tuple[tuple[str, ...], bool]]:
-    """Return sequences of edges that may not be driven, with whether only the last is allowed.
+    """Return turn restrictions over three edges, and whether they are ``only_`` restrictions.
 
     Args:
         extract: the map.
-        pieces: the segments that its ways were cut into.
+        pieces: the segments of its ways.
     """
     of_way: dict[int, list[WayPiece]] = defaultdict(list)
     for piece in pieces:
@@ -123,7 +123,7 @@ def via_way_restrictions(
 
 
 def _driven(before: WayPiece, via: WayPiece, after: WayPiece) -> tuple[str, ...]:
-    """Return the edges from one segment over another to a third; nothing where they do not meet."""
+    """Return the edges along three segments; empty if the segments are not connected."""
     for first, last in ((via.nodes[0], via.nodes[-1]), (via.nodes[-1], via.nodes[0])):
         if first in (before.nodes[0], before.nodes[-1]) and last in (
             after.nodes[0],

@@ -1,4 +1,4 @@
-"""Which lane leads to which through a junction: as the arrows say, else as lanes lie."""
+"""Links between lanes through a junction, by arrows or else by lane order."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from urbantwin.roads.junctions.strip import heading_of
 
 __all__ = ["Arrows", "lane_links"]
 
-#: Edge id -> the turns that are signed for each of its lanes, from the kerb inwards.
+#: Edge id -> signed turns of each of its lanes, from the kerb inwards.
 Arrows = Mapping[str, Sequence[tuple[str, ...]]]
-#: A way that turns by no more than this leads straight on, radians.
+#: Movements with at most this turn are straight on, radians.
 STRAIGHT = np.radians(40.0)
-#: What lies beside what is seen this far along the ways out, metres.
+#: Exits are compared at this distance along their lines, metres.
 ONWARD_M = 15.0
 #: Directions of arrows (OSM wiki, "Key:turn").
 DIRECTIONS = {
@@ -30,11 +30,11 @@ DIRECTIONS = {
 def lane_links(
     plain: PlainNetwork, passages: Sequence[Passage], arrows: Arrows, *, driving_side: str
 ) -> dict[tuple[str, int, str, int], Passage]:
-    """Return (edge, lane, edge, lane) -> the way that it belongs to, for one edge leading in.
+    """Return (edge, lane, edge, lane) -> passage, for all passages from one edge.
 
     Args:
-        plain: the network, whose links tell what unsigned lanes lead to.
-        passages: the ways on from one edge.
+        plain: the network, whose links determine the movements of unsigned lanes.
+        passages: the passages from one edge.
         arrows: signed turns.
         driving_side: ``right`` or ``left``.
     """
@@ -75,7 +75,7 @@ def _directions(arrows: Arrows, edge: PlainEdge, lane: int) -> set[str]:
 
 
 def _words(passages: Sequence[Passage]) -> list[str]:
-    """Return for each way whether it leads left, through or right; reverse counts as inner turn."""
+    """Return left, through or right for each passage; a U-turn counts as an inner turn."""
     return [
         "through" if abs(p.turn) <= STRAIGHT else ("left" if p.turn > 0 else "right")
         for p in passages
@@ -83,9 +83,9 @@ def _words(passages: Sequence[Passage]) -> list[str]:
 
 
 def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]) -> list[str]:
-    """Return the direction of each way among the signed ones, where that separates the ways.
+    """Return the direction of each passage in terms of the signed ones, if that is unambiguous.
 
-    Where streets meet at an angle, what is signed as a turn may hardly bend, and the other way.
+    Where streets meet at an angle, a signed turn may be almost straight, and vice versa.
     """
     found = list(words)
     order = sorted(range(len(passages)), key=lambda k: -passages[k].turn)  # from left to right
@@ -105,14 +105,14 @@ def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]
 def _signed_users(
     cars: Sequence[int], signed: Mapping[int, set[str]], words: Sequence[str], kerb: str
 ) -> list[list[int]]:
-    """Return for each way the lanes that lead there, by their arrows."""
+    """Return the lanes of each passage according to their arrows."""
     inner = "left" if kerb == "right" else "right"
     turns = {k: set(signed[k]) for k in cars}
     told = set().union(*turns.values())
     blank = [k for k in cars if not turns[k]]
     for k in blank:
         turns[k] = {"through"}
-    # An unsigned lane at the side may turn there, where no arrow speaks of that turn.
+    # An unsigned outer lane may also turn to its side if no arrow shows that turn.
     if blank and cars[0] in blank and kerb not in told:
         turns[cars[0]].add(kerb)
     if blank and cars[-1] in blank and inner not in told:
@@ -120,7 +120,7 @@ def _signed_users(
     users = [[k for k in cars if word in turns[k]] for word in words]
     led = {k for lanes in users for k in lanes}
     for k in sorted(set(cars) - led):
-        # Its arrows lead nowhere: it goes where the lane beside it goes.
+        # Its arrows lead nowhere: use the movements of the adjacent lane.
         near = min(led, key=lambda j: (abs(j - k), j), default=None)
         for lanes in users:
             if near is None or near in lanes:
@@ -136,7 +136,7 @@ def _traced_users(
     words: Sequence[str],
     kerb: str,
 ) -> list[list[int]]:
-    """Return for each way the lanes from which one gets there lane by lane."""
+    """Return the lanes of each passage according to the lane-to-lane links of the network."""
     users = []
     for passage, word in zip(passages, words, strict=True):
         lanes = [k for k in cars if _leads(plain, passage, k)]
@@ -156,9 +156,9 @@ def _traced_users(
 def _untangled(
     passages: Sequence[Passage], words: Sequence[str], users: list[list[int]], kerb: str
 ) -> list[list[int]]:
-    """Return the lanes of each way such that ways of one direction do not cross each other.
+    """Return the lanes of each passage, so that passages in one direction do not cross.
 
-    Of two that lie side by side the straighter one keeps its lanes, and the other has those beside.
+    Of two adjacent passages the straighter one keeps its lanes; the other gets the lanes beside.
     """
     outward = -1.0 if kerb == "right" else 1.0
     aside = [_aside(passage) for passage in passages]
@@ -179,7 +179,7 @@ def _untangled(
 
 
 def _aside(passage: Passage) -> float:
-    """Return how far to the left of straight on a way leads, radians."""
+    """Return the angle of the exit to the left of straight on, radians."""
     way_in, way_out = passage.entry.line, passage.exit.line
     end, beyond = way_in.interpolate(way_in.length), way_out.interpolate(ONWARD_M)
     chord = np.arctan2(beyond.y - end.y, beyond.x - end.x)
@@ -200,7 +200,7 @@ def _between(plain: PlainNetwork, edge: PlainEdge, after: PlainEdge) -> list[Pla
 def _aligned(
     lanes: Sequence[int], targets: Sequence[int], word: str, kerb: str
 ) -> list[tuple[int, int]]:
-    """Return lane -> lane: kerb-side turns from the kerb on, others from the inner side."""
+    """Return pairs of lanes: turns to the kerb side from the kerb, others from the inner side."""
     n, m = len(lanes), len(targets)
     if word == kerb:
         return [(k, targets[min(i, m - 1)]) for i, k in enumerate(lanes)]
@@ -208,10 +208,10 @@ def _aligned(
 
 
 def _cycled(passages: Sequence[Passage], kerb: str) -> dict[tuple[str, int, str, int], Passage]:
-    """Return the links of ways that begin or end on a cycle track: one for each.
+    """Return the links of passages that begin or end on a cycle track, one per passage.
 
-    Cyclists come from and go to the lane nearest to the kerb that they may use; from a street they
-    turn to the inner side from the innermost, where that is not a lane of their own.
+    Cyclists use the lane nearest to the kerb that is open to them. For inner turns from a street
+    without a cycle lane they start from the innermost lane.
     """
     inner = "left" if kerb == "right" else "right"
     found: dict[tuple[str, int, str, int], Passage] = {}
@@ -228,7 +228,7 @@ def _cycled(passages: Sequence[Passage], kerb: str) -> dict[tuple[str, int, str,
 def _onto_cycle_lane(
     found: dict[tuple[str, int, str, int], Passage], passage: Passage, lanes: Sequence[int]
 ) -> None:
-    """Let who rides among cars take a way whose cars' lanes are closed to bicycles."""
+    """Add a link onto a cycle lane for cyclists in mixed lanes, if no other link serves them."""
     entry, way_out = passage.entry, passage.exit
     shared = [k for k in lanes if entry.lanes[k].admits("bicycle")]
     own = [j for j, lane in enumerate(way_out.lanes) if lane.admits("bicycle")]
@@ -248,9 +248,9 @@ def _beside(
     targets: Sequence[int],
     kerb: str,
 ) -> None:
-    """Add the links of lanes that cars may not use: bus and bicycle lanes.
+    """Add the links of lanes that are closed to cars: bus and bicycle lanes.
 
-    Beside the kerb they do not turn across the cars' lanes, nor in the middle of the road, and they
+    Lanes beside the kerb do not turn across car lanes, nor do lanes in the middle of the road. They
     stay on their side.
     """
     inner = "left" if kerb == "right" else "right"

@@ -1,8 +1,8 @@
-"""Where the map says that people cross streets, and how each crossing looks.
+"""Pedestrian crossings in the map, with their markings.
 
 A crossing is mapped as a node of the street (``highway=crossing``), as the footway across it
-(``footway=crossing``), or as both; it is one all the same (OSM wiki, "Key:crossing",
-"Tag:footway=crossing", "Key:crossing:markings").
+(``footway=crossing``), or as both (OSM wiki, "Key:crossing", "Tag:footway=crossing",
+"Key:crossing:markings").
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ __all__ = [
     "mapped_marks",
 ]
 
-#: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
-#: less than that to each other's side.
+#: Two crossings of one carriageway are duplicates within these distances: total, and across the
+#: street, metres.
 ONE_M = 4.5
 BESIDE_M = 1.5
-#: Widths where none is mapped, metres: marked (RiLSA 2015, 4.4; US MUTCD 3B.18: at least 1.8 m;
-#: UK TSRGD, schedule 14: 2.4 m and more), and not marked.
+#: Default widths, metres: marked (RiLSA 2015, 4.4; US MUTCD 3B.18: at least 1.8 m; UK TSRGD,
+#: schedule 14: 2.4 m and more), and unmarked.
 MARKED_M, UNMARKED_M = 4.0, 2.5
-#: How far a way's heading is measured to both sides of a place on it, metres.
+#: Distance to both sides over which a way's heading is measured, metres.
 AROUND_M = 2.0
-#: A footway that leaves a street at less than this does not lead across it, radians.
+#: A footway at a smaller angle to the street does not lead across it, radians.
 ACROSS = np.radians(30.0)
-#: What a signalised crossing is marked with where the map does not say. Studs: UK TSRGD; two lines:
-#: US MUTCD 3B.18, AS 1742.10; broken lines: RMS (Germany), RVS (Austria). Elsewhere stripes.
+#: Default marking of signalised crossings by country. Studs: UK TSRGD; two lines: US MUTCD 3B.18,
+#: AS 1742.10; broken lines: RMS (Germany), RVS (Austria). Elsewhere stripes.
 AT_SIGNALS = {
     **dict.fromkeys(("GB", "IE"), "dots"),
     **dict.fromkeys(("US", "CA", "AU", "NZ"), "lines"),
     **dict.fromkeys(("DE", "AT"), "dashes"),
 }
-#: Values of ``crossing_ref`` and ``crossing`` for crossings with signals, and with stripes.
+#: Values of ``crossing_ref`` and ``crossing`` for signalised and for striped crossings.
 SIGNALISED = frozenset("traffic_signals pelican puffin toucan pegasus".split())
 STRIPED = frozenset("zebra tiger marked uncontrolled ladder".split())
 
 
 @dataclass(frozen=True, eq=False)
 class MappedCrossing:
-    """One crossing of one carriageway.
+    """A crossing of one carriageway.
 
     Attributes:
-        name: what to call a node there, like no other node.
+        name: unique name for a node there.
         xy: (2,) on the middle of the street, site frame.
         ahead: (2,) unit vector along the street.
-        across: (2,) unit vector along which people walk.
+        across: (2,) unit vector along the crossing.
         pieces: ids of the pieces of streets that it lies on.
         marking: ``zebra``, ``lines``, ``dashes``, ``dots`` or ``none``.
-        signalised: whether lights tell when to walk.
+        signalised: whether it has pedestrian signals.
         width: metres.
-        on_every_arm: whether it is told of a whole junction with signals, which is one node: people
-            then cross each of its arms, not its middle.
+        on_every_arm: whether it is mapped on a signalised junction of a single node; pedestrians
+            then cross each arm, not the centre.
     """
 
     name: str
@@ -82,13 +82,13 @@ class MappedCrossing:
 
     @property
     def has_priority(self) -> bool:
-        """Whether traffic lets people cross first (without lights)."""
+        """Return whether pedestrians have priority without signals."""
         return self.marking == "zebra" and not self.signalised
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where something crosses a street: the pieces there, and the place."""
+    """A place where something crosses a street, with the pieces of the street."""
 
     pieces: tuple[WayPiece, ...]
     xy: NDArray[np.float64]
@@ -97,7 +97,7 @@ class _Place:
 
 @dataclass(frozen=True)
 class Marks:
-    """What lies across edges: edge id -> shares of the edge's length from its start, ascending."""
+    """Marks across edges: edge id -> shares of the edge's length from its start, ascending."""
 
     stop_lines: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     crossings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Marks:
 def mapped_crossings(
     extract: Extract, frame: SiteFrame, pieces: Sequence[WayPiece], *, country: str = ""
 ) -> tuple[MappedCrossing, ...]:
-    """Return the crossings of streets that the map has.
+    """Return the mapped crossings of streets.
 
     Args:
         extract: the map.
@@ -152,7 +152,7 @@ def mapped_crossings(
 
 
 def is_crossing_node(tags: Mapping[str, str]) -> bool:
-    """Whether a node of a street is a crossing."""
+    """Return whether a node of a street is a crossing."""
     if tags.get("crossing") == "no" or "railway" in tags:
         return False
     return tags.get("highway") == "crossing" or (
@@ -161,7 +161,7 @@ def is_crossing_node(tags: Mapping[str, str]) -> bool:
 
 
 def is_crossing_way(way: Way) -> bool:
-    """Whether a way for people on foot is a crossing."""
+    """Return whether a pedestrian way is a crossing."""
     tags = way.tags
     if tags.get("crossing") == "no" or tags.get("tunnel", "no") != "no" or "bridge" in tags:
         return False
@@ -170,13 +170,13 @@ def is_crossing_way(way: Way) -> bool:
 
 
 def _meet(pieces: Sequence[WayPiece], node: int) -> bool:
-    """Return whether a node is where streets meet, not a place along one."""
+    """Return whether streets meet at a node."""
     seen = {piece.id: piece for piece in pieces}.values()
     return sum(2 - (node in (piece.nodes[0], piece.nodes[-1])) for piece in seen) > 2
 
 
 def _told(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return what a node says of its crossing, which counts more than what the way says."""
+    """Return a node's tags on its crossing, which take precedence over the way's."""
     return {k: v for k, v in tags.items() if k.startswith("crossing") or k == "highway"}
 
 
@@ -195,7 +195,7 @@ def _crossing(
     marking = _marking(tags, country, signalised=signalised)
     headings = [_heading(piece.points, place.xy) for piece in place.pieces]
     walks = [_heading(line, place.xy) for line in lines if len(line) > 1]
-    # Where streets meet, people cross the one that their way is squarest to.
+    # Where streets meet, the crossed street is the one most perpendicular to the footway.
     square = [max([abs(_cross(walk, ahead)) for walk in walks], default=0.0) for ahead in headings]
     ahead = headings[int(np.argmax(np.round(square, 6)))]
     across = max(walks, key=lambda walk: abs(_cross(walk, ahead)), default=ahead)
@@ -230,7 +230,7 @@ def _marking(tags: Mapping[str, str], country: str, *, signalised: bool) -> str:
 
 
 def _heading(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit vector along a line near a place on it."""
+    """Return the unit vector (2,) along a line near a point on it."""
     whole = shapely.LineString(line)
     at = whole.project(shapely.Point(xy))
     ends = [np.clip(at + d, 0.0, whole.length) for d in (-AROUND_M, AROUND_M)]
@@ -249,7 +249,7 @@ def _overlaid(
     known: Collection[int],
     pieces: Sequence[WayPiece],
 ) -> Iterator[_Place]:
-    """Yield where a crossing's way lies across streets that it has no node with."""
+    """Yield the places where a crossing way intersects streets without a common node."""
     points = extract.way_line(way, frame)
     if len(points) < 2:
         return
@@ -266,13 +266,13 @@ def _overlaid(
 
 
 def _once(found: Sequence[MappedCrossing]) -> list[MappedCrossing]:
-    """Return crossings without those that are mapped twice on one carriageway.
+    """Return crossings without duplicates on one carriageway.
 
-    Those for people on foot and on bicycles, side by side, are one that is as wide as both.
+    Adjacent crossings for pedestrians and bicycles become one with their total width.
     """
     kept: list[MappedCrossing] = []
     order = {crossing.name: k for k, crossing in enumerate(found)}
-    # What has signals or marks says more than what has none.
+    # Crossings with signals or markings take precedence.
     for crossing in sorted(found, key=lambda c: (not c.signalised, c.marking == "none")):
         for k, other in enumerate(kept):
             if _is_same(crossing, other):
@@ -295,14 +295,14 @@ def _is_same(crossing: MappedCrossing, other: MappedCrossing) -> bool:
 
 
 def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collection[int]) -> Marks:
-    """Return stop lines and crossings of the map along the edges that pieces become.
+    """Return stop lines and crossings of the map along the edges of pieces.
 
     Args:
         extract: the map.
         pieces: segments of ways; each becomes the edge of its id, and the one of minus its id.
-        meeting: nodes where streets meet, whose signals are no stop lines.
+        meeting: nodes where streets meet, where signals do not imply stop lines.
     """
-    # A footway that only meets a street is no crossing of it.
+    # A footway that only touches a street does not cross it.
     crossed = {node for way in extract.highways() if is_crossing_way(way) for node in way.nodes}
     lines: dict[str, list[float]] = defaultdict(list)
     crossings: dict[str, list[float]] = defaultdict(list)

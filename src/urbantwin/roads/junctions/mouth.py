@@ -1,4 +1,4 @@
-"""Where the arms of a junction end: at stop lines, before and behind crossings, else at corners."""
+"""Mouths of a junction's arms: at stop lines, at crossings, else at corners."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from urbantwin.roads.junctions.strip import Strip
 
 __all__ = ["Arm", "marks_of_junctions", "mouths"]
 
-#: How far from a junction its stop line, and a crossing of it, may lie, metres along the arm, and
-#: how far a crossing may lie beyond the place where arms part.
+#: Maximum distance of a junction's stop line and of its crossing along the arm, and of a crossing
+#: beyond the place where arms separate, metres.
 STOP_LINE_M, CROSSING_M, BEYOND_M = 40.0, 25.0, 12.0
-#: Room between a crossing's middle and the road's end, on the side of its traffic and behind it
-#: (StVO-VwV to section 25: stop lines 1 m before crossings of 3 to 4 m).
+#: Distance from a crossing's centre line to the end of the entry and of the exit (StVO-VwV to
+#: section 25: stop lines 1 m before crossings of 3 to 4 m), metres.
 BEFORE_M, BEHIND_M = 3.2, 2.7
-#: Room for a corner's curve beyond the place where arms part, metres.
+#: Length for a corner's curve beyond the place where arms separate, metres.
 CORNER_M = 2.0
-#: Arms that part at a small angle overlap for long; they end no further out than this, metres.
+#: Arms that separate at an angle below the first (radians) overlap for long; they end at the second
+#: at most, metres.
 FLAT, FLAT_M = np.radians(30.0), 9.0
-#: No arm ends further out than this without a mark of the map, nor gives up more of its length.
+#: Maximum distance of an unmarked mouth, metres, and the maximum share of an arm's length.
 FURTHEST_M, SHARE = 25.0, 0.6
-#: What is left of an arm at least, metres.
+#: Minimum remaining length of an arm, metres.
 SHORTEST_M = 4.0
 STEP_M = 0.5
-#: Arms that overlap do so from this far out at the latest, metres.
+#: Overlaps of arms that begin farther out than this do not count, metres.
 NEAR_M = 4.0
-#: A junction with signals has a crossing sooner than one without that is nearer by this, metres.
+#: Advantage of a signalised junction when a crossing is assigned to one of two, metres.
 SIGNALS_M = 6.0
-#: A stop line this far before a crossing, or a little behind it, is the crossing's, metres.
+#: Range of a crossing's own stop line before and behind it, metres.
 STOP_BEFORE_M, STOP_BEHIND_M = 12.0, 1.0
 
 
@@ -44,8 +45,8 @@ class Arm:
     """A street at a junction.
 
     Attributes:
-        inward: the chain of edges that leads in; ``None`` for a one-way street out.
-        outward: the one that leads out.
+        inward: chain of edges into the junction; ``None`` for a one-way street out.
+        outward: chain out of it; ``None`` for a one-way street in.
     """
 
     inward: Chain | None
@@ -53,13 +54,13 @@ class Arm:
 
     @property
     def length(self) -> float:
-        """The shorter of its chains, metres."""
+        """Length of the shorter of its chains, metres."""
         return min(chain.length for chain in (self.inward, self.outward) if chain)
 
 
 @dataclass(frozen=True)
 class _Profile:
-    """An arm sampled outwards: places (N, 2) every `STEP_M` and half the width there (N,)."""
+    """An arm sampled outwards: places (N, 2) every `STEP_M`, and half its width there (N,)."""
 
     places: NDArray[np.float64]
     half: NDArray[np.float64]
@@ -69,9 +70,9 @@ class _Profile:
 def mouths(
     arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks
 ) -> list[tuple[float, bool]]:
-    """Return how far out of the junction each arm ends, metres along it, and if the map says so.
+    """Return the distance of each arm's mouth along it, metres, and whether it is mapped.
 
-    Both directions of a street end at one place.
+    Both directions of a street end at the same place.
 
     Args:
         arms: the arms of one junction.
@@ -93,9 +94,9 @@ def mouths(
 
 
 def _marked(arm: Arm, marks: Marks, furthest: float) -> float | None:
-    """Return where the map says that an arm ends, metres; ``None`` where it does not say.
+    """Return the mapped distance of an arm's mouth, metres; ``None`` without marks.
 
-    Crossings further out than ``furthest`` are not the junction's.
+    Crossings farther out than ``furthest`` do not belong to the junction.
     """
     found = []
     if arm.inward is not None:
@@ -116,7 +117,7 @@ def _marked(arm: Arm, marks: Marks, furthest: float) -> float | None:
 
 
 def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
-    """Return an arm's middle outwards, and half its width, over all of its lanes."""
+    """Return an arm's centre line outwards, and half its width, over all its lanes."""
     chain = arm.outward or arm.inward
     assert chain is not None
     edges = chain.edges if arm.outward is not None else chain.edges[::-1]
@@ -129,7 +130,7 @@ def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
         shift = (high + low) / 2 * (1 if arm.outward is not None else -1)
         other = arm.inward if arm.outward is not None else None
         if other is not None:
-            # Both directions: about the line between them.
+            # Both directions: the centre line of all their lanes.
             against = strips[other.edges[-1].id].driven()
             width = half + (against[1] - against[0]) / 2
             shift += -strip.outward * (width - half)
@@ -148,7 +149,7 @@ def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
 
 
 def _parting(k: int, profiles: Sequence[_Profile]) -> float:
-    """Return how far out an arm no longer overlaps any other."""
+    """Return the distance at which an arm no longer overlaps others, metres."""
     mine, furthest = profiles[k], 0.0
     along = np.linalg.norm(np.diff(mine.places, axis=0), axis=1)
     reach = np.concatenate([[0.0], np.cumsum(along)])
@@ -160,7 +161,7 @@ def _parting(k: int, profiles: Sequence[_Profile]) -> float:
         overlap = gap.min(axis=1) < mine.half + other.half[nearest]
         if not overlap.any():
             continue
-        # Further out, arms may come near each other again: at the next junction.
+        # Farther out, arms may approach each other again at the next junction.
         gaps = np.flatnonzero(~overlap & (reach > NEAR_M))
         last = np.flatnonzero(overlap[: gaps[0]] if len(gaps) else overlap)
         if not len(last):
@@ -174,7 +175,7 @@ def _parting(k: int, profiles: Sequence[_Profile]) -> float:
 def marks_of_junctions(
     junctions: Sequence[tuple[Sequence[Arm], bool]], marks: Marks
 ) -> list[Marks]:
-    """Return for each junction the marks without the crossings that belong to its neighbours.
+    """Return the marks of each junction without the crossings of its neighbours.
 
     Args:
         junctions: the arms of each, and whether it has signals.
@@ -205,7 +206,7 @@ def marks_of_junctions(
 
 
 def _crossings(chain: Chain, marks: Marks) -> list[tuple[str, float, float]]:
-    """Return the crossings on a chain: edge, share of it, and metres from the chain's start."""
+    """Return the crossings on a chain: edge, share, and distance from the chain's start, metres."""
     found, before = [], 0.0
     for edge in chain.edges:
         length = float(edge.line.length)
@@ -215,11 +216,11 @@ def _crossings(chain: Chain, marks: Marks) -> list[tuple[str, float, float]]:
 
 
 def _cost(chain: Chain, left: float, marks: Marks, *, signals: bool) -> float:
-    """Return how far a crossing is from a chain's end, less what speaks for its being that end's.
+    """Return the cost of assigning a crossing to a chain's end: its distance less bonuses, metres.
 
     Args:
         chain: the road that leads to the junction.
-        left: how far before the chain's end the crossing is, metres.
+        left: distance of the crossing from the chain's end, metres.
         marks: the map's stop lines.
         signals: whether the junction has signals.
     """

@@ -1,7 +1,7 @@
-"""Ways that part or run side by side, moved apart until their lanes no longer overlap.
+"""Overlapping streets that part or run in parallel, moved apart until their lanes do not overlap.
 
-Where a carriageway parts, the map draws both ways from one point, and their lanes lie on each other
-until the lines are as far apart as the lanes are wide. On streets they lie side by side there, and
+Where a carriageway splits, the map draws both branches from one point, and their lanes overlap
+until the lines are as far apart as the lanes are wide. In reality they lie side by side there,
 between the walls of buildings.
 """
 
@@ -24,32 +24,32 @@ from urbantwin.roads.junctions.strip import Strip
 
 __all__ = ["moved_apart"]
 
-#: Ways that part by more than this are told apart at once, as a cosine.
+#: Minimum cosine of the angle between parallel streets.
 PARALLEL = np.cos(np.radians(35.0))
-#: The furthest that a way is moved, how fast it comes back to where it is mapped (metres a metre),
-#: and the room between borders, metres.
+#: Maximum displacement, metres; its rate of decay (metres per metre); clearance between borders,
+#: metres.
 FURTHEST_M, TAPER, ROOM_M = 3.5, 0.12, 0.1
 STEP_M = 2.0
-#: Room between a carriageway and a wall, and a street's least room between walls, metres: what is
-#: narrower is no street beside buildings, but leads through them.
+#: Clearance between a carriageway and a wall, and minimum distance of the walls along a street,
+#: metres; below it they belong to a building passage.
 WALL_M, PASSAGE_M, FAR_M = 0.05, 2.0, 1e3
-#: How often places are compared: the third of three side by side gives way after the second.
+#: Number of iterations: a displaced street may in turn displace the next.
 ROUNDS = 8
-#: Lines nearer to each other all along are one street drawn twice, metres.
+#: Lines closer than this all along are one street mapped twice, metres.
 ONE_M = 1.0
-#: Less than this is not moved, metres.
+#: Smaller displacements are ignored, metres.
 NOTHING_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class _Street:
-    """Both directions of a street between two junctions, or the one that there is.
+    """A street between two junctions, with both directions or one.
 
     Attributes:
         ahead, back: its chains; ``back`` is ``None`` for one direction.
-        places: (N, 2) the middle of all lanes.
-        half: (N,) half their width.
-        room: (N, 2) how far a wall is to the left and to the right, `FAR_M` where none is near.
+        places: (N, 2) centre line of all lanes.
+        half: (N,) half their width, metres.
+        room: (N, 2) distance to a wall on the left and on the right, `FAR_M` if there is none.
         free: whether its start and its end may move.
     """
 
@@ -66,7 +66,7 @@ class _Street:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """Unit vectors (N, 2) ahead."""
+        """Unit vectors (N, 2) along the street."""
         return _directions(self.places)
 
     @cached_property
@@ -74,7 +74,7 @@ class _Street:
         return shapely.LineString(self.places)
 
     def moved(self, by: NDArray[np.float64]) -> _Street:
-        """Return it moved to the left by metres (N,), headings as they were."""
+        """Return the street moved to the left by ``by`` metres (N,), with unchanged headings."""
         normal = np.column_stack([-self.steps[:, 1], self.steps[:, 0]])
         room = self.room + by[:, None] * [-1.0, 1.0]
         return replace(self, places=self.places + by[:, None] * normal, room=room)
@@ -88,13 +88,13 @@ def moved_apart(
     buildings: Sequence[shapely.Polygon],
     driving_side: str,
 ) -> dict[str, PlainEdge]:
-    """Return edges by id, of which those that overlapped lie side by side.
+    """Return edges by id, with overlapping ones moved side by side.
 
     Args:
         edges: the edges between junctions.
         plain: a network of them.
-        still: edges that stay where they are, and that nothing gives way to: bridges, outer roads.
-        buildings: where buildings stand on the ground.
+        still: edges that are not moved and displace no others: bridges, outer roads.
+        buildings: footprints of buildings on the ground.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
@@ -106,7 +106,7 @@ def moved_apart(
     near = shapely.STRtree(bands).query(np.array(bands, object), predicate="intersects")
     pairs = [(a, b) for a, b in near.T.tolist() if a != b]
     for _ in range(ROUNDS):
-        # Who gives way to one comes near the next.
+        # A displaced street may come close to the next one.
         now = [street.moved(push) for street, push in zip(streets, by, strict=True)]
         pushes = [push + _before_walls(street) for street, push in zip(now, by, strict=True)]
         for a, b in pairs:
@@ -153,7 +153,7 @@ def _streets(
 
 
 def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:
-    """Return the parts of a chain between edges that stay where they are."""
+    """Return the parts of a chain between fixed edges."""
     runs = groupby(chain.edges, key=lambda edge: edge.id in still)
     return [Chain(tuple(edges)) for fixed, edges in runs if not fixed]
 
@@ -161,7 +161,7 @@ def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:
 def _middle(
     chain: Chain, back: Chain | None, outward: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle (N, 2) of all lanes along a chain, and half of their width (N,)."""
+    """Return the centre line (N, 2) of all lanes along a chain, and half their width (N,)."""
     lines, halves = [], []
     for k, edge in enumerate(chain.edges):
         strip = Strip(edge, outward)
@@ -187,9 +187,9 @@ def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _push(street: _Street, other: _Street) -> NDArray[np.float64]:
-    """Return how far (N,) to the left each place of a street gives way to another.
+    """Return the displacement (N,) to the left of a street's places to clear another street.
 
-    The narrower one gives way more, as where lanes part from a carriageway that had them all.
+    The narrower one moves more, as where lanes split off a wide carriageway.
     """
     line = other.line
     along = shapely.line_locate_point(line, shapely.points(street.places))
@@ -204,16 +204,16 @@ def _push(street: _Street, other: _Street) -> NDArray[np.float64]:
     over = np.where(beside, need - np.abs(left), 0.0)
     if not (over > 0.0).any() or np.abs(left[beside]).max() < ONE_M:
         return np.zeros(len(street.places))
-    # On which side the other lies is told where they are furthest apart.
+    # The side is determined where the two are farthest apart.
     side = np.sign(left[beside][np.abs(left[beside]).argmax()])
     lacking = np.where(beside, np.maximum(need - side * left, 0.0), 0.0)
     return np.asarray(-side * lacking * other.half[number] / (need - ROOM_M))
 
 
 def _before_walls(street: _Street) -> NDArray[np.float64]:
-    """Return how far (N,) to the left each place of a street gives way to walls, if there is room.
+    """Return the displacement (N,) to the left that clears walls, if there is room.
 
-    Between walls that are nearer than the street is wide, it lies in the middle.
+    Between walls closer than the street is wide, it is centred.
     """
     need = (street.half + WALL_M)[:, None]
     left, right = street.room.T
@@ -226,7 +226,7 @@ def _before_walls(street: _Street) -> NDArray[np.float64]:
 
 
 def _tapered(street: _Street, push: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a push that begins and ends gently, and is none where a street must not move."""
+    """Return a displacement with gradual ends, zero at fixed ends of the street."""
     s = street.stations
     push = np.clip(push, -FURTHEST_M, FURTHEST_M)
     reach = np.maximum(np.abs(push)[None] - TAPER * np.abs(s[:, None] - s[None]), 0.0)
@@ -246,7 +246,7 @@ def _shifted(
     stations: NDArray[np.float64],
     by: NDArray[np.float64],
 ) -> dict[str, PlainEdge]:
-    """Return a chain's edges, moved to the left by what is told at stations along it."""
+    """Return a chain's edges, moved to the left by ``by`` metres at stations along it."""
     found, before = {}, 0.0
     scale = float(stations[-1]) / max(chain.length, 1e-9)
     for edge in chain.edges:

@@ -1,4 +1,4 @@
-"""Ways through a junction of many nodes: from every edge that leads in to those that lead out."""
+"""Passages through a junction of several nodes, from each incoming to the outgoing edges."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from urbantwin.roads.junctions.strip import Strip, heading_of
 
 __all__ = ["Passage", "passages_of"]
 
-#: Turning by more than this leads back the way one came, and between carriageways, radians.
+#: Minimum turn of a U-turn, and of one between separate carriageways, radians.
 BACK, BACK_BETWEEN = np.radians(150.0), np.radians(120.0)
-#: The most steps of the search for the ways on from one edge.
+#: Maximum number of search steps per incoming edge.
 MOST_STEPS = 4000
 
 
 @dataclass(frozen=True)
 class Passage:
-    """A way through.
+    """A path through a junction.
 
     Attributes:
         path: the edges, the first leading in, the last leading out.
-        turn: the change of heading from the first to the last, radians, positive to the left.
+        turn: change of heading from the first to the last, radians, positive to the left.
     """
 
     path: tuple[PlainEdge, ...]
@@ -35,12 +35,12 @@ class Passage:
 
     @property
     def entry(self) -> PlainEdge:
-        """The edge that leads in."""
+        """The incoming edge."""
         return self.path[0]
 
     @property
     def exit(self) -> PlainEdge:
-        """The edge that leads out."""
+        """The outgoing edge."""
         return self.path[-1]
 
 
@@ -51,18 +51,18 @@ def passages_of(
     strips: Mapping[str, Strip],
     forbidden: Sequence[tuple[tuple[str, ...], bool]] = (),
 ) -> list[Passage]:
-    """Return the shortest way from every edge into a junction to every edge out of it.
+    """Return the shortest path from each incoming edge of a junction to each outgoing edge.
 
-    Ways follow the links that the map allows from edge to edge. Turning back is left out, unless
-    the map has a way of its own for it or there is no other way on.
+    Paths follow the edge-to-edge links of the map. U-turns are excluded unless there is no other
+    passage or the map has a separate link for them.
 
     Args:
         plain: the network.
         nodes: the nodes of the junction.
         inner: its inner edges by id.
         strips: the edges' strips.
-        forbidden: sequences of edges that may not be driven one after the other (restrictions with
-            a way between), with whether only the last edge may follow the ones before it.
+        forbidden: restricted sequences of edges (restrictions with a via way), and whether the last
+            edge is the only one allowed after the others.
     """
     onward: dict[str, list[str]] = defaultdict(list)
     for link in plain.links:
@@ -96,7 +96,7 @@ def _paths(
     inner: Mapping[str, PlainEdge],
     onward: Mapping[str, Sequence[str]],
 ) -> Iterable[tuple[PlainEdge, ...]]:
-    """Yield ways from an edge to edges out of the junction, shortest first."""
+    """Yield paths from an edge to edges out of the junction, shortest first."""
     waiting: list[tuple[float, tuple[str, ...]]] = [(0.0, (entry.id,))]
     for _ in range(MOST_STEPS):
         if not waiting:
@@ -118,9 +118,9 @@ def _paths(
 
 
 def _turns_back(passage: Passage) -> bool:
-    """Whether a way leads back along the street that it came by."""
+    """Return whether a passage is a U-turn into the street that it came from."""
     entry, way_out = passage.entry, passage.exit
-    # Where carriageways of one street part, at their end, they lead back at less of an angle.
+    # Where carriageways of one street part, at their end, U-turns have a smaller angle.
     parting = len(passage.path) == 2 and entry.start != way_out.end
     if abs(passage.turn) < (BACK_BETWEEN if parting else BACK):
         return False

@@ -1,7 +1,7 @@
-"""SUMO's plain XML as typed rows: the nodes, edges and links that netconvert reads and writes.
+"""SUMO's plain XML as typed records: the nodes, edges and links of netconvert's input and output.
 
-Lanes are counted from the kerb inwards. What a row does not name is kept as it is in
-``attributes`` (SUMO's documentation, "Networks/PlainXML").
+Lanes are counted from the kerb inwards. Unnamed XML attributes are kept in ``attributes`` (SUMO's
+documentation, "Networks/PlainXML").
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ __all__ = [
     "write_plain",
 ]
 
-#: How far edges reach into a junction's own outline, where netconvert cuts them, metres.
+#: Extension of edges into a junction's own outline, where netconvert cuts them, metres.
 INTO_M = 1.5
-#: SUMO's type of edges that are ways for bicycles alone.
+#: SUMO's type of edges for bicycles only.
 CYCLE_TRACK_TYPE = "highway.cycleway"
-#: What SUMO takes for a lane's width where none is told, metres.
+#: SUMO's default lane width, metres.
 DEFAULT_WIDTH_M = 3.2
 
 
 @dataclass(frozen=True, eq=False)
 class PlainNode:
-    """Where edges meet; ``outline`` (M, 2) is empty where netconvert finds the junction's shape."""
+    """A node; ``outline`` (M, 2) is empty if netconvert determines the junction's shape."""
 
     id: str
     xy: NDArray[np.float64]
@@ -52,23 +52,23 @@ class PlainNode:
 
 @dataclass(frozen=True, eq=False)
 class PlainLane:
-    """One lane of an edge: who may use it (``allow`` or ``disallow``), and how wide it is."""
+    """One lane of an edge: its permissions (``allow`` or ``disallow``) and its width."""
 
     attributes: Mapping[str, str]
     origin: str
 
     @property
     def width(self) -> float:
-        """Metres."""
+        """Width, metres."""
         return float(self.attributes.get("width", DEFAULT_WIDTH_M))
 
     @property
     def is_sidewalk(self) -> bool:
-        """Whether it is for people on foot and not for cars."""
+        """Whether it is open to pedestrians and closed to cars."""
         return self.admits("pedestrian") and not self.admits("passenger")
 
     def admits(self, vehicle_class: str) -> bool:
-        """Whether a class of SUMO may use the lane."""
+        """Return whether a vehicle class of SUMO may use the lane."""
         if "allow" in self.attributes:
             words = self.attributes["allow"].split()
             return vehicle_class in words or "all" in words
@@ -78,7 +78,7 @@ class PlainLane:
 
 @dataclass(frozen=True, eq=False)
 class PlainEdge:
-    """One direction of a street between two nodes; ``shape`` (N, 2) is what lanes lie along."""
+    """One direction of a street between two nodes; lanes lie along ``shape`` (N, 2)."""
 
     id: str
     start: str
@@ -95,34 +95,34 @@ class PlainEdge:
 
     @property
     def width(self) -> float:
-        """Metres over all lanes."""
+        """Width of all lanes, metres."""
         return sum(lane.width for lane in self.lanes)
 
     @property
     def centred(self) -> bool:
-        """Whether lanes lie about the shape; else they lie to one side of it."""
+        """Whether lanes are centred on the shape; else they lie to one side of it."""
         return self.attributes.get("spreadType") == "center"
 
     @property
     def is_street(self) -> bool:
-        """Whether cars or buses use it, or it is a cycle track of its own."""
+        """Whether it is open to cars or buses, or is a separate cycle track."""
         return self.admits("passenger") or self.admits("bus") or self.is_cycle_track
 
     @property
     def is_cycle_track(self) -> bool:
-        """Whether it is a way for bicycles of its own, not the cycle lane of a street."""
+        """Whether it is a separate cycle track, not the cycle lane of a street."""
         return self.attributes.get("type") == CYCLE_TRACK_TYPE
 
     def admits(self, vehicle_class: str) -> bool:
-        """Whether a class of SUMO may use any lane."""
+        """Return whether a vehicle class of SUMO may use any lane."""
         return any(lane.admits(vehicle_class) for lane in self.lanes)
 
 
 @dataclass(frozen=True)
 class PlainLink:
-    """A way from a lane's end to a lane's start; ``end`` is empty where an edge leads nowhere.
+    """A link from a lane's end to a lane's start; ``end`` is empty where an edge leads nowhere.
 
-    ``followed`` tells that its shape is kept: somebody drew it, or it leads round what stands.
+    ``followed`` means that its shape is kept: it was drawn, or it avoids an obstacle.
     """
 
     start: str
@@ -135,9 +135,9 @@ class PlainLink:
 
 @dataclass(frozen=True, eq=False)
 class PlainCrossing:
-    """Where people cross edges at a node, metres wide; ``line`` (N, 2) empty: netconvert's own.
+    """A crossing of edges at a node; ``line`` (N, 2) is empty if netconvert draws it.
 
-    ``marking`` tells what is painted there, as ``MappedCrossing`` does.
+    ``width`` in metres; ``marking`` as in ``MappedCrossing``.
     """
 
     node: str
@@ -153,11 +153,11 @@ class PlainNetwork:
     """A network before netconvert makes junctions of nodes.
 
     Attributes:
-        nodes, edges: by their ids.
-        links: which lane leads to which.
-        crossings: where people cross.
-        location: what netconvert says of the projection.
-        not_crossed: nodes where netconvert must not guess crossings.
+        nodes, edges: by id.
+        links: lane-to-lane links.
+        crossings: pedestrian crossings.
+        location: netconvert's ``location`` element with the projection.
+        not_crossed: nodes without guessed crossings.
     """
 
     nodes: Mapping[str, PlainNode]
@@ -169,7 +169,7 @@ class PlainNetwork:
 
     @cached_property
     def arriving(self) -> Mapping[str, list[PlainEdge]]:
-        """Node -> the edges that end there."""
+        """Edges that end at each node."""
         found: dict[str, list[PlainEdge]] = defaultdict(list)
         for edge in self.edges.values():
             found[edge.end].append(edge)
@@ -177,7 +177,7 @@ class PlainNetwork:
 
     @cached_property
     def leaving(self) -> Mapping[str, list[PlainEdge]]:
-        """Node -> the edges that start there."""
+        """Edges that start at each node."""
         found: dict[str, list[PlainEdge]] = defaultdict(list)
         for edge in self.edges.values():
             found[edge.start].append(edge)
@@ -185,7 +185,7 @@ class PlainNetwork:
 
     @cached_property
     def links_from(self) -> Mapping[str, list[PlainLink]]:
-        """Edge -> the links from its lanes."""
+        """Links from the lanes of each edge."""
         found: dict[str, list[PlainLink]] = defaultdict(list)
         for link in self.links:
             found[link.start].append(link)
@@ -193,12 +193,12 @@ class PlainNetwork:
 
 
 def read_plain(prefix: Path, net: Path) -> PlainNetwork:
-    """Read what netconvert wrote with ``--plain-output-prefix``.
+    """Read the output of netconvert's ``--plain-output-prefix``.
 
     Args:
         prefix: of the plain XML.
-        net: the network that it wrote in the same run: in the plain XML it leaves out the lanes'
-            width where all lanes of an edge are alike.
+        net: the network of the same run: the plain XML omits lane widths that are the same for all
+            lanes of an edge.
     """
     widths = {
         lane.get("id"): lane.get("width")
@@ -237,7 +237,7 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
 
 
 def write_plain(prefix: Path, plain: PlainNetwork) -> list[str]:
-    """Write a network as plain XML; return the options that make netconvert read it."""
+    """Write a network as plain XML and return netconvert's options to read it."""
     nodes, edges = etree.Element("nodes"), etree.Element("edges")
     if plain.location:
         etree.SubElement(nodes, "location", dict(plain.location))
@@ -275,7 +275,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             row |= {"fromLane": str(link.start_lane), "toLane": str(link.end_lane)}
         etree.SubElement(root, "connection", {**row, **link.attributes})
     for name in [name for name in plain.edges if name not in leads_on]:
-        # Without this, netconvert guesses where the edge leads.
+        # Without this, netconvert guesses the links of the edge.
         etree.SubElement(root, "connection", {"from": name})
     for crossing in plain.crossings:
         item = etree.SubElement(
@@ -312,7 +312,7 @@ def _params(item: etree._Element) -> dict[str, str]:
 def _lanes(
     item: etree._Element, edge: dict[str, str], widths: Mapping[str, str]
 ) -> tuple[PlainLane, ...]:
-    """Return an edge's lanes; what is said of all lanes at once is moved from the edge to each."""
+    """Return an edge's lanes; attributes common to all lanes move from the edge to each lane."""
     every = ("allow", "disallow", "width")
     common: dict[str, str] = {key: edge.pop(key) for key in every if key in edge}
     lanes = []
@@ -329,11 +329,11 @@ def _lanes(
 
 
 def points_of_text(text: str | None) -> NDArray[np.float64]:
-    """Return the points (N, 2) of a shape as SUMO writes it; heights are left out."""
+    """Return the points (N, 2) of a SUMO shape; heights are dropped."""
     rows = [[float(v) for v in point.split(",")[:2]] for point in (text or "").split()]
     return np.array(rows).reshape(-1, 2)
 
 
 def shape_text(points: NDArray[np.float64]) -> str:
-    """Return points (N, 2) as SUMO writes a shape, metres to the millimetre."""
+    """Return points (N, 2) as a SUMO shape, metres with three decimals."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)

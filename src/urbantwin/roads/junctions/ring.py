@@ -1,8 +1,8 @@
-"""Small roundabouts mapped as rings: each is one junction round a raised central island.
+"""Small roundabouts mapped as rings: each is one junction around a raised central island.
 
-The arms of a small ring lie closer together than a junction is wide, so that a ring of single
-junctions would be covered by their areas, its middle too. Ways through lead round the middle
-instead: a curve to the outside where they enter, the ring itself, and a curve out of it.
+The arms of a small ring are closer together than a junction is wide. Separate junctions would cover
+the whole ring, including its centre. Paths lead around the centre instead: an entry curve, the ring
+itself, and an exit curve.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ __all__ = [
     "small_rings",
 ]
 
-#: Values of ``junction`` of streets that lead round a middle (``yes`` is a way within a junction).
+#: Values of ``junction`` of circular streets (``yes`` is a way within a junction).
 RINGS = ("roundabout", "circular")
-#: SUMO's type of junctions where those who enter give way to those who come round from the left
-#: (in left-hand traffic, which it mirrors, from the right).
+#: SUMO's type of junctions where entering traffic yields to traffic from the left (mirrored in
+#: left-hand traffic).
 CIRCULATING = "left_before_right"
 #: Largest inscribed circle of a small roundabout, metres (CD 116, 2.5: mini-roundabouts have at
 #: most 28 m; FHWA, Roundabouts: An Informational Guide, exhibit 1-9: 45 to 90 ft).
 INSCRIBED_M = 28.0
-#: A ring is a circle where no point is further off than this share of its radius.
+#: Maximum deviation of a ring from a circle, as a share of its radius.
 ROUND = 0.15
-#: Entry and exit curves: the gentlest that are drawn, and the tightest that cars drive, metres.
+#: Maximum and minimum radius of entry and exit curves, metres.
 GENTLE_M, TIGHT_M = 12.0, 3.0
-#: Shorter pieces of a way are left out, metres.
+#: Shorter pieces of a path are left out, metres.
 SHORT_M = 1e-3
 
 
@@ -52,10 +52,10 @@ class Ring:
     """A small roundabout.
 
     Attributes:
-        edges: ids of the edges that it consists of.
+        edges: ids of its edges.
         centre: x, y (2,), site frame, metres.
-        radius: of the middle of its lane, metres.
-        width: of its carriageway, metres.
+        radius: radius of its lane's centre line, metres.
+        width: width of its carriageway, metres.
     """
 
     edges: frozenset[str]
@@ -65,17 +65,17 @@ class Ring:
 
     @property
     def island_radius(self) -> float:
-        """Of what the carriageway leaves in its middle, metres."""
+        """Radius of the central island, metres."""
         return self.radius - self.width / 2
 
     @property
     def island(self) -> shapely.Polygon:
-        """What the carriageway leaves in its middle."""
+        """The central island inside the carriageway."""
         return shapely.Point(self.centre).buffer(self.island_radius)
 
 
 def small_rings(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> list[Ring]:
-    """Return the closed, circular rings of one lane that are small enough.
+    """Return the closed, circular, single-lane rings that are small enough.
 
     Args:
         pieces: the segments of streets.
@@ -104,7 +104,7 @@ def small_rings(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -
 
 
 def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring | None:
-    """Return a closed chain of pieces as a ring; ``None`` where it is no small circle."""
+    """Return a closed chain of pieces as a ring; ``None`` if it is not a small circle."""
     lanes = [one.section.forward + one.section.backward for one in segments]
     driven = [[lane for lane in each if lane.kind != "bicycle"] for each in lanes]
     if any(len(each) != 1 for each in driven):
@@ -125,12 +125,12 @@ def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring
 
 
 def circulating(plain: PlainNetwork, rings: Sequence[Ring], minis: Collection[str]) -> PlainNetwork:
-    """Return a network where those who enter a roundabout give way to those within it.
+    """Return a network where traffic that enters a roundabout yields to traffic on it.
 
     Args:
         plain: the network.
         rings: its small roundabouts.
-        minis: nodes that are one.
+        minis: nodes that are mini-roundabouts.
     """
     edges = [plain.edges[name] for ring in rings for name in ring.edges & plain.edges.keys()]
     names = {*minis, *(node for edge in edges for node in (edge.start, edge.end))}
@@ -143,30 +143,30 @@ def circulating(plain: PlainNetwork, rings: Sequence[Ring], minis: Collection[st
 
 
 def is_mini_roundabout(tags: Mapping[str, str]) -> bool:
-    """Whether a node is a roundabout whose island is driven over (OSM wiki, its own tag)."""
+    """Return whether a node is a mini-roundabout with a traversable island (OSM wiki)."""
     return tags.get("highway") == "mini_roundabout"
 
 
 def ring_of(edges: Iterable[str], rings: Sequence[Ring]) -> Ring | None:
-    """Return the ring that some of the edges belong to."""
+    """Return the ring that contains some of the edges; ``None`` if there is none."""
     names = set(edges)
     return next((ring for ring in rings if ring.edges & names), None)
 
 
 def round_ring(ends: NDArray[np.float64], ring: Ring, along: float, side: int) -> Curve | None:
-    """Return a way from pose to pose round the middle of a ring: straight lines and arcs.
+    """Return a path between two poses around a ring's centre, made of straight lines and arcs.
 
     Args:
-        ends: x, y, heading (2, 3) where it begins and ends.
+        ends: x, y, heading (2, 3) of its start and end.
         ring: the ring.
-        along: how much of the ring the map's way has, metres.
-        side: 1 where traffic runs round it counter-clockwise (right-hand traffic), else -1.
+        along: length of the map's path on the ring, metres.
+        side: 1 for counter-clockwise circulation (right-hand traffic), else -1.
 
     Returns:
-        The way; ``None`` where the ends leave no room for its curves, or where they meet before
-        they reach the ring, as on the way to the next arm.
+        The path; ``None`` where the ends leave no room for its curves, or where entry and exit meet
+            before the ring, as between adjacent arms.
     """
-    # The exit is an entry that is driven backwards, round the ring the other way.
+    # The exit is an entry driven backwards, around the ring in the other direction.
     back = np.array([*ends[1, :2], ends[1, 2] + np.pi])
     first, last = _entry(ends[0], ring, side), _entry(back, ring, -side)
     if first is None or last is None:
@@ -191,9 +191,10 @@ def round_ring(ends: NDArray[np.float64], ring: Ring, along: float, side: int) -
 
 @dataclass(frozen=True)
 class _Entry:
-    """A way into a ring: metres straight ahead, the curve to the outside, where it joins.
+    """An entry into a ring: straight length, curve to the outside, and place where it joins.
 
-    ``radius`` metres, ``turn`` radians, ``at`` the angle seen from the ring's centre.
+    ``ahead`` and ``radius`` in metres, ``turn`` in radians, ``at`` as angle around the ring's
+    centre.
     """
 
     ahead: float
@@ -203,14 +204,14 @@ class _Entry:
 
 
 def _entry(pose: NDArray[np.float64], ring: Ring, side: int) -> _Entry | None:
-    """Return how a way from a pose (3,) joins a ring; ``None`` where there is no room."""
+    """Return the entry from a pose (3,) into a ring; ``None`` if there is no room."""
     ahead = np.array([np.cos(pose[2]), np.sin(pose[2])])
     inward = side * np.array([-ahead[1], ahead[0]])
     gap = ring.centre - pose[:2]
     room, beside = float(gap @ ahead), float(gap @ inward)
     if abs(beside) > ring.radius - SHORT_M or room <= 0.0:
         return None
-    # The curve's centre is ``radius`` beside the way, and both radii from the ring's centre.
+    # The curve's centre is ``radius`` beside the path, and both radii from the ring's centre.
     across = ring.radius - beside
     radius = min(GENTLE_M, (room * room / across - ring.radius - beside) / 2)
     if radius < TIGHT_M:

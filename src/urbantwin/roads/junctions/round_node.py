@@ -1,8 +1,8 @@
-"""The order of edges round a node, as netconvert sees it, and the gaps between them to stand in.
+"""The order of edges around a node in netconvert, and the gaps between them for walking areas.
 
-netconvert sorts the edges of a node by where they are ten metres on, seen from the middle of the
-junction (``NBEdge::computeAngle``). Sidewalks and footways between two carriageways in this order
-make one walking area; a crossing joins the walking areas on both sides of its edges.
+netconvert sorts the edges of a node by their position ten metres out, seen from the centre of the
+junction (``NBEdge::computeAngle``). Sidewalks and footways between two consecutive carriageways
+form one walking area; a crossing joins the walking areas on both sides of its edges.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from urbantwin.roads.junctions.strip import Strip
 
 __all__ = ["RoundNode", "is_driven"]
 
-#: How far along an edge netconvert looks, at most half its length, metres.
+#: Distance along an edge at which netconvert takes its angle, at most half its length, metres.
 LOOK_M = 10.0
 
 
 def is_driven(edge: PlainEdge) -> bool:
-    """Whether vehicles use an edge."""
+    """Return whether vehicles use an edge."""
     return any(edge.admits(name) for name in ("passenger", "bus", "bicycle"))
 
 
 @dataclass(frozen=True, eq=False)
 class RoundNode:
-    """What meets at a node, counter-clockwise.
+    """The edges at a node, counter-clockwise.
 
     Attributes:
         plain: the network.
-        node: the node's name.
+        node: the node's id.
         outward: 1 in left-hand traffic, -1 in right-hand traffic.
     """
 
@@ -45,7 +45,7 @@ class RoundNode:
 
     @cached_property
     def centre(self) -> NDArray[np.float64]:
-        """Where edges are seen from."""
+        """The point from which edges are seen (2,)."""
         node = self.plain.nodes[self.node]
         if len(node.outline) < 3:
             return node.xy
@@ -54,13 +54,13 @@ class RoundNode:
 
     @cached_property
     def outline(self) -> shapely.Geometry:
-        """The junction's outline, empty where netconvert finds it."""
+        """The junction's outline; empty if netconvert determines it."""
         outline = self.plain.nodes[self.node].outline
         return shapely.Polygon(outline) if len(outline) > 2 else shapely.Polygon()
 
     @cached_property
     def driven(self) -> list[tuple[float, PlainEdge]]:
-        """Angle (radians, 0 to 2 pi) and edge, of all that vehicles use, in order."""
+        """Angle (radians, 0 to 2 pi) and edge of all edges for vehicles, in order."""
         met = {
             edge.id: edge
             for edge in (*self.plain.arriving[self.node], *self.plain.leaving[self.node])
@@ -73,7 +73,7 @@ class RoundNode:
         return sorted(rows, key=lambda row: (row[0], row[1].id))
 
     def angle(self, points: NDArray[np.float64], reaches_in: bool = False) -> float:
-        """Return the angle at which an edge is seen, whose points lead away from the node."""
+        """Return the angle of an edge, given its points away from the node."""
         line = shapely.LineString(points)
         at = min(line.length / 2, LOOK_M) + (INTO_M / 2 if reaches_in else 0.0)
         place = line.interpolate(at)
@@ -81,12 +81,12 @@ class RoundNode:
         return float(np.arctan2(gap[1], gap[0]) % (2 * np.pi))
 
     def gap_at(self, angle: float) -> int:
-        """Return the gap that an angle lies in: the number of the edge before it, in order."""
+        """Return the gap of an angle: the index of the preceding edge."""
         before = [k for k, (other, _) in enumerate(self.driven) if other <= angle]
         return (before[-1] if before else len(self.driven) - 1) if self.driven else 0
 
     def bounds(self, gap: int) -> tuple[float, float]:
-        """Return the angles between which a gap lies, the second greater than the first."""
+        """Return the angles that bound a gap, the second greater than the first."""
         first = self.driven[gap][0]
         last = self.driven[(gap + 1) % len(self.driven)][0]
         return first, last if last > first else last + 2 * np.pi
@@ -95,7 +95,7 @@ class RoundNode:
         """Return the gaps at the start and the end of a crossing's line."""
         numbers = [k for k, (_, edge) in enumerate(self.driven) if edge.id in crossing.edges]
         count = len(self.driven)
-        # The edges lie side by side: the first is the one without another before it.
+        # The edges are adjacent: the first is the one without a predecessor among them.
         first = next((k for k in numbers if (k - 1) % count not in numbers), numbers[0])
         last = next((k for k in numbers if (k + 1) % count not in numbers), numbers[-1])
         before, after = (first - 1) % count, last
@@ -112,10 +112,10 @@ class RoundNode:
         return found
 
     def ordered(self, crossings: Sequence[PlainCrossing]) -> list[PlainCrossing]:
-        """Return crossings in the order in which netconvert joins one to the next.
+        """Return crossings in the order in which netconvert joins them.
 
-        It takes the crossing listed before for the next round the node, counter-clockwise where
-        traffic keeps right.
+        netconvert assumes that listed crossings follow each other around the node,
+        counter-clockwise in right-hand traffic.
         """
         number = {edge.id: k for k, (_, edge) in enumerate(self.driven)}
         return sorted(

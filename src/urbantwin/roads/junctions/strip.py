@@ -1,4 +1,4 @@
-"""Where the lanes of a plain edge lie: the strip that it covers, as netconvert lays it out."""
+"""The strip that a plain edge covers, as netconvert lays it out."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork, 
 
 __all__ = ["Strip", "cut", "heading_of", "split_edges"]
 
-#: Over how many metres of a line its heading at an end is taken: mapped lines have short kinks.
+#: Length over which a line's heading at an end is averaged: mapped lines have short kinks, metres.
 HEADING_M = 6.0
-#: Where a line is cut, its points that are nearer than this are left out, metres: so short a leg
-#: has no heading, and what lies beside it would be turned.
+#: Points closer than this to the ends of a cut line are dropped, metres: so short a leg has no
+#: reliable heading.
 LEG_M = 0.2
 
 
@@ -29,8 +29,8 @@ class Strip:
 
     Attributes:
         edge: the edge.
-        outward: -1 where lanes lie to the right of a line that is not amid them (right-hand
-            traffic), 1 where they lie to its left.
+        outward: side of the lanes of edges that are not centred on their line: -1 to its right
+            (right-hand traffic), 1 to its left.
     """
 
     edge: PlainEdge
@@ -38,14 +38,14 @@ class Strip:
 
     @cached_property
     def middle(self) -> shapely.LineString:
-        """The line amid all lanes, in the direction of travel."""
+        """The centre line of all lanes, in the direction of travel."""
         if self.edge.centred:
             return self.edge.line
         half = self.outward * self.edge.width / 2
         return shapely.LineString(moved_left(self.edge.shape, half))
 
     def across(self, lane: int) -> float:
-        """Return how far a lane's middle is left of the strip's middle, metres.
+        """Return the offset of a lane's centre to the left of the strip's centre line, metres.
 
         Lanes are counted from the kerb, which is at the outward side.
         """
@@ -53,7 +53,7 @@ class Strip:
         return self.outward * (self.edge.width / 2 - before - self.edge.lanes[lane].width / 2)
 
     def driven(self) -> tuple[float, float]:
-        """Return the offsets to the left of the middle between which vehicles drive, sorted."""
+        """Return the range of offsets to the left of the centre line that vehicles use, metres."""
         ends = [
             self.across(k) + side * lane.width / 2
             for k, lane in enumerate(self.edge.lanes)
@@ -63,18 +63,18 @@ class Strip:
         return (min(ends), max(ends)) if ends else (0.0, 0.0)
 
     def at(self, station: float) -> NDArray[np.float64]:
-        """Return x, y and heading of the middle at a station from the start, metres."""
+        """Return x, y, heading (3,) of the centre line at a station from the start, metres."""
         return pose_on(self.middle, station)
 
     def corners(self, station: float, *, driven: bool = False) -> NDArray[np.float64]:
-        """Return the right and the left end (2, 2) of the line across the strip at a station."""
+        """Return the right and left ends (2, 2) of the line across the strip at a station."""
         low, high = self.driven() if driven else (-self.edge.width / 2, self.edge.width / 2)
         x, y, heading = self.at(station)
         left = np.array([-np.sin(heading), np.cos(heading)])
         return np.array([[x, y] + low * left, [x, y] + high * left])
 
     def area(self, first: float, last: float) -> shapely.Polygon:
-        """Return what is covered between two stations."""
+        """Return the area between two stations."""
         part = shapely.ops.substring(self.middle, first, last)
         if part.geom_type != "LineString":
             return shapely.Polygon()
@@ -82,7 +82,7 @@ class Strip:
 
 
 def pose_on(line: shapely.LineString, station: float) -> NDArray[np.float64]:
-    """Return x, y and heading of a line at a station, the heading taken over a short stretch."""
+    """Return x, y, heading (3,) of a line at a station, with the heading over about 1 m."""
     half = min(0.5, line.length / 4)
     at = float(np.clip(station, 0.0, line.length))
     a, b = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-half, half))
@@ -91,7 +91,7 @@ def pose_on(line: shapely.LineString, station: float) -> NDArray[np.float64]:
 
 
 def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
-    """Return the heading of a line at its start or its end, over `HEADING_M` of it."""
+    """Return the heading of a line at its start or end, averaged over `HEADING_M`, radians."""
     reach = min(HEADING_M, line.length)
     first, last = (line.length - reach, line.length) if at_end else (0.0, reach)
     a, b = line.interpolate(first), line.interpolate(last)
@@ -99,7 +99,7 @@ def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
 
 
 def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float64]:
-    """Return a line's points (N, 2) between two stations."""
+    """Return the points (N, 2) of a line between two stations."""
     points = np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
     ends = points[[0, -1]]
     near = np.linalg.norm(points[:, None] - ends[None], axis=2).min(axis=1) < LEG_M
@@ -110,17 +110,17 @@ def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float
 def split_edges(
     plain: PlainNetwork, node: PlainNode, stations: Mapping[str, float]
 ) -> tuple[PlainNetwork, dict[str, str]]:
-    """Cut edges at a new node; every lane leads on to itself.
+    """Split edges at a new node; each lane continues on itself.
 
-    The part that leads to where the edge led keeps its name, and with it the turns from there.
+    The second part keeps the edge's name, and thereby its links at the end.
 
     Args:
         plain: the network.
         node: the new node.
-        stations: edge -> where it is cut, metres along its shape.
+        stations: edge -> station of the split along its shape, metres.
 
     Returns:
-        The network, and edge -> the name of the part that leads to the new node.
+        The network, and edge -> name of the part that leads to the new node.
     """
     edges: dict[str, PlainEdge] = {}
     before: dict[str, str] = {}
@@ -152,13 +152,13 @@ def split_edges(
 
 
 def _at(node: str, name: str, before: Mapping[str, str], edges: Mapping[str, PlainEdge]) -> str:
-    """Return the part of an edge that meets a node."""
+    """Return the part of an edge that is connected to a node."""
     first = before.get(name, name)
     return first if edges[first].start == node else name
 
 
 def _unused(name: str, used: Collection[str]) -> str:
-    """Return a name for the first part of an edge, numbered as netconvert numbers parts."""
+    """Return a name for the first part of an edge, numbered as by netconvert."""
     whole, number = name.partition("#")[0], 1
     while f"{whole}#{number}" in used:
         number += 1

@@ -1,4 +1,4 @@
-"""The middle of every lane's way through a junction, and which of them anybody can drive."""
+"""Centre lines of lane movements through a junction, and those that are drivable."""
 
 from __future__ import annotations
 
@@ -21,34 +21,35 @@ from urbantwin.roads.streets.manoeuvre import gentle_curves
 
 __all__ = ["Way", "WaysThrough", "ways_through"]
 
-#: Points of the map's way this near its ends, or twice as near sharper bends, are not kept to:
-#: metres, radians.
+#: Points of the map's path within this distance of its ends, or twice that of sharper bends, are
+#: dropped: metres, radians.
 NEAR_M, SHARP = 3.0, np.radians(25.0)
-#: Nobody drives a tighter curve, metres (turning circles of cars are 10 to 12 m).
+#: Minimum radius of a drivable curve, metres (turning circles of cars are 10 to 12 m).
 TIGHTEST_M = 2.5
-#: A lane of an edge that leads in, and one of an edge that leads out.
+#: Lane of an incoming edge, and lane of an outgoing edge: (edge, lane, edge, lane).
 Way = tuple[str, int, str, int]
-#: Turns by more than this across oncoming traffic, from sides this nearly opposite, radians.
+#: Minimum angle of turns across oncoming traffic, and tolerance of opposite directions, radians.
 TURN, OPPOSITE = np.radians(50.0), np.radians(45.0)
-#: How far apart the middles of opposed turns pass, and the most that one is moved for it, metres.
+#: Minimum distance between the centre lines of opposed turns, and maximum displacement for it,
+#: metres.
 APART_M, MOST_M = 3.4, 5.0
-#: Corners of the line, and then of every lane beside it, are rounded within so much until their
-#: radius is as large as the last, metres.
+#: Tolerances for rounding the corners of a drawn line and of each lane beside it, and the target
+#: radius, metres.
 LINE_M, LANE_M, RADIUS_M = 0.25, 0.5, 12.0
-#: A lane that does not begin where it is drawn goes there with this radius, metres.
+#: Radius of the lateral shift of a lane that does not begin on its drawn path, metres.
 SHIFT_RADIUS_M = 25.0
-#: Points that a way's curve goes through are this far apart, metres.
+#: Spacing of the points that a curve passes through, metres.
 SPACING_M = 2.0
 
 
 @dataclass(frozen=True)
 class WaysThrough:
-    """Ways through a junction.
+    """Lane movements through a junction.
 
     Attributes:
-        curves: the middle of each.
-        led: those of them that somebody drew, or that lead round a ring or what stands.
-        drivable: those that are driven, in the order of the junction's ways.
+        curves: their centre lines.
+        led: the movements that were drawn, or that lead around a ring or an obstacle.
+        drivable: the drivable ones, in the order of the junction's movements.
     """
 
     curves: Mapping[Way, Curve]
@@ -65,12 +66,12 @@ def ways_through(
     standing: Sequence[shapely.Geometry],
     driving_side: str,
 ) -> WaysThrough:
-    """Return the ways through a junction in plan.
+    """Return the movements through a junction in plan.
 
     Args:
-        ways: the passages by lanes.
-        strips: where the edges lie that lead in and out.
-        followed: edge within the junction -> the line (N, 2) that traffic keeps to, site frame.
+        ways: passages by lane movement.
+        strips: strips of the incoming and outgoing edges.
+        followed: edge within the junction -> its drawn path (N, 2), site frame.
         rings: small roundabouts, site frame.
         standing: outlines of posts and islands, site frame.
         driving_side: ``right`` or ``left``.
@@ -89,7 +90,7 @@ def ways_through(
 def _round_rings(
     ways: Mapping[Way, Passage], curves: Mapping[Way, Curve], rings: Sequence[Ring], side: int
 ) -> dict[Way, Curve]:
-    """Return the ways that lead over small rings, round their middle."""
+    """Return the movements that use small rings, with paths around their centre."""
     found = {}
     for way, passage in ways.items():
         inner = {edge.id: edge for edge in passage.path[1:-1]}
@@ -105,9 +106,9 @@ def _round_rings(
 
 
 def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
-    """Return ways without those that nobody can drive, where every lane has another way on.
+    """Return movements without those too tight to drive, if each of their lanes has another.
 
-    Nor does the last way to a street go.
+    The last movement into a street is kept.
     """
     radius: dict[tuple[str, str], float] = {}
     for way in ways:
@@ -132,7 +133,7 @@ def _curves(
     strips: Mapping[str, Strip],
     driving_side: str,
 ) -> dict[Way, Curve]:
-    """Return the middle of every lane's way through."""
+    """Return the centre line of each lane movement."""
     outward = -1 if driving_side == "right" else 1
     poses, guides = [], []
     streets = [(start, end) for start, _, end, _ in ways]
@@ -157,7 +158,7 @@ def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:
 def _guide(
     passage: Passage, poses: NDArray[np.float64], t: tuple[float, float], outward: int
 ) -> shapely.LineString | None:
-    """Return the map's own way through; ``None`` where it has no edge there."""
+    """Return the map's own path through the junction; ``None`` if it has no edge there."""
     if len(passage.path) < 3:
         return None
     middles = [Strip(edge, outward) for edge in passage.path[1:-1]]
@@ -179,7 +180,7 @@ def _guide(
 
 
 def _passable(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave out what a smooth way cannot pass: sharp bends, and what is not between its ends."""
+    """Remove points that a smooth path cannot pass: sharp bends, and points beyond its ends."""
     inner = points[1:-1]
     start, end = poses[:, :2]
     ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
@@ -192,11 +193,11 @@ def _passable(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArra
 
 
 def passing_in_front(curves: Sequence[Curve], groups: Sequence[int], inner: float) -> list[Curve]:
-    """Return curves of which opposed inner turns no longer cross.
+    """Return curves in which opposed inner turns no longer cross.
 
     Args:
-        curves: ways through one junction.
-        groups: number of the street that each comes from and goes to: its lanes are moved alike.
+        curves: paths through one junction.
+        groups: index of the pair of streets of each path: its lanes are moved alike.
         inner: 1 where turns to the left cross oncoming traffic (right-hand traffic), else -1.
     """
     ends = np.array([curve.at([0.0, curve.length]) for curve in curves]).reshape(-1, 2, 3)
@@ -230,15 +231,15 @@ def drawn_turns(
     strips: Mapping[str, Strip],
     followed: Mapping[str, NDArray[np.float64]],
 ) -> dict[Way, Curve]:
-    """Return the middle of each lane's way where a line through the junction is to be followed.
+    """Return the centre lines of lane movements along drawn lines through a junction.
 
-    The line is the middle of the lanes that turn side by side. A way begins and ends in its lanes,
-    and goes on in them as far as the line does not reach.
+    The drawn line is the centre of all lanes that turn side by side. A movement begins and ends in
+    its lanes and continues in them where the line does not reach.
 
     Args:
-        ways: the passages through a junction by lanes.
-        curves: their ways where no line is drawn, which begin and end in their lanes.
-        strips: where the edges lie that lead in and out.
+        ways: passages through a junction by lane movement.
+        curves: their paths without drawn lines, which begin and end in their lanes.
+        strips: strips of the incoming and outgoing edges.
         followed: edge within the junction -> its line (N, 2).
     """
     beside: dict[Passage, list[Way]] = defaultdict(list)
@@ -266,7 +267,7 @@ def drawn_turns(
 
 
 def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float) -> Curve:
-    """Return a way from pose to pose (2, 3) that runs ``place`` metres left of a line (N, 2)."""
+    """Return a path between two poses (2, 3), ``place`` metres left of a line (N, 2)."""
     lane = _beside(middle, place)
     length = float(stations_of_points(lane)[-1])
     ahead = np.column_stack([np.cos(ends[:, 2]), np.sin(ends[:, 2])])
@@ -274,7 +275,7 @@ def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float)
     for k, station in ((0, stations_of_points(lane)), (-1, stations_of_points(lane[::-1])[::-1])):
         left = np.array([-ahead[k, 1], ahead[k, 0]])
         lacking = float((ends[k, :2] - lane[k]) @ left)
-        # Two arcs of about that radius that meet in the middle.
+        # Two arcs of about that radius, joined in the middle.
         reach = min(float(np.sqrt(6.0 * SHIFT_RADIUS_M * abs(lacking))), length / 2)
         share = np.clip(station / max(reach, 1e-9), 0.0, 1.0)
         off += np.outer(lacking * (1.0 - share * share * (3.0 - 2.0 * share)), left)
@@ -287,7 +288,7 @@ def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float)
 
 
 def _middle_run(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return points that lie between the ends; those far round a bend may lie behind them, too."""
+    """Return the mask of points between the ends; far around a bend, points may lie behind them."""
     found = np.ones_like(within)
     half = len(within) // 2
     if len(behind := np.flatnonzero(~within[:half])):
@@ -298,12 +299,12 @@ def _middle_run(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _beside(middle: NDArray[np.float64], place: float) -> NDArray[np.float64]:
-    """Return a smooth line (N, 2) moved to its left."""
+    """Return a smooth line (N, 2) offset to its left by ``place`` metres."""
     leg = np.gradient(middle, axis=0)
     return aside(np.column_stack([middle, np.arctan2(leg[:, 1], leg[:, 0])]), place)
 
 
 def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points without those that lie where the one before lies."""
+    """Return points without consecutive duplicates."""
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
     return np.asarray(points[np.concatenate([[True], apart])])
