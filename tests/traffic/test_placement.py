@@ -1,11 +1,18 @@
 """Actors on analytic ground."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+import shapely
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.traffic.actor_rows import KeptRows, actor_rows
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.demand.demand import Trip
 from urbantwin.traffic.paths.placement import Ground, stand
+from urbantwin.traffic.prescribed import usual_asset
 
 WHEELS = np.array([[1.4, 0.75, 0.0], [1.4, -0.75, 0.0], [-1.3, 0.75, 0.0], [-1.3, -0.75, 0.0]])
 NO_ROADS = RoadNetwork("right", (), (), (), (), ())
@@ -100,3 +107,22 @@ def test_an_actor_beyond_the_ground_has_no_height() -> None:
     z, pitch, roll = placed(ground, WHEELS, xy, np.zeros(3))
     assert list(np.isnan(z)) == [False, True, True]
     assert not np.isnan([pitch, roll]).any()
+
+
+def test_poses_beside_the_ground_count_within_the_region_alone() -> None:
+    """A bus that turns around beyond the region leaves the ground with its front: no warning."""
+    trip = Trip("car", usual_asset("car", 0), 0.0, ("r",))
+    x = np.array([0.0, 50.0, 70.0, 90.0])  # ground ends at x = 60
+    columns = {
+        "trip": np.zeros(4, np.int32), "step": np.arange(4, dtype=np.int32),
+        "xy": np.column_stack([x, 0 * x]), "yaw": np.zeros(4), "distance": x,
+        "speed": np.full(4, 9.0), "lane": np.zeros(4, np.int32),
+    }  # fmt: skip
+    rows_of = partial(
+        actor_rows, trips=[trip], lanes=("nowhere",), step_s=0.1, asset=asset,
+        ground=Ground(sheet(lambda x, y: 0 * x), NO_ROADS),
+    )  # fmt: skip
+    for reach, left_out in ((40.0, 0), (80.0, 1), (100.0, 2)):
+        kept = KeptRows(None, shapely.box(-reach, -9, reach, 9))
+        assert kept.stood(columns, rows_of) == left_out
+        assert [table.num_rows for table in kept] == [2]

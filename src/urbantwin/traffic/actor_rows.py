@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import Asset
@@ -40,8 +41,10 @@ def actor_rows(
     *,
     step_s: float,
     asset: Callable[[str], Asset],
-) -> pa.Table:
-    """Return rows of the table of actors, where there is ground; tracks are numbers of trips.
+) -> tuple[pa.Table, NDArray[np.float64]]:
+    """Return the rows of poses on the ground, and the places (M, 2) of poses beside it.
+
+    Tracks are numbers of trips. Poses beside the ground have no row.
 
     Args:
         columns: poses by trip and step, from step 0 on.
@@ -68,6 +71,7 @@ def actor_rows(
             moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
         phase[rows] = np.where(columns["speed"][rows] < STANDING_MS, mesh.standing, moving)
     order = np.lexsort([trip, columns["step"]])
+    beside = columns["xy"][np.isnan(z)]
     order = order[~np.isnan(z[order])]
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
@@ -95,7 +99,7 @@ def actor_rows(
         one if isinstance(one := values[field.name], pa.Array) else pa.array(one, field.type)
         for field in ACTOR_SCHEMA
     ]
-    return pa.table(arrays, names=ACTOR_SCHEMA.names)
+    return pa.table(arrays, names=ACTOR_SCHEMA.names), beside
 
 
 class KeptRows:
@@ -103,10 +107,12 @@ class KeptRows:
 
     Args:
         folder: where they are kept; in memory, where not given.
+        region: the recorded region, site frame.
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, region: shapely.Geometry) -> None:
         self._folder = folder
+        self._region = region
         self._tables: list[pa.Table] = []
         self._files: list[Path] = []
         #: How many poses `stood` has taken.
@@ -115,9 +121,11 @@ class KeptRows:
     def stood(
         self,
         columns: dict[str, NDArray[Any]],
-        rows_of: Callable[[dict[str, NDArray[Any]]], pa.Table],
+        rows_of: Callable[[dict[str, NDArray[Any]]], tuple[pa.Table, NDArray[np.float64]]],
     ) -> int:
-        """Keep the rows of poses that follow; return how many are left out.
+        """Keep the rows of poses that follow; return how many the region lacks, beside the ground.
+
+        Outside the region the ground is narrow: a bus that turns around leaves it with its front.
 
         Args:
             columns: poses, as `actor_rows` takes them.
@@ -125,9 +133,9 @@ class KeptRows:
         """
         left_out = 0
         for part in _some_steps(columns):
-            rows = rows_of(part)
+            rows, beside = rows_of(part)
             self.add(rows)
-            left_out += len(part["trip"]) - int(rows.num_rows)
+            left_out += int(shapely.contains_xy(self._region, beside).sum()) if len(beside) else 0
             self.taken += len(part["trip"])
         return left_out
 

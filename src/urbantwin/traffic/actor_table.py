@@ -97,7 +97,7 @@ class Tabled:
 
     Attributes:
         actors: their rows.
-        outside: how many poses were left out because there is no ground.
+        outside: number of poses in the region that were left out because there is no ground.
         rigid: who does not bend though its trip says so, by the numbers of their trips.
         poses: how far each trip is behind at each step, stretch by stretch, see `yielding.Before`;
             where tracks are numbers of trips.
@@ -166,7 +166,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         every = stretches(*ways.steps, step_s)
         lead = ways.who == vehicles(ways.who)
         left, outside, posed, poses = None, 0, 0, []
-        kept = KeptRows(folder)
+        kept = KeptRows(folder, place.region)
         rows_of = partial(
             actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
         )

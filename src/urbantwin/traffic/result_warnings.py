@@ -93,9 +93,9 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     if manifest["poses_outside_ground"]:
         yield ResultWarning(
             "traffic",
-            f"{manifest['poses_outside_ground']} poses of actors lie beside the ground",
-            "their lanes leave it",
-            "their height is that of the nearest ground",
+            f"{manifest['poses_outside_ground']} poses of actors are left out",
+            "a wheel or the whole actor is beside the ground within the region",
+            "look in plan.png for a lane that leaves the street",
         )
     stuck = manifest.get("circulation", {}).get("halted", [])
     if stuck:

@@ -203,7 +203,7 @@ class _Drive:
         demand: who set out.
         simulated: what SUMO did, but of where everybody was the `arrivals` alone.
         actors: their rows.
-        outside: how many poses were left out because there is no ground.
+        outside: number of poses in the region that were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
         poses: everybody's, as ``yielding`` has them.
         absent: who is left out, as it would pass through somebody.
