@@ -1,8 +1,7 @@
-"""The functions that people call: one for every command, and what they return.
+"""Public functions, one per command, and the classes that they return.
 
-``urbantwin`` has all of them by their names (``import urbantwin as ut; ut.build(...)``); modules
-here are imported when a name of theirs is first used, so that nobody waits for what they do not
-call.
+``urbantwin`` exports all of them (``import urbantwin as ut; ut.build(...)``); a module here is
+imported when one of its names is first used, to keep imports fast.
 """
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""The catalogue of actors: bodies and their sizes, a country's fleet of them, a picture."""
+"""Catalogue of actors: 3D models, their sizes, a country's fleet, a picture."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from urbantwin.traffic.assets import Asset, Fleet, asset, asset_mesh, asset_name
 
 __all__ = ["ActorCatalogue", "actors"]
 
-#: So many actors of a class show how its sizes scatter; these parts of them are told.
+#: Number of actors drawn per class to estimate the distribution of sizes, and its quantiles.
 DRAWN, QUANTILES = 400, (0.05, 0.5, 0.95)
 _SIDES = ("length", "width", "height")
 
 
 class ActorCatalogue(Listing, Mapping[str, Asset]):
-    """The bodies of actors by their names: shown, it is a table.
+    """The actors' bodies by name; printed as a table.
 
     Args:
-        classes: which classes of actors.
-        country: whose fleet the sizes are of, ISO 3166-1 alpha-2; empty for the usual one.
+        classes: classes of actors.
+        country: country of the fleet's sizes, ISO 3166-1 alpha-2; empty for the default fleet.
     """
 
     def __init__(self, classes: tuple[str, ...] = ACTOR_CLASSES, country: str = "") -> None:
@@ -38,14 +38,14 @@ class ActorCatalogue(Listing, Mapping[str, Asset]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the bodies."""
+        """Names of the bodies."""
         return self._names
 
     def __getitem__(self, name: str) -> Asset:
         """Return a body by its name.
 
         Raises:
-            KeyError: there is none of that name.
+            KeyError: no body has this name.
         """
         if name not in self._names:
             raise KeyError(name)
@@ -56,7 +56,7 @@ class ActorCatalogue(Listing, Mapping[str, Asset]):
         return iter(self._names)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of bodies."""
         return len(self._names)
 
     def sizes(self, actor_class: str) -> dict[str, list[float]]:
@@ -71,7 +71,7 @@ class ActorCatalogue(Listing, Mapping[str, Asset]):
         }
 
     def __repr__(self) -> str:
-        """Return the table: bodies, and below it the sizes of the fleet by class."""
+        """Return the table of bodies, and the sizes of the fleet by class."""
         lines = [f"{'body':<24}{'class':<12}{'length x width x height, m':<30}{'postures':>8}"]
         for one in self.values():
             size = f"{one.length:.2f} x {one.width:.2f} x {one.height:.2f}"
@@ -84,7 +84,7 @@ class ActorCatalogue(Listing, Mapping[str, Asset]):
         return "\n".join(lines)
 
     def summary(self) -> Summary:
-        """Return bodies and sizes as JSON holds them."""
+        """Return bodies and sizes in JSON-compatible form."""
         return Summary(
             actors=[
                 {
@@ -119,7 +119,7 @@ def actors(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: there is no such class or country, or the picture cannot be written.
+        InputError: the class or country is unknown, or the picture cannot be written.
 
     Example:
         >>> ut.catalogue.actors("van")

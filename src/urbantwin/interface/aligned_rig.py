@@ -1,4 +1,4 @@
-"""Where in a twin a real sensor stands."""
+"""Alignment of a real sensor in a twin."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["AlignedRig", "align"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AlignedRig(Artefact):
-    """A rig whose sensors stand where real frames show that they do; it stands for its file.
+    """A rig with sensor poses found from real frames; it can be passed as its file.
 
     Attributes:
-        path: the ``rig.yaml`` that was written.
-        picture: of the points over the twin, before and after.
-        found: the pose, and how far it can be trusted.
+        path: the written ``rig.yaml``.
+        picture: picture of the points over the twin, before and after.
+        found: the pose, with its accuracy.
     """
 
     path: Path
@@ -37,7 +37,7 @@ class AlignedRig(Artefact):
     found: Alignment
 
     def __repr__(self) -> str:
-        """Return the place, its accuracy and the file."""
+        """Return position, accuracy and file."""
         told = self.found.report()
         return (
             f"Rig aligned at {told['east_m']:.2f} m east, {told['north_m']:.2f} m north, "
@@ -46,11 +46,11 @@ class AlignedRig(Artefact):
         )
 
     def summary(self) -> Summary:
-        """Return the pose and its accuracy in a few values."""
+        """Return the pose and its accuracy."""
         return Summary(path=str(self.path), picture=str(self.picture), **self.found.report())
 
     def plot(self) -> Figure:
-        """Show the points over the twin, before and after."""
+        """Show the points over the twin, before and after alignment."""
         from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.picture)
@@ -75,28 +75,28 @@ def align(
 ) -> AlignedRig:
     """Find the pose of a real sensor in a twin.
 
-    The pose is written into a rig.
+    Writes the pose into a rig.
 
     Args:
         real: real frame, or a recording of them.
         twin: twin, or its folder.
         out: rig to write; ``aligned_rig.yaml`` beside the twin if not given.
         rig: rig whose first sensor it is; the twin's own if not given.
-        sensor: name of the sensor that recorded, which alone moves; the first if not given, and
+        sensor: name of the recording sensor, which alone is moved; if not given, the first, and the
             others move with it.
         frames: numbers of frames from 0, or ``all``; the mean pose is taken.
-        guess: rough position, metres east and north of the anchor, and heading, degrees from east;
-            as the rig says if not given.
+        guess: approximate position, metres east and north of the anchor, and heading, degrees from
+            east; the rig's if not given.
         anywhere: search the whole region, with any heading.
-        within: largest distance from the rough place (metres) and heading (degrees).
-        level: the points are level with gravity; the rig says the tilt.
+        within: largest deviation from the approximate position (metres) and heading (degrees).
+        level: the points are level; the tilt is the rig's.
         picture: PNG to write; beside the rig if not given.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the place is not found, or what is given cannot be used.
+        InputError: no pose is found, or an input cannot be used.
 
     Example:
         $ urbantwin rig align real/ twin/ --guess 12 -7 135 -o rig.yaml

@@ -1,4 +1,4 @@
-"""Campaigns: sites, seeds, scenarios, rigs and weather recorded with each other."""
+"""Campaigns: recordings of all combinations of sites, seeds, scenarios, rigs and weather."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ if TYPE_CHECKING:
 
 __all__ = ["campaign"]
 
-#: Most cells in the picture.
+#: Most cells shown in the picture.
 _MAX_DRAWN = 12
 
 
 @dataclass
 class CampaignMaker:
-    """Makes the steps of a campaign, in any process.
+    """Runs the steps of a campaign, in any process.
 
     Attributes:
-        file: of the campaign.
-        folder: of the campaign.
-        twins: folders of twins that were built before, by the name of their site.
+        file: the campaign's grid.
+        folder: the campaign's folder.
+        twins: folders of existing twins, by site name.
     """
 
     file: CampaignFile
     folder: Path
     twins: Mapping[str, Path]
-    # Motions are large: recordings of one follow each other.
+    # Last motion with its twin, kept because motions are large and its recordings are consecutive.
     _last: tuple[str, Twin, Motion] | None = None
 
     def made(self, step: Step, workers: int, tell: Progress) -> dict[str, Any]:
-        """Make a step; return what the journal keeps of it."""
+        """Run a step, and return its entry in the journal."""
         folder = self.folder / step.place
         if step.kind == "twin":
             from urbantwin.interface.twin import build_of, site_with_known_sensors
@@ -125,8 +125,8 @@ def campaign(
 ) -> Campaign:
     """Record every site with every seed, scenario, rig and weather; see `experiment.run`.
 
-    A twin is built once for each site, a motion driven once for each site, seed and scenario, and
-    recorded by each rig in each weather. What failed is tried again by the next call.
+    A twin is built once per site, a motion is simulated once per site, seed and scenario, and is
+    recorded by each rig in each weather. The next call repeats failed steps.
 
     Raises:
         InputError: the file or what it names cannot be used, or ``out`` holds another campaign.
@@ -156,7 +156,7 @@ def campaign(
     if plan:
         return Campaign(place, plan=_plan(course, count))
     with claimed(place / "journal"):
-        course = Course(steps.all, place, file.storage)  # another run may have gone on meanwhile
+        course = Course(steps.all, place, file.storage)  # another run may have continued
         check_room(place, _least_bytes(file, course), f"the campaign {file.file.name}")
         course.journal.note("grid", state="told", name=file.file.name)
         shutil.rmtree(place / RUNNING, ignore_errors=True)
@@ -182,7 +182,7 @@ def _inputs(file: CampaignFile) -> list[Path]:
 
 
 def _plan(course: Course, workers: int) -> dict[str, Any]:
-    """Return what is left of a campaign, for its summary."""
+    """Return the remaining work of a campaign, for its summary."""
     plan = course.plan()
     known = plan.measured["dataset"]
     return {
@@ -199,12 +199,12 @@ def _plan(course: Course, workers: int) -> dict[str, Any]:
 
 
 def _least_bytes(file: CampaignFile, course: Course) -> float:
-    """Return the least bytes that datasets and shards take."""
+    """Return the least number of bytes of datasets and shards."""
     from urbantwin.dataset.dataset_writer import BYTES_PER_POINT, LEAST_LEFT, LEAST_RETURNED
 
     left = sum(step.work for step in course.to_make if step.kind == "dataset")
     rays = left * LEAST_LEFT[file.storage]
-    if file.shards is not None:  # hold all frames once more, packed as zstd packs them
+    if file.shards is not None:  # shards hold all frames again, compressed as zstd
         rays += sum(step.work for step in course.of("dataset")) * LEAST_LEFT["zstd"]
     return rays * LEAST_RETURNED * BYTES_PER_POINT
 
@@ -212,7 +212,7 @@ def _least_bytes(file: CampaignFile, course: Course) -> float:
 def _finished(
     file: CampaignFile, twins: Mapping[str, Path], course: Course, progress: ShowProgress
 ) -> Campaign:
-    """Write what is over all datasets: the split, the index and the shards."""
+    """Write the outputs over all datasets: split, index and shards."""
     from urbantwin.artefact import read_json
     from urbantwin.experiments.campaign.index import index_of, write_index
 
@@ -249,7 +249,7 @@ def _finished(
 
 
 def _divide(made: Campaign, file: CampaignFile, course: Course) -> None:
-    """Write the split by scenario; one of an earlier grid, or of more datasets, goes."""
+    """Write the split by scenario, and remove an outdated one."""
     from urbantwin.artefact import sha256_of
     from urbantwin.dataset.split import datasets_at, shares_of, split_by_scenario
     from urbantwin.dataset.split.document import write_split_document
@@ -260,7 +260,7 @@ def _divide(made: Campaign, file: CampaignFile, course: Course) -> None:
     for row in made.manifest["datasets"]:
         group = row["levels"]["site"], row["levels"]["seed"]
         groups.setdefault(group, []).append(made.folder / row["path"])
-    if file.split.by == "scenario" and len(groups) > 1:  # one alone cannot be divided
+    if file.split.by == "scenario" and len(groups) > 1:  # a single one cannot be divided
         scenarios = [
             Scenario(tuple(datasets_at(folders)), (f"site {site}, seed {seed}",))
             for (site, seed), folders in groups.items()
@@ -269,13 +269,13 @@ def _divide(made: Campaign, file: CampaignFile, course: Course) -> None:
         written = split_by_scenario(scenarios, shares, moved_m=None, seed=file.split.seed)
         write_split_document(target, written)
         course.journal.note("split", state="told", sha256=sha256_of(target))
-    # What `urbantwin dataset split` put there since is not the campaign's, and stays.
+    # A split written later by `urbantwin dataset split` is not the campaign's, and stays.
     elif target.is_file() and course.journal.row("split").get("sha256") == sha256_of(target):
         target.unlink()
 
 
 def _picture(made: Campaign, folder: Path) -> Path | None:
-    """Draw a frame of some cells, as far apart as they can be."""
+    """Draw a frame of some cells, evenly spread over the grid."""
     rows = made.manifest["datasets"]
     if not rows:
         return None

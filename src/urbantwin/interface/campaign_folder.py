@@ -1,4 +1,4 @@
-"""A campaign's folder: its datasets as one, by the levels that they were recorded at."""
+"""Campaign folders: their datasets as one, by the levels at which they were recorded."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 __all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "dataset_name", "shard_sources"]
 
 KIND = "campaign"
-#: In a campaign's folder: the index, the shards, and the split by scenario.
+#: Names in a campaign's folder: the index, the shards, and the split by scenario.
 INDEX, SHARDS, SPLIT = "index", "shards", "split.json"
 _AXES = ("site", "seed", "scenario", "rig", "weather", "sensor")
-#: Most failures in a summary.
+#: Largest number of failures listed in a summary.
 _NAMED = 20
 
 
 class Campaign(Datasets, Artefact):
-    """All datasets of a campaign as one; those that it was planned to have, before it ran.
+    """All datasets of a campaign as one; for a plan, the remaining work.
 
     Attributes:
-        folder: where it is; ``index/campaign.html`` in it is the page for people.
-        manifest: ``index/campaign.json``; empty of a plan.
-        plan: what was left to do, when it was planned.
+        folder: the campaign's folder; ``index/campaign.html`` in it is the overview page.
+        manifest: content of ``index/campaign.json``; empty for a plan.
+        plan: remaining work, for a plan.
 
     Example:
         >>> campaign = ut.open("campaign/")
@@ -60,7 +60,7 @@ class Campaign(Datasets, Artefact):
         """Open a campaign's folder, or the index in it.
 
         Raises:
-            InputError: it is none, or damaged.
+            InputError: the folder is not a campaign, or is damaged.
         """
         from urbantwin.experiments.campaign.index import read_index
 
@@ -81,17 +81,17 @@ class Campaign(Datasets, Artefact):
 
     @property
     def levels(self) -> tuple[dict[str, Any], ...]:
-        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``.
+        """Levels of each dataset: ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``.
 
-        And ``sensor``, where a rig leaves a dataset for each; of other rigs it is ``fused`` then.
+        Also ``sensor`` if a rig has one dataset per sensor; other rigs then have ``fused``.
         """
         return tuple(dict(row["levels"]) for row in self._rows)
 
     def at(self, **levels: Any) -> Campaign:  # noqa: ANN401 - a level, or several
-        """Return the datasets with some levels: ``at(weather="fog", seed=[1, 2])``.
+        """Return the datasets with given levels: ``at(weather="fog", seed=[1, 2])``.
 
         Raises:
-            InputError: there is no such axis or level.
+            InputError: the axis or level does not exist.
         """
         axes: Mapping[str, list[Any]] = self.manifest.get("axes", {})
         wanted = {}
@@ -113,14 +113,15 @@ class Campaign(Datasets, Artefact):
         return Campaign(self.folder, self.manifest, self.plan, rows)
 
     def where(self, **asked: Any) -> Selection:  # noqa: ANN401 - see `Frames.where`
-        """Return frames of some levels, with some of their boxes; see `Frames.where`.
+        """Return frames of given levels, with selected boxes; see `Frames.where`.
 
         Args:
-            asked: ``site``, ``seed``, ``scenario``, ``rig``, ``weather``, and ``sensor`` where a
-                rig leaves a dataset for each: a level, or several; and what `Frames.where` takes.
+            asked: one or several levels of ``site``, ``seed``, ``scenario``, ``rig``, ``weather``,
+                and of ``sensor`` if a rig has one dataset per sensor; and the arguments of
+                `Frames.where`.
 
         Raises:
-            InputError: there is no such level, class, split, sequence or frame.
+            InputError: a level, class, split, sequence or frame does not exist.
         """
         levels = {axis: asked.pop(axis, None) for axis in _AXES}
         levels = {axis: level for axis, level in levels.items() if level is not None}
@@ -134,14 +135,14 @@ class Campaign(Datasets, Artefact):
         return super()._part(dataset, split)
 
     def __repr__(self) -> str:
-        """Return how many datasets and frames there are, and the folder."""
+        """Return the numbers of datasets and frames, and the folder."""
         if not self.manifest:
             return f"a plan of a campaign ({self.folder})"
         frames = sum(row["frames"] for row in self._rows)
         return f"Campaign of {len(self._rows)} datasets of {frames} frames ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return what there is and what failed; of a plan, what it takes."""
+        """Return counts and failures; for a plan, the estimated effort."""
         if not self.manifest:
             return Summary(path=str(self.folder), **dict(self.plan or {}))
         told = self.manifest
@@ -160,10 +161,10 @@ class Campaign(Datasets, Artefact):
         )
 
     def check(self) -> None:
-        """Refuse a campaign of which cells failed.
+        """Raise an error if cells failed.
 
         Raises:
-            StageError: the first is named.
+            StageError: a cell failed; names the first.
         """
         failed = self.manifest.get("failed", [])
         if failed:
@@ -175,12 +176,12 @@ class Campaign(Datasets, Artefact):
 
 
 def dataset_name(row: Mapping[str, Any]) -> str:
-    """Return what the dataset of a row is called among those of the campaign."""
+    """Return the name of a row's dataset within the campaign."""
     return "-".join(Path(row["path"]).parts[1:])
 
 
 def shard_sources(made: Campaign) -> list[ShardSource]:
-    """Return the datasets of a campaign as those who write shards take them."""
+    """Return the datasets of a campaign as sources of shards."""
     from urbantwin.dataset.split import read_split_document
     from urbantwin.exports.frames.shards import ShardSource
 

@@ -1,4 +1,4 @@
-"""A campaign as it is shown while it runs: a table on a terminal, lines elsewhere."""
+"""Progress of a running campaign: a table on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 __all__ = ["shown_course"]
 
 Tell = Callable[["Course"], None]
-#: Time between lines where there is no terminal, seconds.
+#: Time between lines without a terminal, seconds.
 _LINE_S = 10.0
-#: Most steps named of those that run, and of those that failed.
+#: Largest number of running, and of failed, steps listed.
 _NAMED = 8
 
 
 @contextmanager
 def shown_course(name: str, progress: ShowProgress, abreast: int) -> Iterator[Tell]:
-    """Yield a function that shows a campaign's course, called whenever something changed.
+    """Yield a function that shows a campaign's course, to be called at each change.
 
     Args:
-        name: of the campaign's file.
-        progress: see `stage.shown_stage`; a function is called with the share of the work done.
-        abreast: number of steps made at once.
+        name: name of the campaign's file.
+        progress: see `stage.shown_stage`; a function is called with the fraction done.
+        abreast: number of steps run in parallel.
     """
     if progress is True:
         tell_ray_tracer()
@@ -59,7 +59,7 @@ def _share(course: Course) -> float:
 
 
 def _counted(course: Course) -> str:
-    """Return the datasets that are done, run and failed: ``12 of 96 datasets, 3 running``."""
+    """Return the counts of datasets: ``12 of 96 datasets, 3 running``."""
     counts = course.counts("dataset")
     words = [f"{counts['done']} of {counts.total()} datasets"]
     words += [f"{len(course.running)} running"] if course.running else []
@@ -101,15 +101,15 @@ def _table(name: str, course: Course, abreast: int) -> Table:
 
 
 class _Lines:
-    """Lines on stderr: one now and then, and one for each step that failed, at once."""
+    """Prints progress lines on stderr at intervals, and a line per failed step at once."""
 
     def __init__(self) -> None:
-        self._last_s = time.monotonic() - _LINE_S + 1.0  # the first after a second
+        self._last_s = time.monotonic() - _LINE_S + 1.0  # first line after a second
         self._failed: set[str] = set()
         self._course: Course | None = None
 
     def show(self, course: Course) -> None:
-        """Print what is due of a course."""
+        """Print the lines that are due."""
         self._course = course
         for place, why in course.failed.items():
             if place not in self._failed:
@@ -120,7 +120,7 @@ class _Lines:
             tell_line(f"campaign: {_counted(course)}; {_rate(course)}")
 
     def end(self) -> None:
-        """Print how it ended."""
+        """Print the final counts."""
         if self._course is not None:
             took = _time(time.monotonic() - self._course.began)
             tell_line(f"campaign: {_counted(self._course)} in {took}")

@@ -1,13 +1,13 @@
-"""A function that is also a command: its parameters are read from its annotations and docstring.
+"""Functions that are also commands; options are read from annotations and docstrings.
 
 The command line (`urbantwin.cli`) is generated from these functions, so an option is declared once:
 
-- its name, type and default are those of the parameter; `option_name` lists the few options whose
-  names are words of Python;
-- ``Annotated[int, Ge(0)]`` limits its value, here and on the command line; a text beside a limit,
-  ``Annotated[..., "EAST NORTH YAW"]``, is how help writes its value;
-- its line under ``Args:`` is its help, the first line of the docstring that of the command, and
-  the first line under ``Example:`` that begins with ``$`` is the example of the command line.
+- name, type and default of an option are those of the parameter; `option_name` lists the few
+  options that would otherwise be Python keywords;
+- ``Annotated[int, Ge(0)]`` limits the value, in Python and on the command line; a string
+  annotation, ``Annotated[..., "EAST NORTH YAW"]``, is the placeholder of the value in the help;
+- the entry under ``Args:`` is the option's help, the first line of the docstring the command's
+  help, and the first line under ``Example:`` that begins with ``$`` the command's example.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ __all__ = ["Command", "Parameter", "command", "option_name", "read_command"]
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Parameters whose options have another name: words of Python, and lists given one by one.
+#: Parameters whose options have other names: Python keywords, and repeated options.
 _OPTION_NAMES = {"changes": "set", "reach": "range", "weights": "from"}
-#: Parameters that are options also where Python takes them by their place.
+#: Parameters that are named options although positional in Python.
 _ALWAYS_NAMED = ("out", "to")
 _ONE_BY_ONE = {"classes": "class", "heads": "head", "nodes": "node", "studies": "study"}
 
@@ -53,9 +53,9 @@ def option_name(parameter: str, *, many: bool = False) -> str:
 
 
 def command(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Check a function's arguments against the limits in its annotations before it runs.
+    """Check a function's arguments against the limits in its annotations before each call.
 
-    With its argument ``overwrite`` it may replace any regular file; without, only one that
+    With ``overwrite`` the function may replace any regular file; without, only a file that
     urbantwin wrote for the same output (`artefact.written_files`).
     """
 
@@ -74,19 +74,19 @@ def command(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a command.
+    """A parameter of a command.
 
     Attributes:
-        name: in Python.
-        kind: ``path``, ``str``, ``int``, ``float``, ``bool`` or the values to choose from.
-        size: number of values of one option; 1 but for tuples.
-        many: whether it may be given several times.
+        name: name in Python.
+        kind: ``path``, ``str``, ``int``, ``float``, ``bool`` or the allowed values.
+        size: number of values of one option; above 1 for tuples only.
+        many: whether the option may be repeated.
         required: whether it has no default.
-        positional: whether a command line takes it by its place, without its name.
-        least, most: limits of its value.
-        metavar: how help writes its value, if the annotation says so.
-        default: where none is given.
-        help: its line under ``Args:``.
+        positional: whether the command line takes it by position, without its name.
+        least, most: limits of the value.
+        metavar: placeholder of the value in the help, if annotated.
+        default: default value.
+        help: its entry under ``Args:``.
     """
 
     name: str
@@ -111,12 +111,12 @@ class Parameter:
 
     @property
     def option(self) -> str:
-        """The option: ``--key-env`` of ``key_env``."""
+        """Name of the option: ``--key-env`` of ``key_env``."""
         return option_name(self.name, many=self.many)
 
     @property
     def limits(self) -> str:
-        """The limits in words, or nothing."""
+        """The limits in words; empty without limits."""
         if self.least is not None and self.most is not None:
             return f"{self.least:g} to {self.most:g}"
         if self.least is not None:
@@ -126,11 +126,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Command:
-    """A function as its source declares it; nothing that it needs is imported for that.
+    """A command, read from the source of its function without importing its dependencies.
 
     Attributes:
-        module: that the function is in.
-        name: of the function.
+        module: module of the function.
+        name: name of the function.
     """
 
     module: str
@@ -145,7 +145,7 @@ class Command:
             node
             for node in ast.parse(source).body
             if isinstance(node, ast.FunctionDef) and node.name == self.name
-        ][-1]  # those before are overloads
+        ][-1]  # earlier definitions are overloads
 
     @cached_property
     def documentation(self) -> str:
@@ -165,7 +165,7 @@ class Command:
 
     @property
     def example(self) -> str:
-        """The example on the command line."""
+        """The command-line example."""
         found = re.search(r"^\$ (.+)$", self._section("Example"), re.MULTILINE)
         return found[1] if found else ""
 
@@ -199,18 +199,18 @@ class Command:
 
 @functools.cache
 def read_command(module: str, name: str) -> Command:
-    """Return a function as its source declares it."""
+    """Return a command, read from its source."""
     return Command(module, name)
 
 
 class _Unknown(dict[str, Any]):
-    """Names of annotations that stand for classes of ours, which no command line can take."""
+    """Namespace that maps unknown annotation names to placeholder classes."""
 
     def __missing__(self, name: str) -> Any:  # noqa: ANN401
         return type(name, (), {})
 
 
-#: What annotations are made of.
+#: Names allowed in annotations.
 _NAMES: dict[str, Any] = {
     "Annotated": Annotated,
     "AnyPath": str | os.PathLike[str],
@@ -235,7 +235,7 @@ def _parameter(one: ast.arg, default: ast.expr | None, text: str, *, positional:
 def _as_parameter(
     name: str, annotation: str, text: str, *, positional: bool, required: bool, default: object
 ) -> Parameter:
-    declared = eval(annotation, {"__builtins__": {}}, ChainMap(_NAMES, _Unknown()))  # our own text
+    declared = eval(annotation, {"__builtins__": {}}, ChainMap(_NAMES, _Unknown()))  # trusted
     marks: tuple[Any, ...] = ()
     if get_origin(declared) is Annotated:
         declared, *marks = get_args(declared)  # type: ignore[assignment]
@@ -249,7 +249,7 @@ def _as_parameter(
 
 
 def _kind(declared: Any) -> tuple[str | tuple[str, ...], int, bool]:  # noqa: ANN401
-    """Return what a command line takes for a type: its kind, number of values, whether several."""
+    """Return the option type of an annotation: kind, number of values, and whether repeatable."""
     origin, inner = get_origin(declared), get_args(declared)
     if origin is Literal:
         return inner, 1, False
@@ -257,7 +257,7 @@ def _kind(declared: Any) -> tuple[str | tuple[str, ...], int, bool]:  # noqa: AN
         return _kind(inner[0])[0], 1, True
     if origin is tuple:
         return _kind(inner[0])[0], len(inner), False
-    if inner:  # a union: the first member that a command line can take
+    if inner:  # a union: the first member with an option type
         if os.PathLike[str] in inner and get_origin(inner[0]) is not Sequence:
             return "path", 1, False
         return next(found for one in inner if (found := _kind(one))[0] != "")
@@ -273,7 +273,7 @@ def _check_limits(
     try:
         given = inspect.signature(function).bind(*arguments, **named).arguments
     except TypeError:
-        return  # the call itself says what is wrong
+        return  # the call itself raises the error
     for name, value in given.items():
         if name in limits:
             limits[name].check(value)

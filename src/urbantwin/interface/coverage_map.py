@@ -1,4 +1,4 @@
-"""A coverage: where a rig on a twin sees how much."""
+"""Coverage maps: point density of a rig on a twin."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _FORM = {
 
 
 class Coverage(Artefact):
-    """Points per square metre that a rig gets from the ground and 1 m above it.
+    """Point density of a rig on the ground and 1 m above it.
 
-    It stands for its folder wherever a path is asked for.
+    It can be passed as its folder.
 
     Attributes:
-        folder: where it is.
-        manifest: ``coverage.json``.
+        folder: the coverage's folder.
+        manifest: content of ``coverage.json``.
 
     Example:
         >>> coverage = ut.rig.coverage(twin)
@@ -60,13 +60,13 @@ class Coverage(Artefact):
         """Open a coverage's folder.
 
         Raises:
-            InputError: it is not a coverage.
+            InputError: the folder is not a coverage.
         """
         return cls(folder)
 
     @cached_property
     def densities(self) -> Densities:
-        """The map of each sensor, points per second and square metre, and its grid of cells."""
+        """Map of each sensor, points per second and square metre, and its grid of cells."""
         from urbantwin.lidar.sight import Cells
         from urbantwin.lidar.sight import Coverage as Densities
 
@@ -88,7 +88,7 @@ class Coverage(Artefact):
         )
 
     def per_frame(self, layer: str) -> NDArray[np.float32]:
-        """Return points (rows, columns) per frame and square metre of all sensors together.
+        """Return the points per frame and square metre of all sensors, (rows, columns).
 
         Args:
             layer: ``ground``, ``lying`` or ``facing``.
@@ -97,7 +97,7 @@ class Coverage(Artefact):
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with where the sensors stand."""
+        """Warnings about the sensors' positions."""
         return warnings_of(self.manifest)
 
     def __repr__(self) -> str:
@@ -111,12 +111,12 @@ class Coverage(Artefact):
         )
 
     def summary(self) -> Summary:
-        """Return what the streets get in a few values."""
+        """Return the manifest and the warnings."""
         told = [str(one) for one in self.warnings]
         return Summary({"path": str(self.folder), **self.manifest, "warnings": told})
 
     def plot(self) -> Figure:
-        """Draw the maps side by side; just after it was made, with the twin around them."""
+        """Draw the maps side by side; with the twin around them if just computed."""
         from urbantwin.drawing.coverage import coverage_figure
         from urbantwin.drawing.pictures import figure_of_coverage
 
@@ -142,7 +142,7 @@ def coverage(
 ) -> Coverage:
     """Map the points per square metre that a rig gets.
 
-    On the ground and 1 m above it.
+    The maps are for the ground and for 1 m above it.
 
     Args:
         twin: twin, or its folder.

@@ -1,4 +1,4 @@
-"""Curricula: graded datasets, from few near objects in plain sight to many far hidden ones."""
+"""Curricula: datasets graded from few, near, visible objects to many, far, occluded ones."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = ["Curriculum", "curriculum"]
 
 @dataclass(frozen=True, repr=False)
 class Curriculum(Artefact):
-    """Graded datasets in one folder, a folder each.
+    """Graded datasets, one folder each, in one folder.
 
     Attributes:
-        folder: where they are.
-        grades: of each what was asked for and what was measured, the easiest first.
+        folder: the folder.
+        grades: requested and measured values of each grade, in order of ascending difficulty.
     """
 
     folder: Path
@@ -42,11 +42,11 @@ class Curriculum(Artefact):
 
     @property
     def datasets(self) -> dict[str, Dataset]:
-        """The datasets by the names of their grades, the easiest first."""
+        """Datasets by the names of their grades, in order of ascending difficulty."""
         return {row["name"]: Dataset(self.folder / row["name"]) for row in self.grades}
 
     def summary(self) -> Summary:
-        """Return what was measured of each grade."""
+        """Return the measured values of each grade."""
         rows = [
             {
                 "grade": row["name"],
@@ -68,10 +68,10 @@ def curriculum(
     workers: int | None = None,
     progress: ShowProgress = True,
 ) -> Curriculum:
-    """Record a dataset for each grade of a ladder of density, occlusion and range.
+    """Record a dataset per grade of a ladder of density, occlusion and range.
 
     Raises:
-        InputError: the twin or the rig cannot be used, or no object is in a grade's reach.
+        InputError: the twin or the rig cannot be used, or a grade has no object in reach.
         StageError: a stage failed.
     """
     from urbantwin.dataset.recording import frame_times
@@ -93,7 +93,7 @@ def curriculum(
         )
     rigs = [graded_rig(spec, grade) for grade in file.grades]
     inputs = [twin.folder, file.rig]
-    standing = [placed(rig, twin, rig_file) for rig in rigs]  # before anything is driven
+    standing = [placed(rig, twin, rig_file) for rig in rigs]  # check before simulating
     traffics = {
         grade.density: traffic_of_density(
             twin.site["traffic"], grade.density, f"grade {grade.name}"

@@ -1,4 +1,4 @@
-"""Datasets and fleets on disk as people use them: reading, a summary, pictures."""
+"""Datasets and fleets on disk: reading, summaries, pictures."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["Dataset", "Datasets", "Fleet"]
 
 
 class Dataset(Artefact, dataset.Dataset):
-    """A dataset on disk: its frames in the order of time.
+    """A dataset on disk: its frames in order of time.
 
-    It stands for its folder wherever a path is asked for. A rig whose sensors are not fused leaves
-    a dataset for each sensor, which `parts` has; the dataset itself then has no frames.
+    It can be passed as its folder. A rig whose sensors are not fused gives one dataset per sensor,
+    in `parts`; the dataset itself then has no frames.
 
     Attributes:
         folder: its folder.
@@ -32,7 +32,7 @@ class Dataset(Artefact, dataset.Dataset):
     """
 
     def summary(self) -> Summary:
-        """Return what the dataset holds in a few values."""
+        """Return the dataset's content in brief."""
         from urbantwin.dataset.description import describe
 
         return Summary(
@@ -43,15 +43,15 @@ class Dataset(Artefact, dataset.Dataset):
         )
 
     def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
-        """Draw a frame, or how many points and boxes of each class there are.
+        """Draw a frame, or a histogram of points and boxes per class.
 
         Args:
             frame: number or name of the frame; without it, the frame with the most labelled actors.
-            picture: ``birdseye``, from above with boxes; ``range_image``, as seen by the sensor
-                nearest to the middle of the points; or ``histogram``, of all frames.
+            picture: ``birdseye``, from above with boxes; ``range_image``, of the sensor nearest to
+                the centre of the points; or ``histogram``, of all frames.
 
         Raises:
-            InputError: there is no such frame or picture.
+            InputError: the frame or picture does not exist.
         """
         from urbantwin.drawing.pictures import figure_of_dataset
 
@@ -61,16 +61,16 @@ class Dataset(Artefact, dataset.Dataset):
 
 
 class Datasets(datasets.Datasets):
-    """Several datasets as one: an index over their frames, nothing is copied.
+    """Several datasets as one: an index over their frames, without copying.
 
-    The dataset of each sensor, where a rig's are not fused, counts as one. A sequence is named by
-    the folder of its dataset, and by those above it as far as names would be the same.
+    With unfused sensors, each sensor's dataset counts as one. A sequence is named by the folder of
+    its dataset, and by parent folders as far as needed for unique names.
 
     Args:
         paths: folders of datasets.
 
     Raises:
-        InputError: one is none, or there are none.
+        InputError: a path is not a dataset, or no path is given.
 
     Example:
         >>> both = ut.Datasets(["dry/dataset", "rain/dataset"])
@@ -81,7 +81,7 @@ class Datasets(datasets.Datasets):
     dataset_type = Dataset
 
     def summary(self) -> Summary:
-        """Return the number of frames of each dataset, and of each part of a split."""
+        """Return the number of frames per dataset, and per part of a split."""
         pairs = zip(self._names, self._datasets, strict=True)
         told = Summary(frames=len(self), datasets={name: len(one.names) for name, one in pairs})
         if self._divided is not None:
@@ -91,15 +91,15 @@ class Datasets(datasets.Datasets):
 
 
 class Fleet(Artefact, fleet.Fleet):
-    """Several nodes on disk: a dataset for each, common labels, and where each was when.
+    """A fleet of nodes on disk: a dataset per node, common labels, and the nodes' poses over time.
 
-    It stands for its folder wherever a path is asked for.
+    It can be passed as its folder.
 
     Attributes:
         folder: its folder.
         manifest: content of ``fleet.json``.
         node_names: names of the nodes.
-        names: names of the frames, in the order of time.
+        names: names of the frames, in order of time.
         times_s: (F,) their times, seconds from the motion's start.
 
     Example:
@@ -111,14 +111,14 @@ class Fleet(Artefact, fleet.Fleet):
     dataset_type = Dataset
 
     def plot(self, frame: int | str | None = None) -> Figure:
-        """Draw a frame from above: the points of each node, and which nodes see which actor.
+        """Draw a frame from above: the points of each node, and the nodes that see each actor.
 
         Args:
             frame: number or name of the frame; without it, the frame with the most actors that
                 several nodes see.
 
         Raises:
-            InputError: there is no such frame.
+            InputError: the frame does not exist.
         """
         from urbantwin.drawing.fleet import figure_of_fleet
         from urbantwin.drawing.pictures import attributions
@@ -127,7 +127,7 @@ class Fleet(Artefact, fleet.Fleet):
         return figure_of_fleet(self, name, attributions(self.manifest))
 
     def summary(self) -> Summary:
-        """Return what the fleet holds in a few values."""
+        """Return the fleet's content in brief."""
         told = self.manifest
         boxes = self.boxes
         seen = boxes["num_nodes"].to_numpy()

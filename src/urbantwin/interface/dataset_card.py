@@ -1,4 +1,4 @@
-"""The card of a dataset: what it is, how it was made, and what may be done with it."""
+"""Dataset cards: content, origin and licences."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ __all__ = ["Card", "card"]
 
 @dataclass(frozen=True, repr=False)
 class Card(Result):
-    """Cards that were written.
+    """Written cards.
 
     Attributes:
-        path: what they are of.
+        path: the described path.
         files: the cards, Markdown.
     """
 
@@ -33,15 +33,15 @@ class Card(Result):
     files: tuple[Path, ...]
 
     def __str__(self) -> str:
-        """Return the text of the last card: of several sensors, that of all."""
+        """Return the text of the last card; for several sensors, that of the whole."""
         return self.files[-1].read_text(encoding="utf-8")
 
     def __repr__(self) -> str:
-        """Return where the cards are."""
+        """Return the paths of the cards."""
         return f"Card of {self.path}: {', '.join(map(str, self.files))}"
 
     def summary(self) -> Summary:
-        """Return where the cards are."""
+        """Return the paths of the cards."""
         return Summary(path=str(self.path), cards=[str(one) for one in self.files])
 
 
@@ -55,8 +55,8 @@ def card(
 ) -> Card:
     """Write a dataset's card, with pictures and licences.
 
-    All of it comes from the manifest and the tables. `record` leaves a card in every dataset; this
-    writes it anew, or for datasets of earlier versions, or beside a dataset that must not change.
+    Uses the manifest and the tables. `record` writes a card into every dataset; this command writes
+    it again, for datasets of earlier versions, or into another folder.
 
     Args:
         path: dataset, exported dataset, or a folder of them.
@@ -109,12 +109,12 @@ def _card_folder(place: Path, inputs: list[Path]) -> AbstractContextManager[Path
 
 
 def _there(made: Iterable[Path], scratch: Path, place: Path) -> list[Path]:
-    """Return where files of scratch are when it has taken its place."""
+    """Return the final paths of files in the scratch folder."""
     return [place / one.relative_to(scratch) for one in made]
 
 
 def _draw(dataset: Path, to: Path, tell: Progress) -> None:
-    """Draw the pictures of a dataset that a folder lacks."""
+    """Draw the missing pictures of a dataset into a folder."""
     from urbantwin.dataset import parts_of
     from urbantwin.dataset.card import PICTURES
     from urbantwin.drawing.pictures import pictures_of_dataset
@@ -124,5 +124,5 @@ def _draw(dataset: Path, to: Path, tell: Progress) -> None:
         drawn = [own / name for name in PICTURES if name != "scene.png"]
         if not all(one.is_file() for one in drawn):
             for one in drawn:
-                one.unlink(missing_ok=True)  # a second name of the older dataset's file
+                one.unlink(missing_ok=True)  # hard link to the older dataset's file
             pictures_of_dataset(part, own, progress=between(tell, 0.0, 0.9))

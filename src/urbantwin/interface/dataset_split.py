@@ -1,4 +1,4 @@
-"""Datasets divided into training, validation and test."""
+"""Splits of datasets into training, validation and test."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _WAYS = ("time", "scenario")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DatasetSplit(Artefact):
-    """How datasets were divided; by scenario it stands for its document: ``ut.model.train(it)``.
+    """Split of datasets; by scenario it can be passed as its document: ``ut.model.train(it)``.
 
     Attributes:
-        path: the document; by time, the dataset, or the folder of the first.
+        path: the document; by time, the dataset, or the folder of the first one.
         by: ``time`` or ``scenario``.
-        told: what the document says; by time, what the manifest of each dataset says, by folder.
+        told: content of the document; by time, the split entry of each manifest, by folder.
     """
 
     path: Path
@@ -37,12 +37,12 @@ class DatasetSplit(Artefact):
     told: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Return how it was divided, and where that is written."""
+        """Return the rule and the path."""
         return f"split by {self.by} ({self.path})"
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it."""
+        """Warnings."""
         if self.by == "scenario":
             return warnings_of(self.told)
         from urbantwin.dataset.split.time_split import warnings_of_split
@@ -52,7 +52,7 @@ class DatasetSplit(Artefact):
         )
 
     def summary(self) -> Summary:
-        """Return which part has what in a few values."""
+        """Return the parts with their counts."""
         told = [str(one) for one in self.warnings]
         if self.by == "time":
             rows = {folder: _told(one) for folder, one in self.told.items()}
@@ -88,12 +88,12 @@ def split(
 ) -> DatasetSplit:
     """Divide datasets into training, validation and test.
 
-    By time, each dataset gets new lists (``ImageSets/``) and its card tells them (one that was
-    changed by hand stays), and recordings of one motion are cut at the same moments. By scenario,
-    datasets stay as they are, and a document says which is what.
+    By time, each dataset gets new lists (``ImageSets/``) and an updated card (unless edited by
+    hand), and recordings of one motion are cut at the same times. By scenario, datasets are not
+    changed, and a document assigns each to a part.
 
     Args:
-        datasets: folders of datasets, or folders that hold some: of seeds, of a campaign, a
+        datasets: folders of datasets, or folders that hold several: seeds, a campaign, a
             curriculum, a variation or a suite.
         out: by scenario: document to write; ``split.json`` beside the first dataset if not given.
         by: way to divide: ``time`` or ``scenario``; by scenario where several are given.
@@ -101,13 +101,13 @@ def split(
         gap: by time: seconds between the parts, in none of them; as long as the scene needs to
             change, and no more than a tenth of the recording, if not given.
         thin: leave frames in which no actor moved this many metres out of the parts.
-        seed: by scenario: random seed of the order in which equally long ones are divided.
+        seed: by scenario: random seed of the order of equally long scenarios.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: there is no dataset, all are one scenario, or a part would be empty.
+        InputError: no dataset, a single scenario only, or an empty part.
 
     Example:
         >>> ut.model.train(ut.dataset.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
@@ -133,7 +133,7 @@ def split(
         raise InputError(f"unknown way {by!r:.40}", place="--by", expected=" or ".join(_WAYS))
     if seed < 0:
         raise InputError(f"is {seed}", place="--seed", expected="0 or more")
-    # Of a campaign those that its index has: others may lie there, of cells that are no more.
+    # Use only datasets in a campaign's index: the folder may hold those of removed cells.
     inside = [of for one in given for of in datasets_of(Path(one)) or [Path(one)]]
     sources = datasets_at(inside)
     way = by or ("time" if len(sources) == 1 else "scenario")
@@ -177,7 +177,7 @@ def _shares(shares: str | Sequence[float]) -> tuple[float, float, float]:
 
 
 def _beside(given: Path, dataset: Path) -> Path:
-    """Return where a document goes: into the folder of several datasets, or beside the first."""
+    """Return the document's path: in the folder of several datasets, or beside the first."""
     if given.resolve() != dataset.resolve() and not any(given.glob("SHA256SUMS")):
         return given / "split.json"
     return beside(dataset, "split.json")

@@ -1,4 +1,4 @@
-"""What a detector detects in a recording."""
+"""Detection of road users in a recording."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ __all__ = ["DetectedObjects", "detect"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectedObjects(Artefact):
-    """Detections in a folder; it stands for its folder: ``ut.model.evaluate(found, data)``.
+    """Detections in a folder; can be passed as its folder: ``ut.model.evaluate(found, data)``.
 
     Attributes:
-        folder: where it was written.
+        folder: the folder.
         found: the boxes.
     """
 
@@ -35,11 +35,11 @@ class DetectedObjects(Artefact):
     found: Detections
 
     def __repr__(self) -> str:
-        """Return how many boxes there are, and the folder."""
+        """Return the number of boxes, and the folder."""
         return f"{len(self.found)} detections ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return what was detected in a few values; likely ones are those above one half."""
+        """Return the boxes per class; ``likely`` counts those with a score above 0.5."""
         names = self.found.class_names
         likely = self.found.only(self.found.score > 0.5).class_names
         return Summary(
@@ -71,21 +71,21 @@ def detect(
         model: folder that ``model train`` wrote.
         frames: dataset or any known recording; its labels are not used.
         out: folder to write; ``detections`` beside the frames if not given.
-        least: lowest score of a box that is written.
+        least: lowest score of a written box.
         layout: layout of the frames; recognised from their files if not given.
         part: part of a split dataset to detect in: ``train``, ``val``, ``test`` or ``all``.
-        standing: detections in other frames of the same static sensors: people and riders that are
-            at one place in half of them are posts or hedges, and are left out.
-        views: number of sides from which each frame is looked at (turned by quarters, mirrored);
-            the mean gives better boxes in as many times the time.
-        second_look: look again at the points of detected people and two-wheelers, if the model has
-            learned to.
+        standing: detections in other frames of the same static sensors; pedestrians and riders at a
+            place occupied in half of them are posts or hedges, and are left out.
+        views: number of views per frame (turned by 90 degrees, mirrored) to average over; improves
+            boxes and multiplies the time.
+        second_look: apply the model's second stage, if any, to detected pedestrians and
+            two-wheelers.
         device: device of PyTorch: ``cpu`` or ``cuda``.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: torch is not installed, the model, the frames or ``standing`` cannot be used,
-            it is of too few frames, or there are not so many sides.
+        InputError: torch is not installed, the model, the frames or ``standing`` cannot be used, it
+            covers too few frames, or ``views`` is too large.
 
     Example:
         $ urbantwin model detect model/ urbantwin-demo/dataset -o detections/

@@ -1,4 +1,4 @@
-"""Which sensors recorded frames, and where they stand."""
+"""Discovery of the sensors that recorded given frames, with their poses."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ __all__ = ["DiscoveredRig", "discover"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscoveredRig(Artefact):
-    """The rig that recorded frames, as found in their points; it stands for its file.
+    """The rig of recorded frames, found from their points; it can be passed as its file.
 
     Attributes:
-        path: the ``rig.yaml`` that was written.
-        picture: of points by sensor, and of elevations against channels.
+        path: the written ``rig.yaml``.
+        picture: picture of points by sensor, and of elevations against channels.
         found: the sensors, with standard deviations.
-        written: the sensors' files beside the rig; of frames with rings how many.
+        written: paths of the sensors' files beside the rig, and the number of frames with rings.
     """
 
     path: Path
@@ -42,7 +42,7 @@ class DiscoveredRig(Artefact):
         return f"Rig of {len(self.found.sensors)} sensors discovered: {each} ({self.path})"
 
     def summary(self) -> Summary:
-        """Return the sensors in a few values."""
+        """Return the sensors in brief."""
         told = {**self.found.report(), "warnings": [str(one) for one in self.found.warnings]}
         return Summary(path=str(self.path), picture=str(self.picture), **told, **self.written)
 
@@ -65,19 +65,19 @@ def discover(
 ) -> DiscoveredRig:
     """Find the sensors that recorded unlabelled frames.
 
-    Their places, tilts and models.
+    Finds their positions, tilts and models.
 
     Args:
         real: frames of static sensors, fused or of one sensor; or one frame.
         out: rig to write; ``discovered_rig.yaml`` here if not given.
-        frames: folder for all frames with sensor, ring and column of every point.
+        frames: folder to write all frames to, with sensor, ring and column of every point.
         picture: PNG to write; beside the rig if not given.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: no sensor is found, with the reason, or what is given cannot be used.
+        InputError: no sensor is found (with the reason), or an input cannot be used.
 
     Example:
         $ urbantwin rig discover real/ -o rig.yaml --frames rings/

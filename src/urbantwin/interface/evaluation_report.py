@@ -1,4 +1,4 @@
-"""Detections judged by labels."""
+"""Evaluation of detections against labels."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _KIND = "evaluation"
 
 
 class Evaluation(Artefact):
-    """What became of detections: figures of every class, with intervals.
+    """Evaluation of detections: figures of every class, with intervals.
 
     Attributes:
-        folder: where it is; ``evaluation.html`` in it is the page for people.
-        manifest: ``evaluation.json``.
+        folder: the folder; ``evaluation.html`` in it is the report page.
+        manifest: content of ``evaluation.json``.
     """
 
     def __init__(self, folder: AnyPath) -> None:
@@ -46,11 +46,11 @@ class Evaluation(Artefact):
 
     @property
     def figures(self) -> dict[str, dict[str, Any]]:
-        """All figures, by class; ``manifest["definitions"]`` says what each is."""
+        """All figures, by class; ``manifest["definitions"]`` defines each."""
         return dict(self.manifest["classes"])
 
     def summary(self) -> Summary:
-        """Return average precisions in per cent, with 95 % intervals, and what to know of them."""
+        """Return average precisions in percent, with 95 % intervals, and doubts and notes."""
         told = self.manifest
         return Summary(
             path=str(self.folder),
@@ -78,19 +78,19 @@ class Evaluation(Artefact):
 
 
 def _points(told: dict[str, Any]) -> dict[str, float]:
-    """Return the IoU of each class of points, per cent, and their mean."""
+    """Return the IoU of each class of points, percent, and their mean."""
     found = {name: round(100 * row["iou"], 1) for name, row in told["classes"].items()}
     return {"mean IoU": round(100 * told["mean_iou"], 1), **found}
 
 
 def _rounded(figure: dict[str, Any]) -> list[float | None]:
-    """Return a figure and the ends of its interval, per cent with one decimal."""
+    """Return a figure and the ends of its interval, percent with one decimal."""
     ends = figure.get("ap_ci95") or ()
     return [None if one is None else round(100 * one, 1) for one in (figure["ap"], *ends)]
 
 
 def _learned_from(detections: Path, data: Path, part: str) -> list[str]:
-    """Return what is to be said where the model that detected has learned from these frames."""
+    """Return a doubt if the detecting model was trained on frames of this dataset."""
     file, sums = detections / "detections.json", data / INVENTORY
     if not (file.is_file() and sums.is_file()):
         return []
@@ -124,13 +124,13 @@ def evaluate(
     """Judge detections by the labels of the same frames.
 
     Args:
-        detections: folder of detections, ours or in the form of KITTI, OpenPCDet or nuScenes; or a
-            model, which then detects first, into ``OUT-detections``.
+        detections: folder of detections, of UrbanTwin or in the format of KITTI, OpenPCDet or
+            nuScenes; or a model, which first detects into ``OUT-detections``.
         data: labelled frames: a dataset or a real recording.
         out: folder to write; one beside the detections if not given.
-        classes: class to judge; all that are labelled if not given.
+        classes: class to evaluate; all labelled classes if not given.
         layout: layout of the data; recognised from its files if not given.
-        part: part of a split dataset to judge by: ``train``, ``val``, ``test`` or ``all``.
+        part: part of a split dataset to evaluate on: ``train``, ``val``, ``test`` or ``all``.
         within: largest distance from a sensor of an object that counts, metres.
         fewest_points: number of points below which a box does not count; 5 if not given.
         vans: count KITTI's vans as cars; they do not count if not given.

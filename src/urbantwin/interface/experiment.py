@@ -1,4 +1,4 @@
-"""A grid of recordings: a campaign, a study or a curriculum, by what its file asks."""
+"""Runs a grid of recordings: a campaign, a study or a curriculum, depending on its file."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ def run(
     """Run a grid: a campaign, a study or a curriculum.
 
     A file with ``sites`` is a campaign: every site is recorded with every seed, scenario, rig and
-    weather (docs/howto/campaigns.md). One with ``factors`` is a study: it measures what faults,
-    weather and traffic do to detection. One with ``ladder`` or ``grades`` is a curriculum: datasets
-    of rising density, occlusion and range (both docs/howto/factors.md). What is done stays done,
-    also where the grid changes: interrupted, the same call continues.
+    weather (docs/howto/campaigns.md). A file with ``factors`` is a study: effects of faults,
+    weather and traffic on detection. A file with ``ladder`` or ``grades`` is a curriculum: datasets
+    of rising density, occlusion and range (both docs/howto/factors.md). Finished steps are kept,
+    even if the grid changes; after an interruption, the same call continues.
 
     Args:
         grid: YAML file of the grid.
         out: folder to write; ``campaign``, ``study`` or ``graded`` beside the file if not given.
-        plan: only say what is left, how long it takes and how large it is; not of a curriculum.
-        most: number of datasets of a campaign to record now at most.
+        plan: only print the remaining work, time and size; not for a curriculum.
+        most: largest number of datasets of a campaign to record now.
         workers: number of processes; every number gives the same bytes.
-        ray: Ray cluster for a campaign, whose nodes all see the files and ``out``: ``HOST:PORT`` of
+        ray: Ray cluster for a campaign, with the files and ``out`` on all nodes: ``HOST:PORT`` of
             its head, ``auto`` for the one on this machine, ``local`` to start one.
         device: device of PyTorch for a study: ``cpu`` or ``cuda``.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the file or what it names cannot be used, ``out`` holds another experiment, or
-            an option does not belong to this kind of experiment.
+        InputError: the file or a file that it names cannot be used, ``out`` holds another
+            experiment, or an option does not apply to this kind of experiment.
         StageError: a stage failed, or the disk is full.
 
     Example:
@@ -88,7 +88,7 @@ def run(
 
 
 def _kind(file: Path) -> str:
-    """Return which experiment a grid asks for: the one that alone has one of its fields."""
+    """Return the kind of experiment, by the fields of the grid."""
     from urbantwin.site.yaml_document import read_document
 
     fields = read_document(file, kind="a grid").value

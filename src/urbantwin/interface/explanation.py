@@ -1,4 +1,4 @@
-"""Why objects are found in one recording and missed in another that differs in one factor."""
+"""Explanations of differing detections in two recordings that differ in one factor."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
 __all__ = ["Explanation", "explain"]
 
 _KIND = "explanation"
-#: How a detection finds an object.
+#: Matching rules between detections and objects.
 _BY = ("distance", "overlap")
 
 
 @dataclass(frozen=True, repr=False)
 class Explanation(Artefact):
-    """Objects that are found in one recording and missed in another, and why.
+    """Objects detected in one recording and missed in another, with reasons.
 
     Attributes:
-        folder: where it is; ``explanation.html`` in it is the page for people.
-        manifest: ``explanation.json``.
+        folder: the folder; ``explanation.html`` in it is the report page.
+        manifest: content of ``explanation.json``.
     """
 
     folder: Path
@@ -50,7 +50,7 @@ class Explanation(Artefact):
         """Open an explanation's folder.
 
         Raises:
-            InputError: it is none.
+            InputError: the folder is not an explanation.
         """
         return cls(Path(folder), read_json(Path(folder) / f"{_KIND}.json", kind=_KIND))
 
@@ -60,13 +60,13 @@ class Explanation(Artefact):
 
     @property
     def changes(self) -> pa.Table:
-        """A row for each frame and object that is found on one side only."""
+        """A row per frame and object that is detected on one side only."""
         from urbantwin.artefact.tables import read_parquet
 
         return read_parquet(self.folder / "changes.parquet", "changes of an explanation")
 
     def summary(self) -> Summary:
-        """Return how many objects changed, by reason."""
+        """Return the number of changed objects, by reason."""
         told = self.manifest
         return Summary(
             path=str(self.folder),
@@ -95,15 +95,15 @@ def explain(
     """Explain why a factor makes a detector miss objects.
 
     Args:
-        pair: folder that ``experiment vary`` wrote: a base, and one variant or several.
-        out: folder to write; ``explanation`` in the pair's if not given.
-        model: detector, which detects in all recordings, into ``OUT-detections``.
-        detections: detections in place of a model: of the base, then of each variant.
-        score: lowest score of a detection that counts; that of the base's best F1, by class, if not
-            given.
-        by: rule by which a detection finds an object: ``distance`` (within 1 m, trucks and buses 2
-            m) or ``overlap`` (BEV IoU of 0.5).
-        drawn: number of objects that are drawn at most.
+        pair: folder that ``experiment vary`` wrote: a base and its variants.
+        out: folder to write; ``explanation`` in the pair's folder if not given.
+        model: detector to run on all recordings, into ``OUT-detections``.
+        detections: detections instead of a model, for the base, then for each variant.
+        score: lowest score of a detection that counts; the score of the base's best F1, by class,
+            if not given.
+        by: matching rule of detections and objects: ``distance`` (within 1 m, trucks and buses 2 m)
+            or ``overlap`` (BEV IoU of 0.5).
+        drawn: largest number of objects to draw.
         device: device of PyTorch: ``cpu`` or ``cuda``.
         progress: show progress; or a function that is called with (share, doing).
 
@@ -177,10 +177,10 @@ def explain(
 
 
 def _opened(folder: Path) -> Variation:
-    """Open what ``vary`` wrote.
+    """Open a folder that ``vary`` wrote.
 
     Raises:
-        InputError: it is nothing of the kind.
+        InputError: the folder holds no comparison, or is damaged.
     """
     file = folder / "comparison" / "variation.json"
     if not file.is_file():
@@ -206,10 +206,10 @@ def _check(
     score: float | None,
     by: str,
 ) -> None:
-    """Refuse what cannot be compared, before anything is detected.
+    """Check options and inputs before anything is detected.
 
     Raises:
-        InputError: there is such.
+        InputError: an option is wrong, or a dataset is missing.
     """
     if (model is None) == (not given):
         raise InputError(

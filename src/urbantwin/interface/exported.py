@@ -1,4 +1,4 @@
-"""A twin, a motion or a dataset, written for other programs."""
+"""Export of a twin, motion or dataset for other programs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Exported", "export"]
 
-#: What a motion is written as, and the file's name where nobody says one.
+#: Formats of motions, with their default file names.
 _OF_MOTIONS = {
     "tracks": "tracks.csv",
     "openlabel": "openlabel.json",
@@ -32,12 +32,12 @@ _OF_MOTIONS = {
 
 @dataclass(frozen=True)
 class Exported(Artefact):
-    """What was written; it stands for its file or folder.
+    """A written export; it can be passed as its file or folder.
 
     Attributes:
         path: the file or folder.
         to: the format.
-        notes: what a person should be told of it.
+        notes: notes for the user.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Exported(Artefact):
     notes: tuple[str, ...] = ()
 
     def summary(self) -> Summary:
-        """Return what was written in a few values."""
+        """Return format, path and notes."""
         return Summary(format=self.to, written=str(self.path), note=list(self.notes))
 
 
@@ -65,15 +65,15 @@ def export(
 
     Args:
         twin: twin, motion or dataset, or its folder.
-        to: format. Of a twin: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``,
-            ``obj``, ``ply``, ``usd``, ``fbx``, ``cityjson``. Of a motion: ``tracks`` (CSV),
-            ``openlabel``, ``openscenario``. Of a dataset: ``openpcdet`` and ``mmdet3d`` (with
-            configs to train with), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``,
-            ``opv2v``, ``lumpi``, ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``parquet``,
-            ``challenge``. Of a campaign, a split by scenario or a folder of datasets: shuffled
+        to: format. For a twin: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``,
+            ``obj``, ``ply``, ``usd``, ``fbx``, ``cityjson``. For a motion: ``tracks`` (CSV),
+            ``openlabel``, ``openscenario``. For a dataset: ``openpcdet`` and ``mmdet3d`` (with
+            training configs), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``, ``opv2v``,
+            ``lumpi``, ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``parquet``,
+            ``challenge``. For a campaign, a split by scenario or a folder of datasets: shuffled
             shards (``webdataset``, ``parquet``).
-        out: file or folder to write; one named after what is exported, in the current folder, if
-            not given. ``openpcdet`` as a ``.yaml`` is the config alone.
+        out: file or folder to write; if not given, named after the input, in the current folder.
+            ``openpcdet`` with a ``.yaml`` writes the config alone.
         version: version of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
         detections: for ``challenge``: detections to submit, JSON.
         frames: for ``challenge``: number of frames to submit.
@@ -152,10 +152,7 @@ def export(
 
 
 def _several(path: Path, to: str) -> list[ShardSource]:
-    """Return the datasets of a campaign, of a split by scenario or of a folder, if shards are.
-
-    None where a format of shards is not asked for, or there are not several.
-    """
+    """Return the datasets of a campaign, split or folder to export as shards, if any."""
     from urbantwin.dataset.reading.datasets import datasets_inside, short_names
     from urbantwin.dataset.split import read_split_document, says_split
     from urbantwin.exports.frames.shards import FORMATS, ShardSource
@@ -180,10 +177,10 @@ def _several(path: Path, to: str) -> list[ShardSource]:
 
 
 def _check_kind(exported: Twin | AnyPath, to: str) -> None:
-    """Refuse a format that there is not, or that is not of what is exported.
+    """Check that the format exists and fits the exported kind.
 
     Raises:
-        InputError: which formats there are.
+        InputError: it does not; lists the valid formats.
     """
     from urbantwin.exports import FORMATS
     from urbantwin.exports.frames.formats import DATASET_FORMATS
@@ -197,7 +194,7 @@ def _check_kind(exported: Twin | AnyPath, to: str) -> None:
         known = ", ".join(dict.fromkeys(name for names in of.values() for name in names))
         raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {known}")
     kind = kind_of(Path(exported)) if isinstance(exported, str | os.PathLike) else None
-    if kind == "fleet" and to not in DATASET_FORMATS:  # of these it is told which take one
+    if kind == "fleet" and to not in DATASET_FORMATS:  # list only formats that take a fleet
         of["fleet"] = tuple(name for name, one in DATASET_FORMATS.items() if one.write_fleet)
     if kind in of and to not in of[kind]:
         wanted = next(one for one, names in of.items() if to in names)

@@ -1,4 +1,4 @@
-"""``init`` of a place alone: its inputs fetched from public sources into the site's folder."""
+"""Inputs of ``init`` fetched from public sources into the site's folder."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = ["FetchOptions", "FetchedInputs", "fetched_inputs"]
 
-#: The folder of a site that fetched inputs are kept in.
+#: Subfolder of a site with fetched inputs.
 INPUTS = "inputs"
 
 
 @dataclass(frozen=True)
 class FetchOptions:
-    """What of ``init`` is about fetching: options of the command."""
+    """Options of ``init`` about fetching."""
 
     at: str | tuple[float, float] | None
     place: str | None
@@ -34,13 +34,13 @@ class FetchOptions:
     sources: AnyPath | None
     cache: AnyPath | None
     offline: bool
-    #: A place at which a dataset was recorded.
+    #: Place where a dataset was recorded.
     preset: Preset | None = None
-    #: How far the place may be from the true one, metres: of a preset whose own place it is.
+    #: Largest distance (m) from the true position, for a preset's own place.
     within_m: float = 0.0
 
     def of_preset(self) -> FetchOptions:
-        """Return the same for the preset's place, if it is published and nobody named another."""
+        """Return the options with the preset's place, if published and no other place is named."""
         place = None if self.preset is None else self.preset.place
         if self.is_asked or place is None:
             return self
@@ -54,7 +54,7 @@ class FetchOptions:
         return "--at" if self.place is None else "--place"
 
     def reach_m(self, radius_m: float | None) -> float | None:
-        """Return how far around the place inputs are needed: its region, wherever it really is."""
+        """Return the radius around the place within which inputs are needed, metres."""
         from urbantwin.site.region import FARTHEST_M
 
         if self.preset is None:
@@ -70,10 +70,10 @@ class FetchOptions:
     def check_alone(
         self, *, roads: Path | None, lat: float | None, lon: float | None, at_junction: bool
     ) -> None:
-        """Refuse options that do not go together.
+        """Check that the options are compatible.
 
         Raises:
-            InputError: two of them name the place, or an option has nothing to be about.
+            InputError: two options name the place, or an option has no effect.
         """
         if self.at is not None and self.place is not None:
             raise InputError("is given with --place", place="--at", expected="one of the two")
@@ -100,14 +100,14 @@ class FetchOptions:
 
 @dataclass(frozen=True)
 class FetchedInputs:
-    """What was fetched.
+    """Fetched inputs of a site.
 
     Attributes:
         extract: the map.
-        point: latitude and longitude of the place.
-        inputs: all files, as ``site.yaml`` names them.
-        rows: what became of each source.
-        warnings: what failed.
+        point: latitude and longitude of the place, degrees.
+        inputs: all files, as named in ``site.yaml``.
+        rows: outcome of each source.
+        warnings: failures.
     """
 
     extract: Path
@@ -127,19 +127,19 @@ def fetched_inputs(
     force: bool,
     tell: Progress,
 ) -> FetchedInputs:
-    """Fetch what there is of a place into ``inputs`` of a site's folder.
+    """Fetch the inputs of a place into ``inputs`` of a site's folder.
 
     Args:
-        folder: the site's.
-        options: what was asked for.
-        extract: a map that is there, so that none is fetched.
-        region: a GeoJSON polygon of the region.
-        radius_m: or its radius.
-        force: whether files in ``inputs`` may be replaced.
-        tell: told how far it is.
+        folder: the site's folder.
+        options: options about fetching.
+        extract: an existing map, which is used instead of a fetched one.
+        region: GeoJSON polygon of the region.
+        radius_m: radius of the region, metres.
+        force: replace files in ``inputs``.
+        tell: called with the fraction done and a description.
 
     Raises:
-        InputError: the place is none or not the preset's, has no streets, or there is no map of it.
+        InputError: the place is invalid, is not the preset's, has no streets, or has no map.
     """
     try:
         return _fetched(folder, options, extract, region, radius_m, force=force, tell=tell)
@@ -224,7 +224,7 @@ def _area(
     radius_m: float | None,
     tell: Progress,
 ) -> Area:
-    """Return the place that was asked for, with a circle around the region."""
+    """Return the requested place, with a circle around the region."""
     from urbantwin.acquire import Area, find_place, parse_place
     from urbantwin.site.draft import RADIUS_M, GivenPlace
     from urbantwin.site.presets import check_place
@@ -251,12 +251,12 @@ def _area(
 
 
 def _names(told: str | Sequence[str] | None) -> list[str]:
-    """Return names that were given as a list, or as one text with commas between."""
+    """Return names given as a list, or as text separated by commas."""
     return [one.strip() for one in told.split(",")] if isinstance(told, str) else [*(told or ())]
 
 
 def _put(scratch: Path, inputs: Sequence[FetchedInput], *, force: bool) -> None:
-    """Give fetched files their names in the site's folder.
+    """Move fetched files into the site's folder.
 
     Raises:
         InputError: another file has one of the names.
@@ -280,5 +280,5 @@ def _put(scratch: Path, inputs: Sequence[FetchedInput], *, force: bool) -> None:
     for one in files:
         assert one.path is not None
         one.path.parent.mkdir(parents=True, exist_ok=True)
-        with overwriting(allowed=True):  # it was checked above
+        with overwriting(allowed=True):  # checked above
             publish_file(scratch / one.path.name, one.path.resolve(), None)

@@ -1,4 +1,4 @@
-"""A film of a motion, so that a person sees the traffic before recording."""
+"""Films of motions, to inspect traffic before recording."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ __all__ = ["Film", "film"]
 
 @dataclass(frozen=True)
 class Film(Artefact):
-    """A film that was written; it stands for its file.
+    """A written film; it can be passed as its file.
 
     Attributes:
         path: the file.
-        pictures: how many there are.
-        seconds: how long it takes to look at.
-        width: pixels.
-        height: pixels.
+        pictures: number of pictures.
+        seconds: duration of the film, seconds.
+        width: width, pixels.
+        height: height, pixels.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class Film(Artefact):
     height: int
 
     def summary(self) -> Summary:
-        """Return what was written in a few values."""
+        """Return path, pictures, duration and size."""
         return Summary(
             path=str(self.path),
             pictures=self.pictures,
@@ -75,16 +75,16 @@ def film(
     Args:
         motion: motion, or its folder.
         out: ``.mp4`` or ``.gif`` to write; ``film.mp4`` beside the motion if not given, or
-            ``film.gif`` where there is no ffmpeg.
+            ``film.gif`` without ffmpeg.
         twin: twin of the motion; the one beside it if not given.
         view: view: ``above``, ``corner`` or ``both``, side by side.
         start: first moment, seconds of the motion.
         stop: last moment, seconds; the end of the motion if not given.
         fps: pictures per second, 0.1 to 50.
-        speed: seconds of the motion in a second of the film.
+        speed: seconds of the motion per second of the film.
         width: width of the pictures, pixels.
         at: middle of the picture, ``X,Y`` in metres of the site; its anchor if not given.
-        radius: radius that is seen from above, metres; 100 or all of the region if not given.
+        radius: radius of the view from above, metres; 100 or the whole region if not given.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
@@ -156,10 +156,10 @@ def film(
 
 
 def _middle(text: str) -> tuple[float, float]:
-    """Return the place that ``X,Y`` says.
+    """Return the point of a text ``X,Y``.
 
     Raises:
-        InputError: it says none.
+        InputError: the text has another form.
     """
     numbers = [finite_number(one) for one in text.split(",")]
     if len(numbers) != 2 or numbers[0] is None or numbers[1] is None:
@@ -168,7 +168,7 @@ def _middle(text: str) -> tuple[float, float]:
 
 
 def _place(motion: Motion, out: AnyPath | None) -> Path:
-    """Return where the film goes."""
+    """Return the path of the film."""
     from urbantwin.drawing.film import check_video_file
 
     if out is not None:

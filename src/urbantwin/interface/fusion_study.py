@@ -1,4 +1,4 @@
-"""What nodes gain by telling each other what they see, and what it costs on the air."""
+"""Studies of cooperative perception: benefit and bandwidth of sharing data between nodes."""
 
 from __future__ import annotations
 
@@ -29,13 +29,12 @@ _KIND = "fusion"
 
 
 class FusionStudy(Artefact):
-    """What became of a study: a table of settings, pictures, a page.
+    """Result of a fusion study: a table of settings, pictures and a page.
 
     Attributes:
-        folder: where it is, or would be where only the plan was asked for; ``fusion.html`` in it
-            is the page for people.
-        manifest: ``fusion.json``; empty where only the plan was asked for.
-        seconds: about how long it takes, where the plan was asked for.
+        folder: the study's folder, also for a plan; ``fusion.html`` in it is the report page.
+        manifest: content of ``fusion.json``; empty for a plan.
+        seconds: estimated run time, for a plan.
     """
 
     def __init__(self, folder: AnyPath, seconds: float | None = None) -> None:
@@ -49,7 +48,7 @@ class FusionStudy(Artefact):
         """Return the study in a folder that `fuse` wrote.
 
         Raises:
-            InputError: there is none.
+            InputError: the folder holds no study.
         """
         return cls(folder)
 
@@ -59,21 +58,21 @@ class FusionStudy(Artefact):
 
     @property
     def settings(self) -> pa.Table:
-        """``settings.parquet``: a row for each setting."""
+        """``settings.parquet``: a row per setting."""
         from urbantwin.artefact.tables import read_parquet
 
         return read_parquet(self.folder / "settings.parquet", "settings of a fusion study")
 
     @property
     def over_time(self) -> pa.Table | None:
-        """``over_time.parquet``: where a node falls silent; None where that was not studied."""
+        """``over_time.parquet``: detection while a node fails; None if not studied."""
         from urbantwin.artefact.tables import read_parquet
 
         file = self.folder / "over_time.parquet"
         return read_parquet(file, "a fusion study over time") if file.is_file() else None
 
     def summary(self) -> Summary:
-        """Return the headline, and what to know of it."""
+        """Return the headline, doubts and counts."""
         if self.seconds is not None:
             return Summary(path=str(self.folder), minutes=round(self.seconds / 60, 1))
         told = self.manifest
@@ -109,24 +108,23 @@ def fuse(
 ) -> FusionStudy:
     """Compare what nodes gain by sharing what they see.
 
-    As clouds, features or boxes. Interrupted, the same call continues.
+    Nodes share clouds, features or boxes. After an interruption, the same call continues.
 
     Args:
         model: folder that ``model train`` wrote.
         data: fleet, folder of datasets (``record --separate``), or a dataset for each node.
         out: folder to write; ``fusion`` beside the first of the data if not given.
         ego: name of the node that receives; the first if not given.
-        nodes: name of a node that takes part, in the order in which they are added; all if not
-            given.
+        nodes: name of a participating node, in the order of adding; all if not given.
         studies: study: ``bitrate``, ``latency``, ``clock``, ``pose``, ``loss``, ``nodes`` or
             ``failure``; all if not given.
-        frames: number of the receiver's frames, evenly spaced, to judge by.
+        frames: number of the receiver's frames, evenly spaced, to evaluate on.
         within: largest distance from the receiver of an object that counts, metres; the model's
             range if not given.
         mtu: packet size, bytes, without the headers of UDP and IP.
-        seed: random seed of lost packets and of errors of poses.
+        seed: random seed of packet losses and pose errors.
         workers: number of processes; every number gives the same bytes.
-        plan: only say how long it takes.
+        plan: only print the estimated time.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
@@ -259,7 +257,7 @@ def fuse(
 
 
 def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:
-    """Return what is to be said where the model has learned from frames of a node."""
+    """Return a doubt if the model was trained on frames of a node."""
     from urbantwin.artefact import digest_of
 
     known = {one.get("sha256") for one in trained.get("datasets", [])}
@@ -273,6 +271,6 @@ def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:
 
 
 def _digests(folder: Path) -> list[str]:
-    """Return what tells the files of a node's dataset from others."""
+    """Return hashes that identify the files of a node's dataset."""
     files = (folder / INVENTORY, folder / "dataset.json")
     return [sha256_of(one) for one in files if one.is_file()]

@@ -1,4 +1,4 @@
-"""A model that learns from more of what it misses."""
+"""Training a model on more examples of the objects that it misses."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from urbantwin.interface.workbench import Workbench
 if TYPE_CHECKING:
     from urbantwin.evaluation.worst import Case
 
-    #: Somebody who was missed, and where in the site: x, y, metres.
+    #: A missed object, and its position x, y in the site frame, metres.
     _Missed = tuple[Case, tuple[float, float]]
 
 __all__ = ["Improved", "improve"]
 
-#: Seconds of a drive before its first frame, and before and after which nobody is put in.
+#: Seconds of a drive before the first frame; seconds at both ends of a drive without events.
 _START_S, _APART_S = 2.0, 3.0
-#: What is missed nearer to something missed before is put in once, metres.
+#: A miss of the same class within this distance (m) of another counts as the same place.
 _BESIDE_M = 3.0
-#: Whoever is put in passes so near to the place, metres.
+#: Largest distance (m) from the place at which an inserted actor passes.
 _NEAR_M = 30.0
 _FIGURES = ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Improved(Artefact):
-    """A model that went on learning, in a folder, and how it was judged before and after.
+    """A model trained further, with its evaluations before and after.
 
     Attributes:
-        folder: with ``model/``, ``improvement.md`` and the reports.
-        missed: how many different objects of each class the model had missed.
-        before: its judgements by name.
-        after: those of the one that learned on, of the same frames.
+        folder: folder with ``model/``, ``improvement.md`` and the reports.
+        missed: number of distinct missed objects by class.
+        before: evaluations of the first model, by name.
+        after: evaluations of the improved model on the same frames, by name.
     """
 
     folder: Path
@@ -60,13 +60,13 @@ class Improved(Artefact):
         return str(self.folder / "model")
 
     def __repr__(self) -> str:
-        """Return the folder, and how it was judged."""
+        """Return the folder and the evaluations in short."""
         lines = [f"a model that learned on ({self.folder})"]
         lines += [f"{name}: {one.in_short}" for name, one in self.after.items()]
         return "\n".join(lines)
 
     def summary(self) -> Summary:
-        """Return what was missed, and average precisions before and after, per cent."""
+        """Return the missed objects, and average precisions before and after, percent."""
         gained = {}
         for name, one in self.after.items():
             known = self.before[name].figures
@@ -109,24 +109,24 @@ def improve(
 ) -> Improved:
     """Find what a model misses, and train it on more of it.
 
-    A drive is looked at by the model. Whom it misses is put into further drives, of the same class
-    at the same places, as events of a ``scenario.yaml``; it learns on from these; and another
-    drive, with a seed of its own and nobody put in, judges it before and after. Interrupted, the
-    same call goes on.
+    The model is run on a recorded drive. Actors of the missed classes are inserted at the same
+    places of further drives, as events of a ``scenario.yaml``, and the model is trained on these.
+    Another drive, with another seed and nothing inserted, evaluates it before and after. After an
+    interruption, the same call continues.
 
     Args:
         model: folder that ``model train`` wrote.
         twin: twin's folder, with its rig.
         out: folder to write; ``improved`` beside the model if not given.
         rig: ``rig.yaml``; the twin's own rig if not given.
-        drives: number of drives with more of what was missed.
-        events: most events in each of them; one that cannot be staged is left out.
+        drives: number of training drives with inserted actors.
+        events: largest number of events per drive; an event that cannot be staged is left out.
         seconds: length of each drive, seconds.
-        every: time between its frames, seconds.
+        every: time between frames, seconds.
         minutes: minutes of training.
-        steps: number of training steps, in place of minutes.
-        also: datasets to learn from, too, so that what was known is not forgotten.
-        real: labelled real frames to judge by, too.
+        steps: number of training steps; replaces ``minutes``.
+        also: further datasets to learn from, against forgetting.
+        real: labelled real frames to evaluate on as well.
         seed: random seed.
         workers: number of processes; every number gives the same bytes.
         device: device of PyTorch: ``cpu`` or ``cuda``.
@@ -134,7 +134,7 @@ def improve(
 
     Raises:
         InputError: the model, the twin or frames cannot be used.
-        StageError: a stage failed, or the model misses nobody.
+        StageError: a stage failed, or the model misses no object.
 
     Example:
         $ urbantwin model improve model/ urbantwin-demo/twin -o improved/
@@ -164,7 +164,7 @@ def improve(
     tell_line(f"improve: missed on a drive of its own: {words}", progress)
     sources = [look]
     for number in range(drives):
-        # The drives share them out where there are enough.
+        # Cases are distributed over the drives if there are enough.
         some = cases[number::drives] if len(cases) >= drives * events else cases
         sources.append(
             practice.drive(f"more-{number + 1}", 2 * (1000 * seed + number), some[:events])
@@ -196,7 +196,7 @@ def improve(
 
 @dataclass(frozen=True)
 class _Practice:
-    """Drives of a twin, recorded by its rig, or that of a file; `every_s` between frames."""
+    """Recorded drives of a twin, with its own rig or that of a file."""
 
     bench: Workbench
     rig: Path | None
@@ -204,7 +204,7 @@ class _Practice:
     every_s: float
 
     def drive(self, name: str, seed: int, put_in: Sequence[_Missed] = ()) -> Path:
-        """Return the dataset of a drive, with those who were missed put in."""
+        """Return the dataset of a drive, with actors inserted at the places of missed objects."""
         from urbantwin.interface.rig import rig_spec_on
         from urbantwin.site.rig_changes import RigChanges
 
@@ -223,7 +223,7 @@ class _Practice:
 
 
 def _missed(detections: Path, data: Path, classes: Sequence[str]) -> list[_Missed]:
-    """Return whom a model misses, classes in turn, and where in the site each is: x, y."""
+    """Return the objects that a model misses, alternating between classes, and their positions."""
     import numpy as np
 
     from urbantwin.detections import read_detections
@@ -254,7 +254,7 @@ def _missed(detections: Path, data: Path, classes: Sequence[str]) -> list[_Misse
 def _put_in(
     twin: Twin, plain: Path, cases: Sequence[_Missed], seconds: float, folder: Path
 ) -> None:
-    """Put whom a model missed into a motion, and write that as a scenario beside it."""
+    """Insert actors at the places of missed objects into a motion, and write the scenario."""
     from urbantwin.traffic.events import with_events
     from urbantwin.traffic.events.scenario import Passage
     from urbantwin.traffic.motion import Motion
@@ -274,7 +274,7 @@ def _put_in(
         try:
             motion = with_events(motion, twin, [(number, Passage.model_validate(event))], [])
         except (InputError, StageError):
-            continue  # nobody of this class can pass there, or there is no room
+            continue  # no actor of this class can pass there, or there is no room
         staged.append(event)
         rows += motion.manifest["events"]
     if not staged:
@@ -290,7 +290,7 @@ def _percent(row: Mapping[str, Any] | None, figure: str) -> float | None:
 
 
 def _text(made: Improved) -> str:
-    """Return the report: what was missed, and every figure before and after."""
+    """Return the report as Markdown: missed objects, and all figures before and after."""
     missed = ", ".join(f"{count} of {name}" for name, count in made.missed.items() if count)
     lines = [
         "# What a model learned from what it missed",

@@ -1,4 +1,4 @@
-"""An editor's second look: what is weak about a site's inputs, before anything is built."""
+"""Check of a site's inputs for weaknesses, before anything is built."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Findings", "check"]
 
-#: Width of a page of text, and how many places of a finding it names.
+#: Width of a page of text, characters, and most places listed per finding.
 _WIDE, _PLACES = 100, 3
 
 
 class Findings(Result):
-    """What is weak about a site's inputs: shown, it is a list; in a notebook, a plan, too.
+    """Weaknesses of a site's inputs; printed as a list, in a notebook with a plan.
 
     Attributes:
         path: the ``site.yaml``.
-        found: the findings themselves, with what they are of.
+        found: the findings, with the checked inputs.
     """
 
     def __init__(self, path: Path, found: InputCheck) -> None:
@@ -38,11 +38,11 @@ class Findings(Result):
         self.found = found
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of findings."""
         return len(self.found.findings)
 
     def __iter__(self) -> Iterator[Finding]:
-        """Return the findings, what matters most first."""
+        """Yield the findings, most important first."""
         return iter(self.found.findings)
 
     def plot(self) -> Figure:
@@ -71,11 +71,11 @@ class Findings(Result):
                 yield f"{'':<11}and {len(linked) - _PLACES} more (--json lists them)"
 
     def text(self) -> str:
-        """Return what a command prints for a person: the list."""
+        """Return the text that a command prints: the list."""
         return repr(self)
 
     def summary(self) -> Summary:
-        """Return the findings as JSON holds them."""
+        """Return the findings in JSON-compatible form."""
         return Summary({"path": str(self.path), **self.found.as_json()})
 
 
@@ -92,8 +92,8 @@ def check(
 
     Args:
         site: ``site.yaml``, or its folder.
-        picture: plan to write, PNG or SVG: the places of the findings, numbered.
-        page: HTML page to write: the list, its links and the plan.
+        picture: plan to write, PNG or SVG, with the numbered places of the findings.
+        page: HTML page to write, with the list, its links and the plan.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).

@@ -1,4 +1,4 @@
-"""What a file or a folder holds, in a few values."""
+"""Summaries of files and folders."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def info(
         progress: show progress; or a function that is called with (share, doing).
 
     Returns:
-        Its kind, and values that JSON can hold.
+        The kind and JSON-compatible values.
 
     Raises:
-        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+        InputError: the path is missing, damaged, or of no known kind.
 
     Example:
         $ urbantwin info urbantwin-demo/dataset
@@ -65,14 +65,14 @@ def info(
 
 
 def summary_of(path: Path, progress: Progress = untold) -> Summary:
-    """Return what a file or a folder holds: its kind first, then values that JSON can hold.
+    """Return the content of a file or folder: its kind first, then JSON-compatible values.
 
     Args:
         path: a file or a folder.
-        progress: told the share done (0..1) of reading a large map.
+        progress: called with the fraction (0..1) of a large map that is read.
 
     Raises:
-        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+        InputError: the path is missing, damaged, or of no known kind.
     """
     from urbantwin.fidelity.readers.layouts import layout_of
     from urbantwin.fidelity.readers.recording import file_and_choice
@@ -83,7 +83,7 @@ def summary_of(path: Path, progress: Progress = untold) -> Summary:
     if choice is not None:
         return Summary({"path": str(path), **_recording(path)})
     describe = _folder if path.is_dir() else _by_ending(path.name.lower(), progress)
-    if describe is None and layout_of(path) is not None:  # by its content
+    if describe is None and layout_of(path) is not None:  # recognised by its content
         describe = _recording
     if describe is None:
         raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
@@ -142,7 +142,7 @@ def _folder(folder: Path) -> dict[str, Any]:
 
 
 def _recording(path: Path) -> dict[str, Any]:
-    """Describe a recording of a layout that is known: its frames, and what the first has."""
+    """Return a summary of a recording of a known layout: its frames, and the first frame."""
     import numpy as np
 
     from urbantwin.fidelity.readers import open_recording
@@ -167,7 +167,7 @@ def _recording(path: Path) -> dict[str, Any]:
 
 
 def _without_path(told: Summary) -> dict[str, Any]:
-    """Return what a result says of itself; the path is the one that was asked for."""
+    """Return a summary without its path."""
     return {key: value for key, value in told.items() if key != "path"}
 
 
@@ -247,7 +247,7 @@ def _extract(path: Path, progress: Progress) -> dict[str, Any]:
     }
 
 
-#: Cells of a raster that are held at once.
+#: Largest number of raster cells held at once.
 _CELLS = 16_000_000
 
 
@@ -258,7 +258,7 @@ def _dem(path: Path) -> dict[str, Any]:
     from urbantwin.site.geotiff import opened_geotiff
 
     with opened_geotiff(path, "a GeoTIFF") as raster:
-        rows = max(1, _CELLS // raster.width)  # read at once
+        rows = max(1, _CELLS // raster.width)  # rows read at once
         low, high, count = np.inf, -np.inf, 0
         for first in range(0, raster.height, rows):
             window = Window(0, first, raster.width, min(rows, raster.height - first))
@@ -282,7 +282,7 @@ def _dem(path: Path) -> dict[str, Any]:
 
 
 def _mesh_or_cloud(path: Path) -> dict[str, Any]:
-    """Describe a PLY: a mesh if its header declares faces (Turk 1994)."""
+    """Return a summary of a PLY file: a mesh if its header declares faces (Turk 1994)."""
     import re
 
     with path.open("rb") as stream:

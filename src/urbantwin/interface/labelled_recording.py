@@ -1,4 +1,4 @@
-"""Recordings that a model labels, for another to learn from."""
+"""Recordings labelled by a model, as training data for another."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["LabelledRecording", "label"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LabelledRecording(Artefact):
-    """Frames with labels of a model, in a folder; it stands for its folder: ``ut.model.train(it)``.
+    """Frames with labels of a model; can be passed as its folder: ``ut.model.train(it)``.
 
     Attributes:
-        folder: where it was written, in the OpenPCDet layout.
-        labels: how many of each class; ``doubted`` ones neither help nor hurt.
+        folder: the folder, in the OpenPCDet layout.
+        labels: number of labels by class; ``doubted`` ones are ignored in training.
     """
 
     folder: Path
     labels: dict[str, int]
 
     def __repr__(self) -> str:
-        """Return how many labels there are, and the folder."""
+        """Return the number of labels, and the folder."""
         return f"{sum(self.labels.values())} labels of a model ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return how many labels there are of each class."""
+        """Return the number of labels per class."""
         return Summary(path=str(self.folder), labels=dict(sorted(self.labels.items())))
 
 
@@ -53,8 +53,8 @@ def label(
 ) -> LabelledRecording:
     """Label frames by a model, for another to learn from.
 
-    With ``rate`` (or where the frames say when they were taken) its detections are followed
-    backwards and forwards: a track has one class and size, smooth places, and gaps are filled.
+    With ``rate`` (or if the frames have times) its detections are tracked backwards and forwards: a
+    track has one class and size, smooth positions, and gaps are filled.
 
     Args:
         model: teacher: a folder that ``model train`` wrote.
@@ -62,7 +62,7 @@ def label(
         out: folder to write; ``labelled`` beside the frames if not given.
         sure: lowest score of a box that becomes a label.
         doubtful: lowest score of a box that is ignored in training; boxes below are dropped.
-        rate: frames per second, Hz, of frames that follow each other: they are tracked, too.
+        rate: frames per second, Hz, of consecutive frames, which are then tracked.
         layout: layout of the frames; recognised from their files if not given.
         device: device of PyTorch: ``cpu`` or ``cuda``.
         progress: show progress; or a function that is called with (share, doing).
@@ -106,7 +106,7 @@ def label(
             except InputError:
                 if rate is not None:
                     raise
-                follows = False  # a dataset that does not say when its frames were taken
+                follows = False  # the dataset has no frame times
             else:
                 poses = poses_of(found, real, between(tell, 0.6, 0.7))
                 how = Linking(birth=min(0.3, sure), lowest=0.1)

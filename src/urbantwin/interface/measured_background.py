@@ -1,4 +1,4 @@
-"""What stands still, measured beam by beam from the frames of fixed sensors."""
+"""Measured static world, beam by beam, from frames of fixed sensors."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = ["Background", "background"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Background(Artefact):
-    """Measured backgrounds of sensors; it stands for its file: ``ut.record(background=...)``.
+    """Measured backgrounds of sensors; can be passed as its file: ``ut.record(background=...)``.
 
     Attributes:
-        path: the ``.npz``.
-        told: what the measurement said of itself; empty of a file that was opened.
+        path: the ``.npz`` file.
+        told: report of the measurement; empty for an opened file.
     """
 
     path: Path
@@ -41,10 +41,10 @@ class Background(Artefact):
         """Open a file.
 
         Raises:
-            InputError: it is missing, damaged or something else.
+            InputError: the file is missing, damaged or of another kind.
         """
         found = cls(Path(path))
-        assert found.sensors is not None  # read now, so that a bad file is told now
+        assert found.sensors is not None  # read now to report errors at once
         return found
 
     @cached_property
@@ -64,7 +64,7 @@ class Background(Artefact):
         return f"Background measured by {each} ({self.path})"
 
     def summary(self) -> Summary:
-        """Return what was measured in a few values."""
+        """Return the path and the measurement's report."""
         return Summary(path=str(self.path), **self.told)
 
 
@@ -92,34 +92,34 @@ def background(
 ) -> Background:
     """Measure the static world, beam by beam.
 
-    From unlabelled frames of static sensors, for ``record --background``.
+    Uses unlabelled frames of static sensors; the result is for ``record --background``.
 
     Args:
-        real: frames of static sensors; or a matrix of ranges.
+        real: frames of static sensors, or a matrix of ranges.
         out: ``.npz`` to write; ``background.npz`` beside the twin, or here without one, if not
             given.
         sensor: model of the catalogue, or a sensor's file.
         columns: columns per turn; the model's default if not given.
         rate: turns per second, Hz; the model's default if not given.
-        pose: pose of the sensor in the frame of the points, metres and degrees; without it the
-            points are in the sensor's own frame.
-        twin: twin whose rig's sensors recorded, in place of ``sensor``.
+        pose: pose of the sensor in the points' frame, metres and degrees; if not given, the points
+            are in the sensor's frame.
+        twin: twin whose rig recorded the frames; replaces ``sensor``.
         rig: with ``twin``: ``rig.yaml``; the twin's own if not given.
         only: with ``twin``: name of the only sensor that recorded.
         points_in: with ``twin``: frame of the points, ``sensor``, ``level`` or ``site``; as the rig
             says if not given.
         elevations: file with the elevations of a matrix's rows, degrees or radians.
         intensity_scale: full scale of the data's intensity; estimated if not given.
-        interval: time from one frame to the next, seconds; one turn if not given. It tells how long
-            moving foliage stays as it is.
-        traffic: with ``twin``: keep what stood on its lanes in all frames.
+        interval: time from one frame to the next, seconds; one turn if not given. Gives the
+            correlation time of moving foliage.
+        traffic: with ``twin``: keep objects that stood on its lanes in all frames.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: neither or both of ``sensor`` and ``twin`` are given, or something given
-            cannot be used.
+        InputError: neither or both of ``sensor`` and ``twin`` are given, or an input cannot be
+            used.
 
     Example:
         $ urbantwin rig background real/ --sensor OS1-128 -o measured.npz

@@ -1,4 +1,4 @@
-"""A motion: traffic driven through a twin, or opened."""
+"""Motions: traffic simulated on a twin, or opened."""
 
 from __future__ import annotations
 
@@ -28,14 +28,13 @@ __all__ = ["Motion", "drive", "driven"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Artefact, DrivenMotion):
-    """The pose of every actor at every step, and what the signals showed.
+    """Pose of every actor at every step, and the signal states.
 
     ``actors`` and ``signals`` are tables of pyarrow; ``at(time_s)`` gives the actors of one step as
-    a structured array, and ``times()`` the steps. It stands for its folder wherever a path is asked
-    for.
+    a structured array, and ``times()`` the steps. It can be passed as its folder.
 
     Attributes:
-        folder: where it is.
+        folder: the motion's folder.
 
     Example:
         >>> motion = ut.open("out/motion")
@@ -50,7 +49,7 @@ class Motion(Artefact, DrivenMotion):
         """Open a motion's folder; a motion is returned as it is.
 
         Raises:
-            InputError: it is not a motion, or is damaged.
+            InputError: the folder is not a motion, or is damaged.
         """
         if isinstance(folder, Motion):
             return folder
@@ -64,7 +63,7 @@ class Motion(Artefact, DrivenMotion):
 
     @classmethod
     def of(cls, driven: DrivenMotion, folder: Path) -> Motion:
-        """Return a motion that lies in a folder."""
+        """Return a motion stored in a folder."""
         parts = {one.name: getattr(driven, one.name) for one in fields(DrivenMotion)}
         return cls(**parts, folder=folder)
 
@@ -82,7 +81,7 @@ class Motion(Artefact, DrivenMotion):
         )
 
     def summary(self) -> Summary:
-        """Return what the motion holds in a few values."""
+        """Return the motion's content in brief."""
         told = [str(one) for one in self.warnings]
         return Summary(
             path=str(self.folder),
@@ -94,8 +93,8 @@ class Motion(Artefact, DrivenMotion):
         """Draw the path of every actor from above.
 
         Args:
-            twin: whose lanes are drawn below; the twin beside the motion when not given, if the
-                motion was made on that one.
+            twin: twin whose lanes are drawn; if not given, the twin beside the motion, if it is the
+                motion's own.
         """
         from urbantwin.drawing.pictures import figure_of_motion
         from urbantwin.interface.twin import Twin
@@ -196,9 +195,9 @@ def driven(
     *,
     also: Callable[[DrivenMotion, Path], None] | None = None,
 ) -> Motion:
-    """Drive a twin's traffic with changes to the site's; see `drive`.
+    """Simulate a twin's traffic with changes to the site's traffic; see `drive`.
 
-    Nothing is drawn but what ``also`` draws into the motion's folder, and nothing is told of it.
+    Draws only what ``also`` draws into the motion's folder, and prints no messages.
     """
     from urbantwin.traffic.run import run_traffic
 

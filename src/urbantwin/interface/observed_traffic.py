@@ -1,4 +1,4 @@
-"""Who drives, rides and walks in frames without labels."""
+"""Vehicles, riders and pedestrians observed in unlabelled frames."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ __all__ = ["ObservedTraffic", "observe"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservedTraffic(Artefact):
-    """What moved and waited in a recording; it stands for its file of tracks.
+    """Moving and waiting actors of a recording; it can be passed as its file of tracks.
 
     Attributes:
-        folder: where it was written: ``tracks.csv``, ``proposal.geojson``, ``above.png``.
+        folder: folder with ``tracks.csv``, ``proposal.geojson``, ``above.png``.
         found: the tracks.
-        counts: of each class: how many, how many wait, how fast.
-        spacing: which frames are followed by a gap; empty where none is.
+        counts: number, waiting number and speed of each class.
+        spacing: frames that are followed by a gap; empty if none.
     """
 
     folder: Path
@@ -41,7 +41,7 @@ class ObservedTraffic(Artefact):
     spacing: dict[str, Any]
 
     def __fspath__(self) -> str:
-        """Return the tracks' file."""
+        """Return the path of the tracks' file."""
         return str(self.folder / "tracks.csv")
 
     def __repr__(self) -> str:
@@ -50,16 +50,16 @@ class ObservedTraffic(Artefact):
         return f"Traffic observed in {self.found.frames} frames: {each or 'none'} ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return the counts in a few values."""
+        """Return the counts."""
         told = {"spacing": self.spacing} if self.spacing else {}
         return Summary(path=str(self.folder), frames=self.found.frames, **told, **self.counts)
 
 
 def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedActor]]:
-    """Return the people and riders whom a detector found in each frame, by its name.
+    """Return the detected pedestrians and riders of each frame, by the frames' names.
 
     Raises:
-        InputError: it is no folder of detections, or one of the frames was not looked at.
+        InputError: the folder holds no detections, or a frame is missing.
     """
     from urbantwin.detections import read_detections
     from urbantwin.traffic.observed.box_fit import DETECTED, LEAST_SCORE, DetectedActor
@@ -110,16 +110,15 @@ def observe(
     Args:
         frames: folder that ``rig discover --frames`` wrote.
         out: folder to write; one beside the frames if not given.
-        twin: twin of the place, in the frame of the points: vehicles that wait on its lanes are
-            found, too.
-        detections: detections in these frames (``model detect``), from which pedestrians and riders
-            are taken.
-        rate: frames per second, Hz; gaps are found by what moves.
-        times: table with ``frame`` and ``seconds``: the time of each frame, in place of ``rate``.
+        twin: twin of the place, in the points' frame, to also find vehicles that wait on its lanes.
+        detections: detections in these frames (``model detect``), as source of pedestrians and
+            riders.
+        rate: frames per second, Hz; gaps are found from the motion.
+        times: table with ``frame`` and ``seconds``, the time of each frame; replaces ``rate``.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: there are too few frames, or what is given cannot be used.
+        InputError: too few frames, or an input cannot be used.
 
     Example:
         $ urbantwin traffic observe rings/ -o observed/ --rate 10

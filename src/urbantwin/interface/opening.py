@@ -1,4 +1,4 @@
-"""Opening what is on disk, whatever it is."""
+"""Opening of files and folders of any kind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Package", "open", "opened_artefact"]
 
-#: Where the class of each kind of artefact is; what others are for, other programs know.
+#: Module and class of each kind of artefact; other kinds are for other programs.
 _CLASSES = {
     "twin": ("twin", "Twin"),
     "motion": ("motion", "Motion"),
@@ -50,9 +50,9 @@ class Package(Artefact):
     """An artefact for another program: a submission, a package for SUMO or CARLA, a plan, ...
 
     Attributes:
-        folder: where it is.
-        kind: of the artefact.
-        manifest: its ``KIND.json``.
+        folder: the folder.
+        kind: kind of the artefact.
+        manifest: content of its ``KIND.json``.
     """
 
     def __init__(self, folder: AnyPath, kind: str) -> None:
@@ -61,12 +61,12 @@ class Package(Artefact):
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """What its ``KIND.json`` holds."""
+        """Content of its ``KIND.json``."""
         return read_json(self.folder / f"{self.kind}.json", kind=self.kind)
 
     @property
     def files(self) -> list[Path]:
-        """Its files."""
+        """Paths of its files."""
         return sorted(path for path in self.folder.rglob("*") if path.is_file())
 
     def __repr__(self) -> str:
@@ -80,25 +80,24 @@ class Package(Artefact):
 
 
 def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is there
-    """Open what is on disk.
+    """Open a result, an input file or a recording.
 
     Args:
-        path: a folder that a command wrote (or a manifest in it: ``out/twin/twin.json``), one with
-            a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml``, a ``nodes.yaml``
-            or a sensor's file; a measured background; a cloud, or real frames in any layout that is
-            known (of a bag or capture with several, one: ``a.bag:/lidar/points``,
-            ``a.pcap:192.168.1.201``). Or the address of a dataset on storage:
-            ``s3://bucket/dataset``.
+        path: a folder that a command wrote (or a manifest in it: ``out/twin/twin.json``), a folder
+            with a twin, a motion and a dataset; a ``site.yaml``, a ``rig.yaml``, a ``nodes.yaml``
+            or a sensor's file; a measured background; a cloud, or real frames in any known layout
+            (one sensor of a bag or capture: ``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``). Or
+            the URL of a stored dataset: ``s3://bucket/dataset``.
 
     Returns:
-        A `Twin`, `Motion`, `Dataset`, `Report`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles`, `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets`, of any
-        other folder with several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or
-        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a
-        type checker, ``ut.Dataset.open(path)`` and its like say it.
+        A `Twin`, `Motion`, `Dataset`, `Report`, `Coverage`, `Tuning`, `Run`, `SequenceFiles`,
+        `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets` for any other folder with
+        several datasets or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or a
+        `Datasheet`; a `Background`; a `Cloud` or a `Recording`. For a typed result use
+        ``ut.Dataset.open(path)`` and the like.
 
     Raises:
-        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+        InputError: the path is missing, damaged, or of no known kind.
 
     Example:
         >>> ut.open("out/dataset")[3].points
@@ -125,7 +124,7 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
 
 def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
-    """Open a folder that is no artefact: it may hold some, or be a site, or a recording."""
+    """Open a folder that is no artefact: a folder of artefacts, a site or a recording."""
     from urbantwin.dataset.reading.datasets import datasets_inside
     from urbantwin.interface.dataset import Datasets
 
@@ -154,7 +153,7 @@ def opened_artefact(
     """Open an artefact of a kind.
 
     Raises:
-        InputError: it is not what its manifest says.
+        InputError: the content does not match the kind.
     """
     if kind not in _CLASSES:
         return Package(folder, kind)

@@ -1,4 +1,4 @@
-"""What became of a twin, a motion and a dataset: the few numbers to judge them by."""
+"""Key figures of a twin, a motion and a dataset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["outcome_of_dataset", "outcome_of_motion", "outcome_of_twin"]
 
 
 def outcome_of_twin(twin: Twin) -> dict[str, Any]:
-    """Return how many roads there are, what of the map was found, and what the sensors see."""
+    """Return the numbers of roads and lanes, found and mapped objects, and the sensors' view."""
     notes = twin.manifest["notes"]
     found: dict[str, Any] = {"roads": len(twin.roads.roads), "lanes": len(twin.roads.lanes)}
     for kind, counts in notes.get("mapped", {}).items():
@@ -30,7 +30,7 @@ def outcome_of_twin(twin: Twin) -> dict[str, Any]:
 
 
 def outcome_of_motion(motion: Motion) -> dict[str, Any]:
-    """Return how many actors there are, how many drive of those asked for, and who overlaps."""
+    """Return the numbers of actors, driven against requested traffic, and overlaps."""
     told = motion.manifest
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
     circulation, there = told.get("circulation", {}), told.get("past_sensors", {})
@@ -58,7 +58,7 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
 
 
 def _side_by_side(row: dict[str, Any]) -> dict[str, Any]:
-    """Return who was asked for and who drove, for one line."""
+    """Return requested and driven volumes of a count, for one line."""
     asked, driven = row["asked_per_hour"], row["driven_per_hour"]
     off = {"off": f"{driven / asked - 1:+.0%}"} if asked else {}
     why = {"held_up": row["held_up"]} if row.get("held_up") else {}
@@ -67,7 +67,7 @@ def _side_by_side(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def outcome_of_dataset(dataset: Dataset) -> dict[str, Any]:
-    """Return the share with points of the boxes in the region and in reach, by class."""
+    """Return the fraction of boxes with points, in the region and in range, by class."""
     boxes: Counter[str] = Counter()
     seen: Counter[str] = Counter()
     for one in dataset.parts.values() or [dataset]:

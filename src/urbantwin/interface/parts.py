@@ -1,4 +1,4 @@
-"""Which frames of datasets a command may see: those of training, validation or test."""
+"""Selection of datasets and frames by part of a split: training, validation or test."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _ALL = "all"
 
 @dataclass(frozen=True)
 class ChosenFrames:
-    """Datasets and the frames of each that may be seen.
+    """Datasets with the selected frames of each.
 
     Attributes:
-        folders: of the datasets.
-        names: of the frames of each, all for ``None``.
+        folders: folders of the datasets.
+        names: names of the frames of each dataset, ``None`` for all.
     """
 
     folders: tuple[Path, ...]
     names: tuple[tuple[str, ...] | None, ...]
 
     def digests(self) -> list[str | None]:
-        """Return what tells the frames of each from others, ``None`` for all of them."""
+        """Return a SHA-256 of each dataset's frame names, ``None`` for all frames."""
         return [
             None if one is None else hashlib.sha256("\n".join(one).encode()).hexdigest()
             for one in self.names
@@ -44,15 +44,15 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
     """Return the datasets and frames of a part.
 
     Args:
-        given: datasets, of whose lists (``ImageSets/``) the part is taken; recordings without
-            lists, which are all of every part; documents of `split`, of which the datasets of
-            the part are taken whole; and campaigns, which stand for their split, or else for
-            their datasets.
+        given: datasets, which are filtered by their lists (``ImageSets/``); recordings without
+            lists, which belong to every part as a whole; documents of `split`, which give the
+            datasets of the part; and campaigns, which are replaced by their split or else by their
+            datasets.
         part: ``train``, ``val``, ``test`` or ``all``.
         place: the option, for errors.
 
     Raises:
-        InputError: there is no such part, or it is empty.
+        InputError: the part is unknown or empty.
     """
     if part not in (*PARTS, _ALL):
         raise InputError(
@@ -78,7 +78,7 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
 
 
 def _of_campaign(path: Path) -> list[Path]:
-    """Return what a campaign stands for; anything else stands for itself."""
+    """Return a campaign's split document or datasets; any other path is returned as it is."""
     if kind_of(path / "index") != "campaign":
         return [path]
     from urbantwin.experiments.campaign.index import datasets_of
@@ -88,10 +88,10 @@ def _of_campaign(path: Path) -> list[Path]:
 
 
 def recording_of_part(path: Path, layout: str | None, part: str) -> Recording:
-    """Open a recording with the frames of a part alone; see `chosen_frames`.
+    """Open a recording with the frames of a part only; see `chosen_frames`.
 
     Raises:
-        InputError: there is no such part, it is empty, or the recording cannot be read.
+        InputError: the part is unknown or empty, or the recording cannot be read.
     """
     from urbantwin.fidelity.readers import open_recording
     from urbantwin.fidelity.readers.own import with_lost_turns

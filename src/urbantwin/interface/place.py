@@ -1,4 +1,4 @@
-"""Where a result goes when nobody says: beside what it is made from."""
+"""Default paths of results: beside their inputs."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from urbantwin.artefact import kind_of
 
 __all__ = ["AnyPath", "beside", "folder_of_site"]
 
-#: A path as people write it. Every result is one, too: that of its folder or file.
+#: A path as given by users; every result counts as the path of its folder or file.
 AnyPath = str | os.PathLike[str]
 
 
 def beside(made_from: AnyPath, name: str, out: AnyPath | None = None) -> Path:
-    """Return ``out``, or the place of a name beside what a result is made from.
+    """Return ``out``, or a path named ``name`` beside the input of a result.
 
-    Artefacts lie side by side, never one in another: beside a part of a dataset is beside the
-    dataset.
+    Artefacts are never nested: beside a part of a dataset means beside the dataset.
     """
     if out is not None:
         return Path(out)
@@ -30,12 +29,12 @@ def beside(made_from: AnyPath, name: str, out: AnyPath | None = None) -> Path:
 
 
 def folder_of_site(site: AnyPath, name: str, out: AnyPath | None = None) -> Path:
-    """Return ``out``, or the folder for all that is made of a site: ``NAME`` beside its file.
+    """Return ``out``, or the folder for all results of a site: ``NAME`` beside its file.
 
     Args:
         site: the ``site.yaml``.
-        name: of the site, without characters that file systems do not take.
-        out: what was asked for.
+        name: name of the site; characters that file systems reject are replaced.
+        out: requested folder.
     """
     if out is not None:
         return Path(out)

@@ -1,4 +1,4 @@
-"""A placement: which sensors, where, before the pole is bought."""
+"""Sensor placements: search for sensor models and positions before installation."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _KIND = "placement"
 
 
 class Placement(Artefact):
-    """Layouts of sensors, judged by one motion; it stands for its folder.
+    """Sensor layouts evaluated on one motion; it can be passed as its folder.
 
     Attributes:
-        folder: where it is; ``report.html`` in it is the page for people.
-        manifest: ``placement.json``.
+        folder: the placement's folder; ``report.html`` in it is the report page.
+        manifest: content of ``placement.json``.
 
     Example:
         >>> placement = ut.rig.place(twin, motion, layouts=100)
@@ -55,20 +55,20 @@ class Placement(Artefact):
         """Open a placement's folder.
 
         Raises:
-            InputError: it is not a placement.
+            InputError: the folder is not a placement.
         """
         return cls(folder)
 
     @cached_property
     def layouts(self) -> pa.Table:
-        """Every layout that was judged, with its measures and their intervals."""
+        """All evaluated layouts, with their measures and intervals."""
         from urbantwin.studies.placement.folder import read_layouts
 
         return read_layouts(self.folder / "layouts.parquet")
 
     @cached_property
     def hidden(self) -> pa.Table:
-        """Who is not seen by the layouts of the front, and what hides them from each sensor."""
+        """Actors that the layouts of the front miss, and what occludes them from each sensor."""
         return read_parquet(self.folder / "hidden.parquet", "a table of the placement")
 
     @cached_property
@@ -79,22 +79,22 @@ class Placement(Artefact):
 
     @property
     def rigs(self) -> list[Path]:
-        """The ``rig.yaml`` of every layout of the front, the cheapest first."""
+        """``rig.yaml`` of every layout of the front, in order of ascending cost."""
         return [self.folder / "rigs" / f"{name}.yaml" for name in self.manifest.get("front", ())]
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it."""
+        """Warnings."""
         return warnings_of(self.manifest)
 
     def __repr__(self) -> str:
-        """Return how many layouts were judged, and the folder."""
+        """Return the number of evaluated layouts, and the folder."""
         front = len(self.manifest.get("front", ()))
         layouts = self.manifest.get("layouts")
         return f"Placement: {layouts} layouts, {front} on the front ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return the front in a few values."""
+        """Return the front's main figures."""
         names = ["cost", *(one for one in self.manifest["objectives"] if one != "cost")]
         rows = self.layouts.filter(self.layouts["front"]).select(["layout", *names, "what"])
         rows = rows.sort_by([("cost", "ascending"), ("layout", "ascending")]).to_pylist()
@@ -112,7 +112,7 @@ class Placement(Artefact):
         )
 
     def plot(self) -> Figure:
-        """Show all layouts by cost and the other objectives."""
+        """Plot all layouts by cost and the other objectives."""
         from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "pictures" / "front.png")
@@ -134,27 +134,26 @@ def place(
 ) -> Placement:
     """Search for the sensor layouts that see most.
 
-    Every sensor that may hang somewhere is cast once at the motion, and combined into layouts: no
-    layout costs a recording. Interrupted, the same call goes on, and finds the same.
+    Each candidate sensor is ray-traced once over the motion, and layouts combine these results: no
+    layout needs a recording. After an interruption, the same call continues with the same result.
 
     Args:
         twin: twin, or its folder.
-        motion: motion on it, or its folder: all layouts see this one.
+        motion: motion on the twin, or its folder; the same for all layouts.
         out: folder to write; ``placement`` beside the twin if not given.
         wish: ``place.yaml``: candidate places, models with prices, objectives; poles, signals,
             facades and new poles, and three models, if not given.
-        layouts: number of layouts that are judged.
-        train: number of layouts of the front that are also recorded with traffic of another seed,
-            to train a detector for each, which is judged by this motion: average precision and
-            tracking.
-        steps: training steps on all of them together; each then has a quarter more of its own.
+        layouts: number of layouts to evaluate.
+        train: number of layouts of the front that are also evaluated by detectors (average
+            precision and tracking), trained on traffic of another seed.
+        steps: training steps of the common detector; each layout's own detector adds a quarter.
         seed: random seed of the search.
         workers: number of processes; every number gives the same bytes.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: what is wished cannot be: an unknown model, a place inside something, a budget
-            that no layout meets; or ``out`` holds other files.
+        InputError: the wish cannot be met (unknown model, a place inside an object, a budget below
+            every layout), or ``out`` holds other files.
         StageError: a worker was killed, or the disk is full.
 
     Example:

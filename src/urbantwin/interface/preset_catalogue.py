@@ -1,4 +1,4 @@
-"""The places at which roadside datasets were recorded, for `init`."""
+"""Presets for `init`: places where roadside datasets were recorded."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["PresetCatalogue", "presets"]
 
 
 class PresetCatalogue(Listing, Mapping[str, "Preset"]):
-    """The presets by their names: shown, it is a table."""
+    """Presets by name; printed as a table."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the presets."""
+        """Names of the presets."""
         from urbantwin.site.presets import preset_names
 
         return preset_names()
@@ -30,7 +30,7 @@ class PresetCatalogue(Listing, Mapping[str, "Preset"]):
         """Return a preset by its name.
 
         Raises:
-            KeyError: there is none of that name.
+            KeyError: no preset has this name.
         """
         from urbantwin.site.presets import preset
 
@@ -43,7 +43,7 @@ class PresetCatalogue(Listing, Mapping[str, "Preset"]):
         return iter(self.names)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of presets."""
         return len(self.names)
 
     def __repr__(self) -> str:
@@ -53,7 +53,7 @@ class PresetCatalogue(Listing, Mapping[str, "Preset"]):
         return "\n".join("".join(map(str.ljust, row[:3], widths)) + row[3] for row in rows)
 
     def summary(self) -> Summary:
-        """Return what is known of each, and what is not, as JSON holds it."""
+        """Return the known and unknown values of each preset, JSON-compatible."""
         return Summary(presets=[_entry(one) for one in self.values()])
 
 
@@ -78,7 +78,7 @@ def presets(
 
 
 def _row(one: Preset) -> tuple[str, str, str, str]:
-    """Return the cells of a preset: what is published is its place, and its sensors' places."""
+    """Return a preset's row: name, title, sensor models, and which positions are published."""
     counts = Counter(sensor.model for sensor in one.rig.sensors)
     models = ", ".join(f"{count} {model}" for model, count in counts.items())
     published = "the sensors alone"

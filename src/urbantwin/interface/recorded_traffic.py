@@ -1,4 +1,4 @@
-"""Recorded traffic: tracks that are replayed on a twin, or that its traffic is calibrated to."""
+"""Recorded traffic: tracks replayed on a twin, or used to calibrate its traffic."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def replay(
 ) -> Motion:
     """Turn recorded tracks into a twin's motion.
 
-    The tracks are resampled, smoothed and put on the twin's ground.
+    The tracks are resampled, smoothed and placed on the twin's ground.
 
     Args:
         tracks: description of recorded tracks (YAML, docs/howto/recorded_traffic.md), or the
@@ -46,15 +46,15 @@ def replay(
         out: folder to write, in which an older motion is replaced; ``motion`` beside the twin if
             not given.
         step: time step, seconds; the site's ``traffic.step_s`` if not given.
-        smooth: smooth the noise of their paths.
-        keep_clock: note in the motion the recording's clock at its start: a time of day.
-        keep_names: note in the motion the recording's name of each actor, also where it is no
+        smooth: smooth the noise of the paths.
+        keep_clock: store the recording's time of day at its start in the motion.
+        keep_names: store the recording's name of each actor in the motion, even if it is not a
             number.
         pictures: draw the paths of the actors into the motion's folder.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the tracks, the twin or ``out`` cannot be used; a row of the tracks is named.
+        InputError: the tracks, the twin or ``out`` cannot be used; names the row of the tracks.
 
     Example:
         >>> motion = ut.traffic.replay("tracks.yaml", twin="twin/")
@@ -91,18 +91,18 @@ def replay(
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Artefact):
-    """What a recording told of a site's traffic; it stands for its folder.
+    """Calibration of a site's traffic to a recording; it can be passed as its folder.
 
     Attributes:
-        folder: with ``traffic.yaml``, ``site.yaml`` and ``calibration.json``.
-        report: what was measured, what was tried, and how well a simulation agrees with it.
+        folder: folder with ``traffic.yaml``, ``site.yaml`` and ``calibration.json``.
+        report: measured values, trials, and agreement of a simulation with the recording.
     """
 
     folder: Path
     report: dict[str, Any]
 
     def summary(self) -> Summary:
-        """Return what was found in a few values."""
+        """Return the fitted values and their agreement."""
         told = self.report
         if "demand" in told:
             return Summary(
@@ -117,7 +117,7 @@ class Calibration(Artefact):
             drivers={
                 one["field"]: one["value"]
                 for one in told["drivers"]
-                if "approach" not in one and "classes" not in one  # those of most
+                if "approach" not in one and "classes" not in one  # the values of most drivers
             },
             not_told=told["not_told"],
             **{
@@ -149,24 +149,24 @@ def calibrate(
 ) -> Calibration:
     """Fit a site's traffic to recorded tracks.
 
-    Demand, drivers and signals are fitted to the first part of the recording and judged by the
+    Demand, drivers and signals are fitted to the first part of the recording and evaluated on the
     rest.
 
     Args:
         tracks: description of recorded tracks (YAML, docs/howto/recorded_traffic.md), or the
-            tracks; or a folder of ``traffic observe``: then the demand alone is fitted, to the
-            number of actors present, and ``fit_share``, ``gap`` and ``seconds`` do not count.
+            tracks; or a folder of ``traffic observe``: then only the demand is fitted, to the
+            number of actors present, and ``fit_share``, ``gap`` and ``seconds`` have no effect.
         site: the ``site.yaml``.
         out: folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with traffic
             and signals, ``calibration.json``; ``calibrated`` beside the site if not given.
-        fit_share: share of the recording that is fitted to; what comes later judges.
+        fit_share: share of the recording to fit to; the rest is for evaluation.
         gap: time between the two parts, seconds.
-        seconds: length of the simulation that is judged, seconds; 0 simulates nothing.
+        seconds: length of the evaluated simulation, seconds; 0 for none.
         seed: random seed of the simulations; 1 if not given.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the tracks, the site or ``out`` cannot be used; a row of the tracks is named.
+        InputError: the tracks, the site or ``out`` cannot be used; names the row of the tracks.
         StageError: netconvert or SUMO failed.
 
     Example:

@@ -1,4 +1,4 @@
-"""Recording: a twin and its motion become a dataset, or one for each of several nodes."""
+"""Recording of LiDAR datasets of a twin and its motion, by one rig or by several nodes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def record(
     nodes: AnyPath,
     **options: Any,  # noqa: ANN401
 ) -> Fleet: ...
-# The options are written once, below: which of them there is changes nothing in the type.
+# The options are declared once, below; they do not affect the type of the result.
 @command  # type: ignore[misc]
 def record(
     twin: Twin | AnyPath,
@@ -170,7 +170,7 @@ def record(
         _refuse_with_nodes(rig=rig, ride=ride, fused=fused, background=measured, fuse=fuse)
         if isinstance(place, Storage):
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
-    # Helpers get ready while the twin is opened, which has work for one processor.
+    # Helper processes start while the twin is read, which occupies one processor.
     with recorders(workers, ray, pictures=pictures) as crew:
         if nodes is not None and isinstance(place, Path):
             return _recorded_nodes(
@@ -257,28 +257,28 @@ def recorded(  # type: ignore[misc]
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Dataset | StoredDataset:
-    """Record what a rig sees; see `record`.
+    """Record a dataset with a rig; see `record`.
 
     Args:
         on: the twin.
         moving: the motion.
-        spec: the rig with every change to it.
-        rig_file: where it was written, beside which its files are.
-        place: the folder to write, or storage.
-        background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
-        fuse: where nobody measured, the twin is seen.
-        start_s: no frame before this time of the motion.
-        stop_s: no frame after this time.
-        every: only each N-th frame.
-        backend: what casts the rays.
-        storage: of points, see `record`.
-        split: into training, validation and test; the usual one when not given.
-        workers: processes to work with.
-        ray: a cluster to work on.
-        seed: of every random choice.
-        inputs: what it is made from.
+        spec: the rig, with all changes applied.
+        rig_file: the rig's file; relative paths in the rig are relative to its folder.
+        place: folder to write, or storage.
+        background: measured static worlds of real sensors, ``FILE`` or ``NAME=FILE``.
+        fuse: use the twin where a measured background has no data.
+        start_s: earliest time of a frame, seconds of the motion.
+        stop_s: latest time of a frame, seconds of the motion.
+        every: record only every N-th frame.
+        backend: ray tracer.
+        storage: format of points, see `record`.
+        split: split into training, validation and test; the default split if not given.
+        workers: number of processes, or running helpers.
+        ray: Ray cluster to record on.
+        seed: random seed.
+        inputs: input files and folders, which must not be overwritten.
         pictures: draw pictures into the folder.
-        progress: show how far it is.
+        progress: show progress.
     """
     from urbantwin.dataset.provenance import asked_of
     from urbantwin.dataset.recording import record as record_frames
@@ -332,7 +332,7 @@ def _recorded_nodes(
     pictures: bool,
     progress: ShowProgress,
 ) -> Fleet:
-    """Record what several nodes see; see `record`."""
+    """Record datasets with several nodes; see `record`."""
     from urbantwin.dataset.fleet import record_fleet
     from urbantwin.interface.dataset import Fleet
     from urbantwin.interface.rig import rigs_of_nodes
@@ -368,21 +368,20 @@ def _recorded_nodes(
 def recorders(
     workers: int | None, ray: str | None = None, *, pictures: bool
 ) -> Iterator[int | Helpers | None]:
-    """Yield this process and its helpers; how many they are where nobody of this machine helps.
+    """Yield this process with its helpers, or the number of workers if none help here.
 
-    Helpers get ready while this process does other things, which takes a second, and half a minute
-    where numba has compiled nothing yet.
+    Starting helpers takes a second, and half a minute if numba has to compile first.
 
     Args:
-        workers: how many work, this process among them; all processors if not given.
-        ray: a cluster, whose workers are not these.
-        pictures: they draw, too.
+        workers: number of processes, this one included; all processors if not given.
+        ray: a Ray cluster, which has workers of its own.
+        pictures: the helpers also draw pictures.
     """
     if ray is not None or (workers is not None and workers < 2):
         yield workers
         return
     with helpers(workers, rehearse) as crew:
-        if pictures and crew.pool is not None:  # one is to draw them, and waits for the twin now
+        if pictures and crew.pool is not None:  # drawing imports while the twin is read
             crew.pool.submit(_begin_to_draw)
         yield crew
 
@@ -393,7 +392,7 @@ def _begin_to_draw() -> None:
 
 @contextmanager
 def _crew(workers: int | Helpers | None, ray: str | None, backend: str | None) -> Iterator[Workers]:
-    """Yield who records: so many processes of this machine, or a cluster."""
+    """Yield the workers: processes of this machine, or a cluster."""
     if ray is None or isinstance(workers, Helpers):
         yield workers
         return
@@ -407,7 +406,7 @@ def _crew(workers: int | Helpers | None, ray: str | None, backend: str | None) -
 
 
 def _drawing(on: Twin, moving: Motion, tell: Progress, crew: Workers) -> Callable[[Path], None]:
-    """Return what draws pictures into the folder of a dataset."""
+    """Return a function that draws the pictures of a dataset's folder."""
 
     def draw(folder: Path) -> None:
         from urbantwin.drawing.pictures import pictures_of_dataset
@@ -423,7 +422,7 @@ def _drawing(on: Twin, moving: Motion, tell: Progress, crew: Workers) -> Callabl
 def _drawing_nodes(
     on: Twin, moving: Motion, tell: Progress, crew: Workers
 ) -> Callable[[Path], None]:
-    """Return what draws pictures into the folder of a fleet, and into those of its nodes."""
+    """Return a function that draws the pictures of a fleet and of its nodes."""
 
     def draw(folder: Path) -> None:
         from urbantwin.dataset.reading import Fleet
@@ -447,10 +446,10 @@ def _drawing_nodes(
 
 
 def _refuse_with_nodes(**options: object) -> None:
-    """Refuse options that are of one rig.
+    """Raise an error for options that apply to a single rig.
 
     Raises:
-        InputError: one is given beside nodes.
+        InputError: such an option is given together with nodes.
     """
     for name, value in options.items():
         if value not in (None, [], False) or (name == "fused" and value is False):

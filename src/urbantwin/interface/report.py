@@ -1,4 +1,4 @@
-"""A report: real frames compared with synthetic ones, or opened."""
+"""Reports that compare real with synthetic frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Report", "compare"]
 
-#: Sides of a figure, and where ``report.json`` has them for every frame.
+#: Sides of a figure, and their names per frame in ``report.json``.
 _SIDES = {
     "synthetic": "twin_figures",
     "next_real": "real_figures",
@@ -32,15 +32,15 @@ _SIDES = {
 
 
 class Report(Artefact):
-    """What a comparison found: figures of every measure, between their anchors.
+    """Result of a comparison: figures of every measure, with their anchors.
 
     Sides are ``synthetic`` (against the real frames), ``next_real`` (each real frame against the
-    next) and ``arbitrary`` (the control's against the real frames). It stands for its folder
-    wherever a path is asked for; ``report.html`` in it is the page for people.
+    next) and ``arbitrary`` (the control's against the real frames). It can be passed as its folder;
+    ``report.html`` in it is the report page.
 
     Attributes:
-        folder: where it is.
-        manifest: ``report.json``.
+        folder: the report's folder.
+        manifest: content of ``report.json``.
 
     Example:
         >>> report = ut.open("out/report")
@@ -58,23 +58,23 @@ class Report(Artefact):
         """Open a report's folder.
 
         Raises:
-            InputError: it is not a report, or lacks figures.
+            InputError: the folder is not a report, or figures are missing.
         """
         return cls(folder)
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Names of the measures; `definitions` says what each is."""
+        """Names of the measures; see `definitions`."""
         return tuple(self.manifest["definitions"])
 
     @property
     def definitions(self) -> dict[str, Any]:
-        """What each measure is, with its unit and source."""
+        """Definition of each measure, with unit and source."""
         return dict(self.manifest["definitions"])
 
     @cached_property
     def means(self) -> dict[str, dict[str, float]]:
-        """Means over frames, by measure and side; a side that was not measured is left out."""
+        """Means over frames, by measure and side; a side that was not measured is omitted."""
         columns = self._columns()
         return {
             measure: {
@@ -86,10 +86,10 @@ class Report(Artefact):
         }
 
     def figures(self, measure: str, side: str = "synthetic") -> NDArray[np.float64]:
-        """Return the figure (F,) of a measure in every pair of frames; nan where it has none.
+        """Return the figure (F,) of a measure in every pair of frames; nan if undefined.
 
         Raises:
-            InputError: there is no such measure or side.
+            InputError: the measure or side is unknown.
         """
         if measure not in self.measures or side not in _SIDES:
             raise InputError(
@@ -109,11 +109,11 @@ class Report(Artefact):
         return f"Report of {frames} pairs of frames ({self.folder}). {text}".rstrip()
 
     def summary(self) -> Summary:
-        """Return the figures in a few values."""
+        """Return the main figures."""
         return Summary(self._told)
 
     def plot(self) -> Figure:
-        """Show the report's picture: every measure of every side."""
+        """Draw every measure of every side."""
         from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "report.png")
@@ -252,7 +252,7 @@ def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:
 def _rounded(
     values: Mapping[str, float | None] | None, digits: int
 ) -> dict[str, float | None] | None:
-    """Return values to print; ``report.json`` has all their digits."""
+    """Return rounded values for printing; ``report.json`` has all digits."""
     if values is None:
         return None
     return {name: None if value is None else round(value, digits) for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""A dataset made again from its manifest, and compared."""
+"""Reproduction of a dataset from its manifest, with a comparison of bytes."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ __all__ = ["Reproduction", "reproduce"]
 
 @dataclass(frozen=True, repr=False)
 class Reproduction(Result):
-    """Whether a dataset that was made again has the same bytes, and if not, why.
+    """Whether a dataset recorded again has the same bytes, and otherwise why not.
 
     Attributes:
         path: the dataset, or its manifest.
-        plan: what is known of its inputs and versions.
-        found: how the files compare; ``None`` where inputs are missing.
-        again: the folder that was kept; ``None`` where nothing was.
+        plan: its inputs and versions.
+        found: comparison of the files; ``None`` if inputs are missing.
+        again: folder of the new results; ``None`` if they were not kept.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class Reproduction(Result):
 
     @property
     def reasons(self) -> list[str]:
-        """What may make other bytes: versions, and inputs that are not what they were."""
+        """Possible reasons of different bytes: versions, and changed inputs."""
         return self.plan.reasons()
 
     def __bool__(self) -> bool:
@@ -54,7 +54,7 @@ class Reproduction(Result):
         return self.same
 
     def __repr__(self) -> str:
-        """Return what was found in a line."""
+        """Return the outcome in one line."""
         if self.found is None:
             return f"{self.path} lacks {len(self.plan.missing)} inputs to be made again"
         if self.same:
@@ -62,7 +62,7 @@ class Reproduction(Result):
         return f"{self.path} made again: {self._difference()}"
 
     def summary(self) -> Summary:
-        """Return what was found in a few values."""
+        """Return the outcome in brief."""
         before = {
             "path": str(self.path),
             "versions": self.plan.versions,
@@ -75,11 +75,11 @@ class Reproduction(Result):
         return Summary({**before, "same_bytes": same, **self.found, **again})
 
     def check(self) -> None:
-        """Refuse what could not be made again, or has other bytes.
+        """Raise an error if the dataset could not be reproduced or has other bytes.
 
         Raises:
-            InputError: an input is missing; the first is named.
-            StageError: a file differs; the first is named, with the stage and the reason.
+            InputError: an input is missing; names the first.
+            StageError: a file differs; names the first, with stage and reason.
         """
         self.plan.refuse_missing()
         if not self.same:
@@ -106,20 +106,20 @@ def reproduce(
 ) -> Reproduction:
     """Record a dataset again, and compare the bytes.
 
-    It is made from its manifest; if the bytes differ, the first stage that differs is named.
+    Uses the manifest; if the bytes differ, names the first stage that differs.
 
     Args:
         path: dataset's folder, or its ``dataset.json``.
-        inputs: folder where inputs are looked for first, by name and SHA-256; then around the
-            dataset and in the current folder.
+        inputs: folder to search for inputs first, by name and SHA-256; then around the dataset and
+            in the current folder.
         out: folder for twin, motion and dataset; nothing is kept if not given.
-        twin: twin of the dataset, not to build it again.
-        motion: motion of the dataset, not to simulate it again.
+        twin: existing twin of the dataset, which is then not built again.
+        motion: existing motion of the dataset, which is then not simulated again.
         workers: number of processes; every number gives the same bytes.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: it is no dataset, or one that does not tell what it was made from.
+        InputError: not a dataset, or its manifest lacks its inputs.
         StageError: a stage failed.
 
     Example:

@@ -1,4 +1,4 @@
-"""The rig that a command was given, placed on a twin."""
+"""Rigs of commands, placed on a twin."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def placed(spec: RigSpec, twin: Twin, file: Path) -> Rig:
 def rig_spec_on(
     twin: Twin, rig_file: Path | None, changes: RigChanges | None = None
 ) -> tuple[RigSpec, Path]:
-    """Return the rig of a file, or the twin's own, with changes to it, and the file."""
+    """Return the rig of a file, or the twin's own, with changes applied, and its file."""
     from urbantwin.site import load_rig_spec
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
@@ -59,7 +59,7 @@ def rigs_of_nodes(
 
 
 def _changed(spec: RigSpec, twin: Twin, changes: RigChanges | None) -> RigSpec:
-    # What the rig says of a material goes before what was drawn for the twin's streets.
+    # Reflectivities in the rig take precedence over those drawn for the twin's streets.
     bright = {**twin.reflectivity, **spec.reflectivity}
     spec = spec.model_copy(update={"reflectivity": bright})
     return spec if changes is None else changes.applied_to(spec)
@@ -67,7 +67,7 @@ def _changed(spec: RigSpec, twin: Twin, changes: RigChanges | None) -> RigSpec:
 
 @contextmanager
 def fields_below(field: str, file: Path) -> Iterator[None]:
-    """Name the fields of errors in ``file`` as they stand there, below ``field``."""
+    """Prefix the fields of errors in ``file`` with ``field``."""
     try:
         yield
     except InputError as error:

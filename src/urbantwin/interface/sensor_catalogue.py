@@ -1,4 +1,4 @@
-"""The catalogue of sensors, and everything known of one."""
+"""Catalogue of sensors, and datasheets of single sensors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["Datasheet", "SensorCatalogue", "sensors"]
 
-#: Fields of a sensor with their names in print and their units, in the order of the page.
+#: Fields of a sensor with printed names and units, in the order of the page.
 _LINES = (
     ("aliases", "also called", ""),
     ("channels", "channels", ""),
@@ -53,25 +53,25 @@ _WIDEST = max(len(label) for _, label, _ in _LINES)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Datasheet(Listing):
-    """Everything known of a sensor: shown, it is a page.
+    """Datasheet of a sensor; printed as a page.
 
     Attributes:
-        sensor: its values and arrays: ``elevation_deg``, ``azimuth_offset_deg``, ...
+        sensor: values and arrays: ``elevation_deg``, ``azimuth_offset_deg``, ...
     """
 
     sensor: Sensor
 
     @property
     def names(self) -> tuple[str]:
-        """The sensor's name alone; see `SensorCatalogue.names`."""
+        """Name of the sensor; see `SensorCatalogue.names`."""
         return (self.sensor.name,)
 
     @classmethod
     def open(cls, path: AnyPath) -> Datasheet:
-        """Read a sensor's file (.yaml, .json, .csv).
+        """Read a sensor file (.yaml, .json, .csv).
 
         Raises:
-            InputError: it is missing or wrong.
+            InputError: the file is missing or wrong.
         """
         return cls(sensor(Path(path)))
 
@@ -80,23 +80,23 @@ class Datasheet(Listing):
         return _page(self.sensor)
 
     def summary(self) -> Summary:
-        """Return everything as JSON holds it."""
+        """Return all values in JSON-compatible form."""
         return Summary(_everything(self.sensor))
 
 
 class SensorCatalogue(Listing, Mapping[str, Datasheet]):
-    """The sensors of the catalogue by their names: shown, it is a table."""
+    """Sensors of the catalogue by name; printed as a table."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the sensors; last those of which no table of beams is public."""
+        """Names of the sensors; those without a public beam table come last."""
         return (*sensor_names(), *nominal_sensor_names())
 
     def __getitem__(self, name: str) -> Datasheet:
         """Return a sensor by its name or an alias.
 
         Raises:
-            KeyError: there is none of that name.
+            KeyError: no sensor has this name.
         """
         if name not in self.names:
             raise KeyError(name)
@@ -107,7 +107,7 @@ class SensorCatalogue(Listing, Mapping[str, Datasheet]):
         return iter(self.names)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of sensors."""
         return len(self.names)
 
     def __repr__(self) -> str:
@@ -115,7 +115,7 @@ class SensorCatalogue(Listing, Mapping[str, Datasheet]):
         return _table([one.sensor for one in self.values()])
 
     def summary(self) -> Summary:
-        """Return a few values of each as JSON holds them."""
+        """Return the main values of each sensor in JSON-compatible form."""
         return Summary(sensors=[_summary(one.sensor) for one in self.values()])
 
 
@@ -136,7 +136,7 @@ def sensors(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: there is no such sensor.
+        InputError: the sensor is unknown.
 
     Example:
         >>> ut.catalogue.sensors()
@@ -280,7 +280,7 @@ def _rates(sensor: Sensor) -> str:
 
 
 def _blocks(sensor: Sensor) -> str | None:
-    """Return which channels fire together: runs of numbers, block by block."""
+    """Return the groups of channels that fire together, as number ranges."""
     if sensor.blocks is None or sensor.pattern is not None:
         return None
     if len(sensor.blocks) == 1:
@@ -291,7 +291,7 @@ def _blocks(sensor: Sensor) -> str | None:
 
 
 def _runs(numbers: tuple[int, ...]) -> str:
-    """Return ascending numbers in words: ``0-3, 8``."""
+    """Return ascending numbers as text: ``0-3, 8``."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -1,4 +1,4 @@
-"""The actors and sensors of a dataset followed through its frames, as files of their own."""
+"""Sequence files: actors and sensors of a dataset over its frames."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class _Manifest(Part):
 
 
 class SequenceFiles(Artefact):
-    """What `sequence` wrote; it stands for its folder.
+    """Files that `sequence` wrote; it can be passed as its folder.
 
     Attributes:
-        folder: where it is.
-        manifest: ``sequence.json``.
+        folder: the folder.
+        manifest: content of ``sequence.json``.
     """
 
     def __init__(self, folder: AnyPath) -> None:
@@ -70,40 +70,40 @@ class SequenceFiles(Artefact):
         """Open a folder.
 
         Raises:
-            InputError: it is none that `sequence` wrote.
+            InputError: the folder was not written by `sequence`.
         """
         return cls(folder)
 
     @cached_property
     def tracks(self) -> pa.Table:
-        """One row for each track."""
+        """One row per track."""
         return self._table("tracks")
 
     @cached_property
     def tracklets(self) -> pa.Table:
-        """One row for each track and frame that labels it."""
+        """One row per track and frame that labels it."""
         return self._table("tracklets")
 
     @cached_property
     def trajectories(self) -> pa.Table:
-        """One row for each track and step of the motion."""
+        """One row per track and step of the motion."""
         return self._table("trajectories")
 
     @cached_property
     def poses(self) -> pa.Table:
-        """One row for each frame and ego or turn of a sensor."""
+        """One row per frame and ego or turn of a sensor."""
         return self._table("poses")
 
     @cached_property
     def lanes(self) -> pa.Table:
-        """One row for each lane of the twin."""
+        """One row per lane of the twin."""
         return self._table("lanes")
 
     def flow(self, frame: str) -> NDArray[np.float32]:
-        """Return the flow (N, 3) of a frame's points, by its name.
+        """Return the flow (N, 3) of a frame's points, by the frame's name.
 
         Raises:
-            InputError: it was not written, or is damaged.
+            InputError: the flow was not written, or is damaged.
         """
         path = self.folder / "flow" / f"{frame}.npy"
         found: NDArray[np.float32] = read_array(path, _FLOW)
@@ -115,14 +115,14 @@ class SequenceFiles(Artefact):
         return read_table(self.folder / f"{name}.parquet")
 
     def __repr__(self) -> str:
-        """Return how much there is, and the folder."""
+        """Return the numbers of tracks and frames, and the folder."""
         return (
             f"Sequence of {self.manifest['tracks']} tracks in {self.manifest['frames']} frames "
             f"({self.folder})"
         )
 
     def summary(self) -> Summary:
-        """Return what was written in a few values."""
+        """Return the counts and options."""
         told = ("kind", "frames", "tracks", "trajectories", "flow", "ego_motion")
         return Summary(path=str(self.folder), **{name: self.manifest[name] for name in told})
 
@@ -140,21 +140,20 @@ def sequence(
 ) -> SequenceFiles:
     """Write tracks, trajectories, poses and scene flow.
 
-    A dataset that was recorded by this version has the four tables itself. This makes them for an
-    older one, writes them as CSV, too, and the flow of every point as files.
+    A dataset recorded by this version already has the four tables. This command makes them for an
+    older dataset, and also writes CSV tables and the flow of every point.
 
     Args:
         dataset: dataset, or its folder.
         out: folder to write; ``sequence`` beside the dataset if not given.
-        motion: motion that the dataset was recorded of: for trajectories, which an older dataset
-            lacks.
+        motion: motion of the dataset, for trajectories that an older dataset lacks.
         flow: write the displacement of each point until the next frame.
         ego: include the motion of the sensor in the flow, as Argoverse 2 does.
-        csv: write each table as CSV, too.
+        csv: write each table as CSV as well.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: it is no dataset, is one for each sensor, or the motion is another.
+        InputError: not a dataset, one dataset per sensor, or another motion.
 
     Example:
         >>> ut.dataset.sequence("out/dataset", flow=True).flow("000003")
@@ -191,22 +190,22 @@ def sequence(
     ):
         tell(0.0, "tables")
         write_sequence_tables(folder, frames.manifest, source, driven)
-        for name in (TRAJECTORIES_FILE, LANES_FILE):  # what boxes and sweeps do not tell
+        for name in (TRAJECTORIES_FILE, LANES_FILE):  # not derived from boxes and sweeps
             if not (folder / name).is_file() and (source / name).is_file():
-                read_table(source / name)  # what is damaged is not passed on
+                read_table(source / name)  # raises an error if damaged
                 (folder / name).write_bytes((source / name).read_bytes())
         there = [name for name in SEQUENCE_TABLES if (folder / name).is_file()]
         if csv:
             for name in there:
-                if name != LANES_FILE:  # its lists do not go into a CSV's cells
+                if name != LANES_FILE:  # list columns do not fit into CSV
                     _write_csv(folder / name)
         if flow:
             (folder / "flow").mkdir(exist_ok=True)
-            if driven is not None:  # the dataset itself may be without
+            if driven is not None:  # the dataset itself may lack them
                 frames.paths = paths_of_trajectories(read_table(folder / TRAJECTORIES_FILE))
             for k in each(range(number), tell, "flow"):
                 file = folder / "flow" / f"{frames.names[k]}.npy"
-                if not file.is_file():  # what an interrupted run left is whole
+                if not file.is_file():  # files left by an interrupted run are complete
                     _save(file, frames[k].flow(ego=ego))
         write_json(
             folder / "sequence.json",
@@ -247,7 +246,7 @@ def _write_csv(table: Path) -> None:
 
 
 def _save(file: Path, flow: NDArray[np.float32]) -> None:
-    """Write a file that is whole when it has its name."""
+    """Write a file atomically."""
     part = file.with_suffix(".part")
     with part.open("wb") as stream:
         np.save(stream, flow)

@@ -1,4 +1,4 @@
-"""A site: its commented ``site.yaml`` proposed for a place on a map, or opened."""
+"""Sites: a commented ``site.yaml`` proposed for a place on a map, or opened."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = ["Site", "init"]
 
 
 class Site(Artefact):
-    """A ``site.yaml``; it stands for its file: ``ut.build(site)``.
+    """A ``site.yaml``; it can be passed as its file: ``ut.build(site)``.
 
     Attributes:
         path: the file.
-        sources: where its inputs were fetched from just now: ``kind``, ``source``, ``outcome`` and
-            what is ``told`` of each source that was asked; empty where nothing was fetched.
+        sources: requested sources of its inputs: ``kind``, ``source``, ``outcome`` and ``told``
+            (message) of each; empty if nothing was fetched.
     """
 
     def __init__(self, path: AnyPath, sources: Sequence[Mapping[str, str]] = ()) -> None:
@@ -46,15 +46,15 @@ class Site(Artefact):
         """Open and check a file.
 
         Raises:
-            InputError: it, or a file that it names, is missing or wrong.
+            InputError: the file, or a file that it names, is missing or wrong.
         """
         found = cls(path)
-        assert found.checked is not None  # read now, so that a bad file is told now
+        assert found.checked is not None  # read now to report errors at once
         return found
 
     @cached_property
     def checked(self) -> CheckedSite:
-        """The site with every default filled in."""
+        """The site with all defaults filled in."""
         from urbantwin.site import load_site
 
         return load_site(self.path)
@@ -68,7 +68,7 @@ class Site(Artefact):
         )
 
     def resolved(self) -> Summary:
-        """Return the site with every default filled in."""
+        """Return the site with all defaults filled in."""
         resolved = self.checked.resolved()
         resolved["region"] = {"area_m2": round(self.checked.region.area, 1)}
         return Summary(
@@ -76,7 +76,7 @@ class Site(Artefact):
         )
 
     def summary(self) -> Summary:
-        """Return what ``init`` decided, and what to do next: what else is usual is in the file."""
+        """Return the values that ``init`` chose, and the next command."""
         site = self.checked
         sensors = {one.name: f"{one.model}, {_height_of(one)}" for one in site.rig.sensors}
         return Summary(
@@ -125,39 +125,39 @@ def init(
 ) -> Site:
     """Write a commented site.yaml for a place or a map.
 
-    With ``at`` or ``place`` its inputs are fetched from public sources and kept in ``inputs``
-    beside it, with where each came from, when, and on which terms.
+    With ``at`` or ``place``, inputs are fetched from public sources into ``inputs`` beside it, with
+    source, date and licence of each.
 
     Args:
         folder: folder to write the file in; with ``out``, the map instead.
         osm: OpenStreetMap extract: osm, osm.bz2, osm.gz or osm.pbf.
         roads: map of the roads, used instead of the extract's: OpenDRIVE (xodr) or Lanelet2 (osm).
-        out: folder to write, where a map is given first.
+        out: folder to write if the first argument is a map.
         lat: latitude of the anchor, degrees, WGS84.
         lon: longitude of the anchor, degrees, WGS84.
-        at_junction: take the busiest signalised junction of the map, as without coordinates.
+        at_junction: use the busiest signalised junction of the map; the default without
+            coordinates.
         radius: radius of the region of interest around the anchor, metres.
         region: region of interest: a GeoJSON polygon.
-        preset: name of a place where a dataset was recorded (``site presets``): anchor, region,
-            sensors and traffic as far as they are published; without ``osm`` its inputs are
-            fetched.
+        preset: name of a place where a dataset was recorded (``site presets``): sets anchor,
+            region, sensors and traffic as published; without ``osm``, inputs are fetched.
         at: latitude and longitude of a place whose inputs are fetched from public sources:
             ``"48.1374,11.5755"``.
         place: name of that place instead: ``"street and street, town"``, or any name.
-        use: sources to request, with commas between; no others are asked.
-        also: sources to request beside the usual ones, with commas between.
+        use: sources to request, separated by commas; no others are used.
+        also: sources to request besides the default ones, separated by commas.
         sources: table of further sources (docs/reference/formats.md).
-        cache: folder in which answers are kept; the user's cache if not given.
-        offline: request nothing: use what the cache holds.
-        key_env: environment variables that the table of sources may name as keys though their names
-            do not begin with ``URBANTWIN_``.
-        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
+        cache: folder of cached responses; the user's cache if not given.
+        offline: make no requests; use the cache alone.
+        key_env: environment variables that the table of sources may use as keys, beside those whose
+            names begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variable, and the server that its key may be sent to.
         force: replace a ``site.yaml``.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: no map, half a place, a map that cannot be used; a place in the sea, without
-            streets, or of a name that several have; no network; a key that is not allowed.
+        InputError: no map, an incomplete or ambiguous place, an unusable map, a place without
+            streets, no network, or a key that is not allowed.
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
@@ -234,10 +234,10 @@ def _check_choice(
     *,
     at_junction: bool,
 ) -> None:
-    """Check that what names the map and the place goes together.
+    """Check that the options for map and place are compatible.
 
     Raises:
-        InputError: it does not, or there is no map.
+        InputError: they are not, or no map is given.
     """
     from urbantwin.site.presets.preset_site import needs_extract
 
@@ -266,7 +266,7 @@ def _check_choice(
 def _map_first(
     file: Path, folder: Path, osm: Path | None, roads: Path | None
 ) -> tuple[Path, Path | None, Path | None]:
-    """Return folder, extract and map of the roads where a map stands in the folder's place."""
+    """Return folder, extract and road map, if the first argument is a map."""
     from urbantwin.roads.imported import is_map_of_roads
 
     if is_map_of_roads(file):

@@ -1,4 +1,4 @@
-"""A stage as it is shown: a bar, plain lines, or what a caller makes of it; and what it left."""
+"""Progress display of stages (bar, plain lines or callback), and messages about their results."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_ray_tracer", "tell_result"]
 
-#: What every function takes as ``progress``: whether to show it, or what is called with the share
-#: that is done (0..1, of each stage) and what is being done.
+#: Type of ``progress``: whether to show it, or a function that is called with the fraction done
+#: (0..1, per stage) and a description.
 ShowProgress = bool | Progress
 
-#: Stages that cast rays: which ray tracer casts them is said at the first one of a run.
+#: Stages that cast rays; the first one in a run reports a missing Embree.
 _CASTS_RAYS = frozenset(
     "align background calibrate coverage film init place record replay study suite traffic tune "
     "twin".split()
 )
-#: Nobody waits longer than this for a line, seconds.
+#: Longest time between two lines, seconds.
 _LONGEST_S = 10.0
-#: A bar in a notebook is drawn anew at most this often, seconds.
+#: Shortest time between two updates of a notebook's bar, seconds.
 _REDRAWN_S = 0.1
-#: A stage that is brief as a rule is shown when it has taken longer than this, seconds.
+#: A usually brief stage is shown only after this time, seconds.
 _BRIEF_S = 1.0
 
 
@@ -38,13 +38,13 @@ _BRIEF_S = 1.0
 def shown_stage(
     title: str, progress: ShowProgress = True, *, brief: bool = False
 ) -> Iterator[Progress]:
-    """Show one stage while the block runs; yield what the stage tells its progress.
+    """Show a stage while the block runs; yield the function that reports its progress.
 
     Args:
-        title: what the stage is called.
+        title: name of the stage.
         progress: True for a bar in a notebook and on a terminal, and plain lines on stderr
             elsewhere; False for nothing; or a function that is called instead.
-        brief: it is over at once as a rule, and then nothing is shown.
+        brief: whether the stage is usually over at once; then nothing is shown at first.
     """
     if progress is False:
         yield untold
@@ -64,13 +64,13 @@ def tell_result(
     warnings: Iterable[ResultWarning],
     progress: ShowProgress = True,
 ) -> None:
-    """Print on stderr what a stage drew and what is wrong with its result, a line each.
+    """Print on stderr where the pictures of a result are, and its warnings, one per line.
 
     Args:
-        title: what the stage is called.
-        folder: of the result; its pictures are in ``pictures``.
-        warnings: what is wrong with it.
-        progress: as `shown_stage` takes it: nothing is printed where no progress is shown.
+        title: name of the stage.
+        folder: the result's folder; its pictures are in ``pictures``.
+        warnings: the result's warnings.
+        progress: as for `shown_stage`; nothing is printed if no progress is shown.
     """
     if progress is not True:
         return
@@ -81,15 +81,15 @@ def tell_result(
 
 
 def tell_line(text: str, progress: ShowProgress = True) -> None:
-    """Print a line on stderr, unless no progress is shown."""
+    """Print a line on stderr, unless progress is hidden."""
     if progress is True:
-        with suppress(OSError, ValueError):  # nobody listens any more
+        with suppress(OSError, ValueError):  # stderr is closed
             print(text, file=sys.stderr, flush=True)
 
 
 @cache
 def tell_ray_tracer() -> None:
-    """Print on stderr, once a process, that Embree is missing, if it is."""
+    """Print on stderr, once per process, that Embree is missing, if it is."""
     from urbantwin.geometry.rays import missing_embree
 
     if text := missing_embree():
@@ -97,7 +97,7 @@ def tell_ray_tracer() -> None:
 
 
 def _in_notebook() -> bool:
-    """Return whether a Jupyter kernel runs this: then IPython is loaded and has a kernel."""
+    """Return whether a Jupyter kernel runs this: IPython is loaded and has a kernel."""
     shell = sys.modules.get("IPython")
     return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
 
@@ -134,7 +134,7 @@ def _bar(title: str, *, brief: bool) -> Iterator[Progress]:
 
 
 class _NotebookBar:
-    """A bar in the output of a cell: HTML, which needs no extension of the notebook.
+    """A progress bar in the output of a cell, as HTML without notebook extensions.
 
     rich's own bar for notebooks needs ipywidgets, which JupyterLab alone does not install.
     """
@@ -147,14 +147,14 @@ class _NotebookBar:
         self.handle: Any = None
 
     def told(self, share: float, doing: str) -> None:
-        """Note how far the stage is, and draw it if it is time."""
+        """Store the progress, and draw the bar if due."""
         self.share, self.doing = max(self.share, share), doing
         if time.monotonic() >= self.shown_s:
             self.draw(doing)
 
     def draw(self, words: str) -> None:
         """Draw the bar."""
-        shell: Any = sys.modules["IPython.display"]  # no dependency: where there is a kernel
+        shell: Any = sys.modules["IPython.display"]  # loaded by the kernel, so no dependency
         now = time.monotonic()
         self.shown_s = now + _REDRAWN_S
         drawn = shell.HTML(
@@ -182,11 +182,11 @@ def _notebook_bar(title: str, *, brief: bool) -> Iterator[Progress]:
 
 
 class _Lines:
-    """What is said of a stage, line by line, and when.
+    """Prints the progress of a stage as lines.
 
-    A line after a second, one at every tenth (at most one a second), and one when the last is
-    long ago, whether or not the stage tells anything meanwhile. What fails within the first
-    second has printed nothing but its error. The share never falls.
+    Prints a line after one second, at every tenth (at most one per second), and after a longer
+    silence even if the stage reports nothing. A stage that fails within the first second prints
+    only its error. The fraction never falls.
     """
 
     def __init__(self, title: str, longest_s: float) -> None:
@@ -198,7 +198,7 @@ class _Lines:
         self.over = threading.Event()
 
     def told(self, share: float, doing: str) -> None:
-        """Note how far the stage is, and say it if it is time."""
+        """Store the progress, and print it if due."""
         with self.lock:
             self.share, self.doing = max(self.share, share), doing
             waited = time.monotonic() - self.last
@@ -206,7 +206,7 @@ class _Lines:
                 self.say(f"{self.share:.0%}, {self.doing}")
 
     def watch(self) -> None:
-        """Say how long the stage has been at it when it tells nothing for long."""
+        """Print the elapsed time during a long silence of the stage."""
         while not self.over.wait(min(1.0, self.longest_s / 4)):
             with self.lock:
                 now = time.monotonic()
@@ -217,7 +217,7 @@ class _Lines:
     def say(self, words: str) -> None:
         """Print a line."""
         self.last, self.tenth, self.said = time.monotonic(), int(self.share * 10), True
-        with suppress(OSError, ValueError):  # nobody listens any more
+        with suppress(OSError, ValueError):  # stderr is closed
             print(f"{self.title}: {words}", file=sys.stderr, flush=True)
 
 

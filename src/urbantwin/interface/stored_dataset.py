@@ -1,4 +1,4 @@
-"""A dataset on storage with an address: what it holds, and bringing it here."""
+"""Datasets on remote storage: summary and download."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["StoredDataset"]
 
-#: So many files are asked for together.
+#: Number of files requested together.
 _TOGETHER = 64
 
 
 class StoredDataset(Artefact):
-    """A dataset on storage, ``s3://bucket/name``; `fetch` brings it to a folder.
+    """A dataset on storage, ``s3://bucket/name``; `fetch` downloads it to a folder.
 
     Attributes:
-        url: where it is.
+        url: its URL.
 
     Raises:
-        InputError: there is no whole dataset, or the storage refuses it.
+        InputError: there is no complete dataset, or the storage denies access.
 
     Example:
         >>> dataset = ut.open("s3://bucket/dataset").fetch("dataset")
@@ -46,7 +46,7 @@ class StoredDataset(Artefact):
         """Open a dataset on storage.
 
         Raises:
-            InputError: there is no whole dataset, or the storage refuses it.
+            InputError: there is no complete dataset, or the storage denies access.
         """
         return cls(url)
 
@@ -61,7 +61,7 @@ class StoredDataset(Artefact):
 
     @cached_property
     def _sums(self) -> dict[str, str]:
-        """The checksum of every file by its name."""
+        """SHA-256 of every file, by name."""
         with passing_folder("urbantwin-storage") as folder:
             (folder / INVENTORY).write_bytes(self._inventory)
             sums = read_inventory(folder)
@@ -79,7 +79,7 @@ class StoredDataset(Artefact):
         return {name: self._storage.read(name) for name in names}
 
     def _here(self, folder: Path) -> Dataset:
-        """Return a dataset of the manifests alone."""
+        """Return a dataset that consists of the manifests only."""
         for name, content in self._manifests.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
@@ -87,25 +87,25 @@ class StoredDataset(Artefact):
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """``dataset.json``."""
+        """Content of ``dataset.json``."""
         with passing_folder("urbantwin-storage") as folder:
             return self._here(folder).manifest
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it, and with the dataset of each sensor."""
+        """Warnings of the dataset and of each sensor's dataset."""
         with passing_folder("urbantwin-storage") as folder:
             return self._here(folder).warnings
 
     def fetch(self, out: AnyPath, *, progress: ShowProgress = True) -> Dataset:
-        """Bring all of it to a folder; after an interruption, the same call goes on from there.
+        """Download the dataset to a folder; after an interruption, the same call continues.
 
         Args:
-            out: the folder to write; an older dataset there is replaced.
-            progress: show how far it is.
+            out: folder to write; an older dataset in it is replaced.
+            progress: show progress.
 
         Returns:
-            The dataset there.
+            The downloaded dataset.
 
         Raises:
             InputError: ``out`` holds other files, or a file is missing or damaged.
@@ -132,19 +132,19 @@ class StoredDataset(Artefact):
         return Dataset(place)
 
     def _keep(self, folder: Path, name: str, content: bytes | None) -> None:
-        """Write a file that was brought here, if it is what the inventory says."""
+        """Check a downloaded file against the inventory, and write it."""
         if content is None:
-            content = self._storage.read(name)  # which says why it did not come
+            content = self._storage.read(name)  # raises the error of the failed download
         if hashlib.sha256(content).hexdigest() != self._sums[name]:
             raise InputError("is damaged", file=f"{self._storage}/{name}", expected=INVENTORY)
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
 
     def __repr__(self) -> str:
-        """Return how many files it has, and where it is."""
+        """Return the number of files, and the URL."""
         return f"StoredDataset of {len(self._sums)} files ({self._storage})"
 
     def summary(self) -> Summary:
-        """Return what the dataset holds in a few values."""
+        """Return the dataset's summary."""
         with passing_folder("urbantwin-storage") as folder:
             return Summary(**{**self._here(folder).summary(), "path": str(self._storage)})

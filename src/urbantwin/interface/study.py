@@ -1,4 +1,4 @@
-"""Studies of robustness: levels of faults times seeds, through recording, detection, tracking."""
+"""Robustness studies: fault levels times seeds, through recording, detection and tracking."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ __all__ = ["Study", "study"]
 
 _KIND = "study"
 _REPORT = "report"
-#: Figures in the summary.
+#: Figures shown in the summary.
 _SUMMED_UP = ("seen", "ap", "hota", "idf1")
 
 
 @dataclass(frozen=True, repr=False)
 class Study(Artefact):
-    """What faults, weather and traffic do to what is seen, detected and followed.
+    """Effects of faults, weather and traffic on visibility, detection and tracking.
 
     Attributes:
-        folder: where it is; ``report/study.html`` in it is the page for people.
-        manifest: ``report/study.json``; empty of a plan.
-        seconds: the least and the most that it was reckoned to take.
-        report: the folder of the report; ``report`` in the folder when not given.
+        folder: the study's folder; ``report/study.html`` in it is the report page.
+        manifest: content of ``report/study.json``; empty for a plan.
+        seconds: lower and upper estimate of the run time, seconds.
+        report: folder of the report; ``report`` in the folder if not given.
     """
 
     folder: Path
@@ -54,7 +54,7 @@ class Study(Artefact):
         """Open a study's folder, or the report in it.
 
         Raises:
-            InputError: it is none.
+            InputError: the folder is not a study.
         """
         place = Path(folder)
         inside = place if (place / f"{_KIND}.json").is_file() else place / _REPORT
@@ -67,12 +67,12 @@ class Study(Artefact):
 
     @property
     def effects(self) -> pa.Table:
-        """What every level does: a row for each factor, level, class and figure."""
+        """Effect of every level: a row per factor, level, class and figure."""
         return self._table("effects")
 
     @property
     def cells(self) -> pa.Table:
-        """What was measured: a row for each recording and class."""
+        """Measured figures: a row per recording and class."""
         return self._table("cells")
 
     def _table(self, name: str) -> pa.Table:
@@ -109,13 +109,13 @@ def study(
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> Study:
-    """Measure what faults, weather and traffic do; see `experiment.run`.
+    """Measure effects of faults, weather and traffic; see `experiment.run`.
 
-    Every seed has one motion (one for each density of traffic), which is replayed under all other
-    levels, so that they alone differ.
+    Every seed has one motion per traffic density, which is replayed under all other levels, so that
+    only the levels differ.
 
     Raises:
-        InputError: the file or what it names cannot be used; no torch.
+        InputError: the file or a file that it names cannot be used, or torch is not installed.
         StageError: the base of a seed failed, or the disk is full.
     """
     from urbantwin.experiments.ladder import traffic_of_density
@@ -133,7 +133,7 @@ def study(
             "leaves a dataset for each sensor", file=rig_file, expected="a rig with fused: true"
         )
     rigs = check_rigs(file, spec)
-    for rig in {one.model_dump_json(): one for one in rigs}.values():  # before anything is driven
+    for rig in {one.model_dump_json(): one for one in rigs}.values():  # check before simulating
         placed(rig, twin, rig_file)
     asked_at = f"factors.traffic_density of {file.file}"
     traffics = {
@@ -166,10 +166,10 @@ def study(
 
 
 def _check_detector(file: StudyFile, rig: RigSpec) -> list[str]:
-    """Return what is to be doubted of the detector, before anything is computed.
+    """Return doubts about the detector, before anything is computed.
 
     Raises:
-        InputError: the model cannot be read, finds no boxes, or not a class of the study.
+        InputError: the model cannot be read, detects no boxes, or lacks a class of the study.
     """
     if file.train is not None:
         reach = file.train.reach
@@ -199,13 +199,13 @@ def _check_detector(file: StudyFile, rig: RigSpec) -> list[str]:
 
 
 def _frames(file: StudyFile, rate_hz: float) -> int:
-    # The last frame's turn ends with the motion.
+    # The last frame's turn must end within the motion.
     last = (file.seconds - file.start) * rate_hz - 1.0
     return max(0, int(last / file.every + 1e-6) + 1)
 
 
 def _estimate(file: StudyFile, rigs: Sequence[RigSpec], densities: int) -> tuple[float, float]:
-    """Return the least and the most seconds that all of it is estimated to take."""
+    """Return the lower and upper estimate of the run time, seconds."""
     frames, sensors, how = _frames(file, rigs[0].rate_hz), len(rigs[0].sensors), file.train
     recordings, learning = len(file.seeds) * len(rigs), 0 if how is None else len(how.seeds)
     judging = 1.0 if how is not None or file.model is not None else 0.1
@@ -235,7 +235,7 @@ def _first_line(file: StudyFile, rigs: Sequence[RigSpec], seconds: tuple[float, 
 def _made_from(
     file: StudyFile, twin: Twin, rig: RigSpec, detector: Detector | None
 ) -> dict[str, Any]:
-    """Return what ``study.json`` says of what it was made from."""
+    """Return the provenance entries of ``study.json``."""
     words, model = "nothing was detected", None
     if detector is not None:
         trained = dict(detector.model.trained)
@@ -260,7 +260,7 @@ def _made_from(
 
 
 def _in_lines(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Return a row for each level: differences of figures that are shares, in points of a hundred.
+    """Return a row per level: differences of figures that are shares, in percentage points.
 
     The whole table is in ``study.json``, ``effects.parquet`` and on the page.
     """

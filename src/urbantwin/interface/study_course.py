@@ -1,4 +1,4 @@
-"""How the recordings of a study are made and judged, each once."""
+"""Recording and evaluation of a study's cells, each once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Detector", "StudyCourse", "density_of"]
 
 
 class Detector(NamedTuple):
-    """A detector, and the hash of its weights."""
+    """A detector, and the SHA-256 of its weights."""
 
     model: Model
     sha256: str
@@ -36,18 +36,18 @@ class Detector(NamedTuple):
 
 @dataclass
 class StudyCourse:
-    """How the recordings of a study are made and judged."""
+    """Records and evaluates the cells of a study."""
 
     file: StudyFile
     rig_file: Path
     traffics: Mapping[float, dict[str, Any]]
     bench: Workbench
     detector: Detector | None = None
-    # Motions are large: one at a time.
+    # Motions are large: only one is kept.
     _motion: tuple[tuple[int, float], Motion] | None = None
 
     def motion(self, seed: int, density: float, progress: ShowProgress) -> Motion:
-        """Return the motion of a seed and a density."""
+        """Return the motion of a seed and a traffic density."""
         if self._motion is None or self._motion[0] != (seed, density):
             name = f"seed-{seed}" + ("" if density == 1 else f"-density-{density:g}")
             traffic = self.traffics.get(density, {})
@@ -57,11 +57,11 @@ class StudyCourse:
         return self._motion[1]
 
     def span(self, seed: int) -> dict[str, Any]:
-        """Return the frames that are recorded; a seed gives the same draws under every rig."""
+        """Return the options of the recorded frames; a seed gives the same draws for every rig."""
         return {"seed": seed, "start_s": self.file.start, "every": self.file.every}
 
     def detector_of(self, base: RigSpec) -> Detector | None:
-        """Return the detector: the one that was named, or one that is trained, or none."""
+        """Return the named or a newly trained detector, or None."""
         folder, how = self.file.model, self.file.train
         if how is not None:
             datasets = [
@@ -86,7 +86,7 @@ class StudyCourse:
         return Detector(model, sha256_of(folder / "model.safetensors"))
 
     def cells(self, rigs: Sequence[RigSpec]) -> tuple[list[Measured], list[dict[str, Any]]]:
-        """Return what was measured, seed by seed, and what failed.
+        """Return the figures of all recordings, by seed, and the failures.
 
         Raises:
             StageError: the base of a seed failed.
@@ -108,7 +108,7 @@ class StudyCourse:
                 try:
                     row, made = self.cell(*of_motion, rigs[column], base, told)
                 except StageError as error:
-                    if base is None:  # without which nothing can be compared
+                    if base is None:  # nothing can be compared without a base
                         raise StageError(f"{name}: {error}") from None
                     row = {"seed": seed, "cell": cell.name(axes), "why": str(error)}
                     failed.append(row)
@@ -132,17 +132,17 @@ class StudyCourse:
         base: Mapping[str, Any] | None,
         tell: Progress,
     ) -> tuple[dict[str, Any], bool]:
-        """Return what was measured of one recording, and whether it was made now.
+        """Return the figures of one recording, and whether it was made now.
 
         Args:
-            seed: of the motion.
-            density: of its traffic.
-            rig: of the cell.
-            base: what was measured at the base of the same motion; ``None`` of the base itself.
-            tell: how far it is.
+            seed: seed of the motion.
+            density: traffic density, a multiple of the site's.
+            rig: the cell's rig.
+            base: figures of the base of the same motion; ``None`` for the base itself.
+            tell: called with the fraction done and a description.
 
         Raises:
-            StageError: it failed, twice.
+            StageError: recording failed twice.
         """
         from urbantwin.dataset.provenance import asked_of
         from urbantwin.experiments.journal import ATTEMPTS, step_key
@@ -175,7 +175,7 @@ class StudyCourse:
     def _judged(
         self, dataset: Path, base: Mapping[str, Any] | None, tell: Progress
     ) -> dict[str, Any]:
-        """Detect, follow and judge; return the figures, and of a base the objects that count."""
+        """Detect, track and evaluate; return the figures, and for a base the objects that count."""
         from urbantwin.experiments.study.judging import judged_recording
         from urbantwin.interface.dataset import Dataset
         from urbantwin.interface.parts import recording_of_part
@@ -205,12 +205,12 @@ class StudyCourse:
 
     @property
     def _classes(self) -> Sequence[str] | None:
-        """The classes that are judged: others than the detector's would water the mean."""
+        """Classes to evaluate; classes unknown to the detector would lower the mean."""
         if self.file.classes is None and self.detector is not None:
             return self.detector.model.design.classes
         return self.file.classes
 
 
 def density_of(cell: Cell) -> float:
-    """Return how many times the site's traffic a cell has."""
+    """Return a cell's traffic density as a multiple of the site's."""
     return float(cell.levels.get("traffic_density", 1.0))

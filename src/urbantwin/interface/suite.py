@@ -1,4 +1,4 @@
-"""A suite of scenarios driven again, and what became different."""
+"""Regression suites: scenarios simulated again, and their changes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ __all__ = ["Suite", "suite"]
 
 @dataclass(frozen=True, repr=False)
 class Suite(Result):
-    """What became of a suite's cases; true if each is what was accepted.
+    """Outcome of a suite; true if every case equals its accepted result.
 
     Attributes:
-        folder: of the suite.
-        rows: of each case: ``case``, ``state`` (``same``, ``changed``, ``new``, ``failed``,
-            ``accepted``), and what differs.
-        made_with: in what program, SUMO or twin are not those of what was accepted.
-        page: the table that was written.
+        folder: the suite's folder.
+        rows: a row per case: ``case``, ``state`` (``same``, ``changed``, ``new``, ``failed``,
+            ``accepted``), and the differences.
+        made_with: differences of program, SUMO and twin versions from the accepted results.
+        page: the written table.
     """
 
     folder: Path
@@ -42,11 +42,11 @@ class Suite(Result):
     page: Path
 
     def __bool__(self) -> bool:
-        """Return whether nothing is to be told."""
+        """Return whether all cases are the same or accepted."""
         return all(row["state"] in ("same", "accepted") for row in self.rows)
 
     def __repr__(self) -> str:
-        """Return how many cases are what."""
+        """Return the number of cases by state."""
         return f"Suite of {len(self.rows)} cases: {self._counts()} ({self.folder})"
 
     def _counts(self) -> str:
@@ -54,7 +54,7 @@ class Suite(Result):
         return ", ".join(f"{states.count(one)} {one}" for one in dict.fromkeys(states))
 
     def summary(self) -> Summary:
-        """Return the cases, and of each that changed the first difference."""
+        """Return the cases, with the first difference of each changed case."""
         cases = []
         for row in self.rows:
             short = {"case": row["case"], "state": row["state"]}
@@ -73,10 +73,10 @@ class Suite(Result):
         )
 
     def check(self) -> None:
-        """Refuse a suite of which a case is not what was accepted.
+        """Raise an error if a case differs from its accepted result.
 
         Raises:
-            StageError: the first is named.
+            StageError: a case differs; names the first.
         """
         if self:
             return
@@ -107,8 +107,8 @@ def suite(
     Args:
         folder: folder with ``suite.yaml`` (``twin``, ``seconds``, ``seeds``) and scenarios.
         out: Markdown table to write; ``changes.md`` in the folder if not given.
-        accept: store the results of the cases as what later runs are compared with, in ``expected``
-            in the folder.
+        accept: accept the results: store them in ``expected`` of the folder as reference for later
+            runs.
         overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
         progress: show progress; or a function that is called with (share, doing).
@@ -128,7 +128,7 @@ def suite(
 
     described = SuiteFile.read(Path(folder))
     twin = Twin.open(described.twin)
-    _scenarios(described, twin)  # refuse what is wrong before anything is driven
+    _scenarios(described, twin)  # check before anything is simulated
     page = Path(out) if out is not None else described.folder / "changes.md"
     check_file(page, kind="suite")
     accepted = Accepted.open(described.expected)
@@ -165,10 +165,10 @@ def _accepted(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _scenarios(described: SuiteFile, twin: Twin) -> dict[str, list[dict[str, Any]]]:
-    """Return the events of the suite's scenarios by their names.
+    """Return the events of the suite's scenarios, by name.
 
     Raises:
-        InputError: one is wrong; file and line are named.
+        InputError: a scenario is wrong; names file and line.
     """
     from urbantwin.traffic.events import load_scenario
 
@@ -180,7 +180,7 @@ def _scenarios(described: SuiteFile, twin: Twin) -> dict[str, list[dict[str, Any
 def _driven(
     described: SuiteFile, twin: Twin, tell: Progress
 ) -> Iterator[tuple[Case, str | tuple[MotionPrint, dict[str, Any]]]]:
-    """Yield each case, and what is kept of its motion and who made it, or why it failed."""
+    """Yield each case with the print and versions of its motion, or the reason of its failure."""
     import tempfile
 
     from urbantwin import __version__

@@ -1,4 +1,4 @@
-"""What a result says of itself in a few values, for a person and for a script."""
+"""Base classes of results, with short summaries for people and scripts."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from urbantwin.errors import readable
 
 __all__ = ["Artefact", "Listing", "Result", "Summary"]
 
-#: Most characters of a text that a result holds, on a terminal.
+#: Most characters of a text value shown on a terminal.
 _LONGEST = 1500
 
 
 class Summary(dict[str, Any]):
-    """Values that JSON can hold; as text, a line for each, as the commands print them."""
+    """JSON-compatible values; as text, one line each, as the commands print them."""
 
     def __str__(self) -> str:
         """Return ``key: value`` lines."""
@@ -27,48 +27,48 @@ class Summary(dict[str, Any]):
         return self
 
     def text(self) -> str:
-        """Return what a command prints for a person."""
+        """Return the text that a command prints."""
         return str(self)
 
 
 class Result:
-    """What a function made or found."""
+    """Result of a function."""
 
     def summary(self) -> Summary:
-        """Return what is known of it in a few values."""
+        """Return the main values."""
         raise NotImplementedError
 
     def text(self) -> str:
-        """Return what a command prints for a person."""
+        """Return the text that a command prints."""
         return str(self.summary())
 
 
 class Artefact(Result):
-    """A result on disk, which stands for its folder or file wherever a path is asked for.
+    """A result on disk, which can be passed as the path of its folder or file.
 
-    Its place is the attribute ``folder``, or ``path`` where it is one file.
+    Its path is the attribute ``folder``, or ``path`` for a single file.
     """
 
     def __fspath__(self) -> str:
-        """Return its folder, or its file."""
+        """Return the path of its folder or file."""
         return str(getattr(self, "folder", None) or getattr(self, "path", ""))
 
 
 class Listing(Result):
-    """A catalogue: shown, it is a table."""
+    """A catalogue, printed as a table."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of what it lists."""
+        """Names of the entries."""
         return ()
 
     def text(self) -> str:
-        """Return what a command prints for a person: the table."""
+        """Return the text that a command prints: the table."""
         return repr(self)
 
 
 def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """Yield ``key: value`` lines, what is inside a mapping or a list of mappings set in."""
+    """Yield ``key: value`` lines; nested mappings and lists are indented."""
     for key, item in value.items():
         if isinstance(item, Mapping) and not _fits_a_line(item):
             yield f"{indent}{_inline(key)}:"

@@ -1,4 +1,4 @@
-"""From a place to a detector for its own sensors: twin, drives, training, judgement, model card."""
+"""Training a detector for one site: twin, drives, training, evaluation and model card."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ __all__ = ["Taught", "teach"]
 
 #: Seconds of a drive before its first frame.
 _START_S = 2.0
-#: A rig that is farther off than this is another one, metres and degrees.
+#: Largest accepted uncertainty of a rig's pose, metres and degrees.
 _MOST_OFF = (5.0, 45.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Taught(Artefact):
-    """A detector for one place, in a folder.
+    """A detector for one site, in a folder.
 
     Attributes:
-        folder: with ``model/``, ``card.md``, a report of each judgement, and ``lessons/``.
-        reports: the judgements by name.
-        seconds: the least and the most that it was reckoned to take.
+        folder: folder with ``model/``, ``card.md``, the reports, and ``lessons/``.
+        reports: evaluations by name.
+        seconds: lower and upper estimate of the run time, seconds.
     """
 
     folder: Path
@@ -55,12 +55,12 @@ class Taught(Artefact):
         return str(self.folder / "model")
 
     def __repr__(self) -> str:
-        """Return the folder, and how it was judged."""
+        """Return the folder and the evaluations in short."""
         lines = [f"a detector ({self.folder})"]
         return "\n".join(lines + [f"{name}: {one.in_short}" for name, one in self.reports.items()])
 
     def summary(self) -> Summary:
-        """Return how it was judged, and where everything is."""
+        """Return the evaluations and the paths of the results."""
         return Summary(
             path=str(self.folder),
             reckoned_minutes=[round(one / 60, 1) for one in self.seconds],
@@ -101,34 +101,36 @@ def teach(
 ) -> Taught:
     """Make a detector for the sensors of one place.
 
-    The site's twin is built and driven several times, at other hours, with other demand, weather,
-    light and seeds, its sensors moved by what is uncertain of them; a detector is trained on what
-    they record; it is judged by drives of other seeds and hours, and by real frames if given.
+    The site's twin is built, and traffic is simulated several times with varied hour, demand,
+    weather, light and seed, and with sensor poses varied within their uncertainty. A detector is
+    trained on the recordings, and evaluated on drives of other seeds and hours, and on real frames
+    if given.
 
     Args:
         site: the ``site.yaml``, with its rig.
         out: folder to write; ``detector`` beside the site if not given.
         minutes: minutes of training.
-        steps: number of training steps, in place of minutes.
+        steps: number of training steps; replaces ``minutes``.
         drives: number of drives to learn from.
-        judging: number of drives to judge by.
+        judging: number of drives to evaluate on.
         seconds: length of each drive, seconds.
-        every: time between its frames, seconds.
-        real: labelled real frames to judge by, too.
-        background: measured static world of real sensors, ``FILE`` or ``NAME=FILE``; two of three
-            drives that teach, and those that judge, see it.
-        within: uncertainty of the rig's places (metres) and angles (degrees).
+        every: time between frames, seconds.
+        real: labelled real frames to evaluate on as well.
+        background: measured static world of real sensors, ``FILE`` or ``NAME=FILE``; used in two of
+            three training drives and in all evaluation drives.
+        within: uncertainty of the sensors' positions (metres) and angles (degrees).
         seed: random seed.
         workers: number of processes; every number gives the same bytes.
         device: device of PyTorch: ``cpu`` or ``cuda``.
-        plan: only say what would be done, and how long it takes.
-        key_env: environment variables that the site's file may name as keys though their names do
-            not begin with ``URBANTWIN_``.
-        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
+        plan: only print the steps and the estimated time.
+        key_env: environment variables that the site's file may use as keys, beside those whose
+            names begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variable, and the server that its key may be sent to.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the site, a file that it names, or real frames cannot be used; no torch.
+        InputError: the site, a file that it names, or real frames cannot be used, or torch is not
+            installed.
         StageError: a stage failed.
 
     Example:
@@ -170,7 +172,7 @@ def teach(
     began = time.monotonic()
     for number, lesson in enumerate(lessons):
         sees = list(background) if lesson.held or number % 3 != 2 else []
-        # What was measured was seen from where the sensors stood.
+        # A measured background is valid only from the sensors' measured pose.
         rig = moved_rig(checked.rig, lesson, *((0.0, 0.0) if sees else within))
         motion = bench.motion(
             f"lessons/{lesson.name}-motion", seconds, lesson.seed, _traffic(lesson, twin)
@@ -223,7 +225,7 @@ def _built(site: Site, journal: Journal, progress: ShowProgress) -> Twin:
 
 
 def _traffic(lesson: Lesson, twin: Twin) -> dict[str, Any]:
-    """Return what a lesson changes of the traffic; counted traffic stays as it is."""
+    """Return a lesson's changes to the traffic; counted traffic is not changed."""
     traffic: Mapping[str, Any] = twin.site["traffic"]
     if traffic.get("counts"):
         return {}
@@ -232,10 +234,10 @@ def _traffic(lesson: Lesson, twin: Twin) -> dict[str, Any]:
 
 
 def _check(within: tuple[float, float], background: Sequence[str]) -> None:
-    """Refuse what would fail after the twin is built.
+    """Check options early that would otherwise fail after the twin is built.
 
     Raises:
-        InputError: a number is out of range, or a background is not there.
+        InputError: a number is out of range, or a background is missing.
     """
     from urbantwin.lidar.background_file import named_background
 
@@ -255,7 +257,7 @@ def _named(real: Sequence[AnyPath]) -> dict[str, Path]:
     """Return real recordings by name.
 
     Raises:
-        InputError: one has no labels.
+        InputError: a recording has no labels.
     """
     from urbantwin.fidelity.readers import open_recording
 
@@ -270,10 +272,10 @@ def _named(real: Sequence[AnyPath]) -> dict[str, Path]:
 
 
 def _classes_of(datasets: Sequence[Path]) -> list[str]:
-    """Return the classes that a detector can learn of some datasets.
+    """Return the classes with enough labelled points in some datasets.
 
     Raises:
-        InputError: there is nobody in them.
+        InputError: no class has an object with enough points.
     """
     from urbantwin.dataset.reading.objects import LabelledObjects
     from urbantwin.detections import DETECTED_CLASSES, detected_class

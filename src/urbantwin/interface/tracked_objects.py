@@ -1,4 +1,4 @@
-"""Detections as tracks."""
+"""Tracking of detections."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ __all__ = ["TrackedObjects", "track"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackedObjects(Artefact):
-    """Tracks in a folder of detections; it stands for its folder.
+    """Tracks in a folder of detections; they can be passed as the folder.
 
     Attributes:
-        folder: where it was written.
-        found: the boxes, each with the number of its track.
+        folder: the folder.
+        found: the boxes, each with its track number.
     """
 
     folder: Path
     found: Detections
 
     def __repr__(self) -> str:
-        """Return how many tracks there are, and the folder."""
+        """Return the number of tracks, and the folder."""
         return f"{sum(self.counts.values())} tracks ({self.folder})"
 
     @cached_property
@@ -44,7 +44,7 @@ class TrackedObjects(Artefact):
         return {name: names.count(name) for name in sorted(set(names))}
 
     def summary(self) -> Summary:
-        """Return what was tracked in a few values."""
+        """Return the numbers of tracks and boxes."""
         filled = 0 if self.found.filled is None else int(self.found.filled.sum())
         return Summary(
             path=str(self.folder),
@@ -74,18 +74,19 @@ def track(
     A track has one class and size; gaps are filled and marked.
 
     Args:
-        detections: folder of detections, ours or in another form (see ``model evaluate``).
+        detections: folder of detections, of UrbanTwin or in another format (see
+            ``model evaluate``).
         out: folder to write; one beside the detections if not given.
-        frames: recording: poses of a sensor mounted on a vehicle, and times of the frames.
+        frames: recording, for poses of a sensor mounted on a vehicle and for frame times.
         rate: frames per second, Hz; as the detections say if not given.
-        smooth: use later frames, too: join broken tracks, smooth places and headings.
+        smooth: also use later frames: join broken tracks, smooth positions and headings.
         gap: longest time without a detection, seconds.
-        birth: lowest score with which a track begins.
+        birth: lowest score to start a track.
         lowest: lowest score of a detection that is used.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the detections cannot be used, or nothing says when frames were taken.
+        InputError: the detections cannot be used, or frame times are unknown.
 
     Example:
         $ urbantwin model track detections/ -o tracked/ --rate 10

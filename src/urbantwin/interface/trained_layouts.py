@@ -1,4 +1,4 @@
-"""Layouts of a placement judged by a detector: recorded, trained, evaluated and tracked."""
+"""Evaluation of sensor layouts by detectors: recorded, trained, evaluated and tracked."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ if TYPE_CHECKING:
 
 __all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
 
-#: A class with fewer labelled boxes does not count in the mean.
+#: Fewest labelled boxes of a class that counts in the mean.
 _FEWEST_BOXES = 20
-#: The training traffic has the seed of the motion and so much more.
+#: Offset of the training traffic's seed from that of the motion.
 _OTHER_SEED = 7919
-#: What is told of a layout, as means over classes.
+#: Figures reported of a layout, as means over classes.
 _KEYS = ("ap", "ap_low", "ap_high", "hota", "mota", "idf1")
 
 
 @dataclass(frozen=True)
 class LayoutTraining:
-    """How layouts are judged by a detector.
+    """Settings of the evaluation of layouts by detectors.
 
     Attributes:
-        steps: of the common detector, which learns from all layouts' recordings.
+        steps: steps of the common detector, which learns from the recordings of all layouts.
         width: multiple of the channels of the network.
-        cell_m: edge of its pillars, metres.
-        reach_m: how far it looks from the middle of the sensors, metres.
-        own_share: of its steps, a layout's own detector goes on from the common one.
-        learn: about so many frames that a layout's detector learns from.
-        judge: and that it is judged by.
-        seed: of weights and samples.
-        workers: processes that record.
+        cell_m: edge of a pillar, metres.
+        reach_m: range from the centre of the sensors, metres.
+        own_share: steps of a layout's own detector, as a fraction of the common detector's.
+        learn: approximate number of training frames per layout.
+        judge: approximate number of evaluation frames per layout.
+        seed: random seed of weights and samples.
+        workers: number of recording processes.
     """
 
     steps: int
@@ -58,19 +58,19 @@ class LayoutTraining:
 
     @property
     def own_steps(self) -> int:
-        """Steps of a layout's own detector, which begins as the common one."""
+        """Training steps of a layout's own detector, which starts from the common one."""
         return max(1, round(self.own_share * self.steps))
 
 
 def shortlist(front: Sequence[int], count: int) -> list[int]:
-    """Return so many layouts, evenly spread over a front from the cheapest to the dearest."""
+    """Return ``count`` layouts, evenly spread over a front from the lowest to the highest cost."""
     count = min(count, len(front))
     chosen = [front[round(k * (len(front) - 1) / max(count - 1, 1))] for k in range(count)]
     return list(dict.fromkeys(chosen))
 
 
 def training_words(layouts: int, how: LayoutTraining) -> str:
-    """Return how long it takes to train, in words."""
+    """Return the estimated training time, in words."""
     steps = how.steps + layouts * how.own_steps
     took_s = estimated_s(
         frames=layouts * (how.learn + how.judge),
@@ -91,27 +91,27 @@ def trained_layouts(
     how: LayoutTraining,
     tell: Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Judge layouts by detectors.
+    """Evaluate layouts by detectors.
 
-    All learn from one other motion (the twin's own traffic with another seed), and are judged by
-    the motion that the layouts were searched with. A detector is first trained on the recordings of
-    all layouts together, so that what differs is the layout and not the luck of its first weights;
-    each layout's own goes on from there on its own recording. No box is left out for having few
-    points or for being out of sight: what a layout does not see counts as missed. Tracking is that
-    of what its sensors can see.
+    All learn from one other motion (the twin's own traffic with another seed), and are evaluated on
+    the motion that the layouts were searched with. A common detector is first trained on the
+    recordings of all layouts, so that differences come from the layout and not from random initial
+    weights. Each layout's own detector continues from it on that layout's recording. No box is
+    excluded for having few points or being occluded: what a layout does not see counts as missed.
+    Tracking is evaluated on what its sensors can see.
 
     Args:
-        rigs: the ``rig.yaml`` of each layout, by its number.
+        rigs: ``rig.yaml`` of each layout, by layout number.
         twin: the twin.
-        motion: that judges.
-        work: folder for what is made in between; what is there already is not made again.
+        motion: motion for evaluation.
+        work: folder of intermediate results; existing ones are reused.
         how: steps and sizes.
-        tell: called with the share that is done and what is being done.
+        tell: called with the fraction done and a description.
 
     Returns:
-        A row for each layout: ``layout``, ``ap`` (mean over the learned classes that all layouts
-        have), ``ap_low``, ``ap_high`` (mean of the classes' 95 % intervals), ``hota``, ``mota``,
-        ``idf1``, and AP by class.
+        A row per layout: ``layout``, ``ap`` (mean over the learned classes that all layouts have),
+        ``ap_low``, ``ap_high`` (mean of the classes' 95 % intervals), ``hota``, ``mota``, ``idf1``,
+        and AP by class.
 
     Raises:
         InputError: torch is not installed.
@@ -151,7 +151,7 @@ def trained_layouts(
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """How layouts are recorded, trained and judged; what is finished is not made again."""
+    """Records, trains and evaluates layouts; finished results are reused."""
 
     bench: Workbench
     motion: Motion
@@ -163,7 +163,7 @@ class _Course:
         return float(self.motion.times()[-1])
 
     def recorded(self, place: str, rig: Path, on: Motion | Path, frames: int) -> Path:
-        """Return about so many frames of a layout, evenly spread over a motion."""
+        """Return a recording of a layout with about ``frames`` frames, evenly spread in time."""
         from urbantwin.interface.rig import rig_spec_on
 
         spec, file = rig_spec_on(self.bench.twin, rig)
@@ -179,7 +179,7 @@ class _Course:
         tell: Progress,
         weights: Path | None = None,
     ) -> Path:
-        """Return a detector."""
+        """Return the folder of a trained detector."""
         return replace(self.bench, progress=tell).model(
             place,
             datasets,
@@ -191,14 +191,14 @@ class _Course:
             width=self.how.width,
             batch=2,
             seed=self.how.seed,
-            second_look=False,  # layouts are compared: what is alike for all need not be learned
+            second_look=False,  # layouts are compared; it would be the same for all
             part="all",
         )
 
     def judged(
         self, number: int, classes: Sequence[str], model: Path, data: Path
     ) -> dict[str, dict[str, float | None]]:
-        """Return what a detector finds in a recording, judged by its labels."""
+        """Return figures by class of a detector's detections in a recording."""
         from urbantwin.interface.tracked_objects import track
 
         found = self.bench.detections(f"found-{number}", model, data)
@@ -210,7 +210,11 @@ class _Course:
 
 
 def _learned_classes(datasets: Sequence[Path]) -> tuple[str, ...]:
-    """Return the classes that every recording has boxes of with points on them, to learn from."""
+    """Return the classes of which every recording has enough boxes with points.
+
+    Raises:
+        StageError: there is no such class.
+    """
     from urbantwin.detections import DETECTED_CLASSES
     from urbantwin.errors import StageError
     from urbantwin.interface.dataset import Dataset
@@ -233,7 +237,7 @@ def _learned_classes(datasets: Sequence[Path]) -> tuple[str, ...]:
 
 
 def _figures(detections: Path, data: Path) -> Figures:
-    """Judge detections by the labels of a recording; no box is left out for its few points."""
+    """Evaluate detections against a recording's labels, including boxes with few points."""
     from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation import evaluate, read_labelled
     from urbantwin.interface.parts import recording_of_part
@@ -245,9 +249,9 @@ def _figures(detections: Path, data: Path) -> Figures:
 
 
 def _present(data: Path) -> Counter[str]:
-    """Return how many boxes of each class a recording has in the region, seen by a sensor or not.
+    """Return the number of boxes by class inside the region, seen by a sensor or not.
 
-    They are the same for every layout.
+    The numbers are the same for every layout.
     """
     from urbantwin.interface.dataset import Dataset
 
@@ -259,11 +263,11 @@ def _present(data: Path) -> Counter[str]:
 def _by_class(
     figures: Figures, of_tracks: Figures, present: Counter[str]
 ) -> dict[str, dict[str, float | None]]:
-    """Return precision and tracking of each class that is learned and has enough boxes.
+    """Return precision and tracking of each learned class with enough boxes.
 
-    `evaluate` leaves out what no sensor can see, which would favour layouts that see little. Such
-    a box is missed, so recall, and with it the area under precision, is that of the boxes that
-    count times the share that they are of all.
+    `evaluate` excludes boxes that no sensor can see, which would favour layouts that see little.
+    Such a box counts as missed here: recall, and with it the area under precision, is scaled by the
+    share of boxes that count.
     """
     from urbantwin.evaluation.criterion import near
     from urbantwin.evaluation.tracks import judged_tracks
@@ -284,7 +288,7 @@ def _by_class(
 
 
 def _rows(found: Mapping[int, Mapping[str, Mapping[str, float | None]]]) -> list[dict[str, Any]]:
-    """Return a row for each layout: means over the classes that every layout has boxes of."""
+    """Return a row per layout: means over the classes that all layouts have."""
     classes = [name for name in next(iter(found.values()), {})
                if all(name in one for one in found.values())]  # fmt: skip
     return [

@@ -1,4 +1,4 @@
-"""Detectors that learn from datasets."""
+"""Training of detectors on datasets."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from urbantwin.interface.summary import Artefact, Summary
 
 __all__ = ["TrainedModel", "pretrain", "train"]
 
-#: What a model may tell.
+#: Outputs of a model.
 _HEADS = ("boxes", "points")
-#: A semantic class with fewer points is not learned.
+#: Fewest points of a semantic class that is learned.
 _FEWEST_POINTS = 200
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedModel(Artefact):
-    """A model in a folder; it stands for its folder: ``ut.model.detect(model, frames)``.
+    """A trained model; it can be passed as its folder: ``ut.model.detect(model, frames)``.
 
     Attributes:
-        folder: where it was written.
-        trained: on what, for how long, by what.
+        folder: folder of the model.
+        trained: training record: datasets, steps, options and loss.
     """
 
     folder: Path
     trained: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Return how much it learned from, and the folder."""
+        """Return the number of training steps and the folder."""
         return f"a model, {self.trained['steps']} steps ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return what it learned from in a few values."""
+        """Return the training record."""
         return Summary(path=str(self.folder), **self.trained)
 
 
@@ -81,20 +81,20 @@ def train(
         steps: number of training steps; as many as fit into ``minutes`` if not given.
         minutes: minutes of training on this machine, reading left out; 10 if neither is given.
         classes: class to detect; all if not given.
-        reach: range from the middle of the sensors along x and y, metres.
+        reach: range along x and y from the centre of the sensors, metres.
         cell: edge of a pillar, metres.
         batch: samples in a step.
         width: multiple of the channels of the small network.
-        intensity: use intensities (0..1): those of other sensors may mean something else.
+        intensity: use intensities (0..1); their scale differs between sensors.
         without: augmentation to leave out: ``placed`` (turned, mirrored, scaled), ``beams``
             (fewer), ``objects`` (of other frames), ``sizes`` (of objects), ``clutter`` (bushes,
             walls, posts).
         heads: output: ``boxes``, or ``points`` for the semantic class of every point; boxes if not
             given.
-        weights: model of the same cells and channels whose weights are the first, where it has them
-            (a model of ``model pretrain`` has no heads).
-        in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
-        second_look: learn to look again at the points of detected people and two-wheelers, which
+        weights: model of the same cells and channels with the initial weights (a model of
+            ``model pretrain`` has none for the heads).
+        in_order: learn from the datasets one after the other, as in a curriculum; needs ``steps``.
+        second_look: train a second stage on the points of detected pedestrians and two-wheelers; it
             takes about a quarter of the time.
         part: part of each split dataset to learn from: ``train``, ``val``, ``test`` or ``all``.
         seed: random seed of weights and samples.
@@ -200,10 +200,10 @@ def train(
 
 
 def _several(given: Sequence[AnyPath] | AnyPath) -> list[Path]:
-    """Return the folders that one or several are.
+    """Return the given paths as a list.
 
     Raises:
-        InputError: there is none.
+        InputError: no path is given.
     """
     sources = [Path(one) for one in ([given] if isinstance(given, str | os.PathLike) else given)]
     if not sources:
@@ -212,10 +212,10 @@ def _several(given: Sequence[AnyPath] | AnyPath) -> list[Path]:
 
 
 def _check_order(in_order: bool, steps: int | None) -> None:
-    """Refuse datasets in order without a number of steps.
+    """Raise an error if datasets are to be learned in order without a number of steps.
 
     Raises:
-        InputError: they are.
+        InputError: ``steps`` is missing.
     """
     if in_order and steps is None:
         raise InputError(
@@ -224,10 +224,10 @@ def _check_order(in_order: bool, steps: int | None) -> None:
 
 
 def _check_names(option: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse names that an option does not know.
+    """Check the names given to an option.
 
     Raises:
-        InputError: there is one.
+        InputError: a name is unknown.
     """
     for name in names:
         if name not in known:
@@ -237,10 +237,10 @@ def _check_names(option: str, names: Sequence[str], known: Sequence[str]) -> Non
 
 
 def _known_points(points: Mapping[str, int], sources: Sequence[Path]) -> tuple[str, ...]:
-    """Return the semantic classes that can be learned.
+    """Return the semantic classes with enough labelled points.
 
     Raises:
-        InputError: there are none.
+        InputError: fewer than two classes have enough points.
     """
     found = tuple(name for name, count in points.items() if count >= _FEWEST_POINTS)
     if len(found) < 2:
@@ -273,19 +273,19 @@ def pretrain(
 ) -> TrainedModel:
     """Train a network on frames without labels.
 
-    ``model train --from`` begins with its weights. Interrupted, the same call continues.
+    ``model train --from`` starts from its weights. After an interruption, the same call continues.
 
-    It learns to say where anything is, and how high it reaches: in blocks of pillars that are
-    hidden (``masked``), or in the sweep that comes next (``next-sweep``).
+    The network learns to predict occupancy and height: of hidden blocks of pillars (``masked``), or
+    of the next sweep (``next-sweep``).
 
     Args:
         frames: recordings, real or simulated; their labels are not used.
         out: folder to write; ``pretrained`` beside the first recording if not given.
-        task: task to learn: ``masked`` (hidden pillars), or ``next-sweep`` of sweeps one after the
-            other, whose sensors are static or whose poses are known.
+        task: task to learn: ``masked`` (hidden pillars), or ``next-sweep`` (consecutive sweeps of
+            static sensors or of known poses).
         steps: number of training steps; as many as fit into ``minutes`` if not given.
         minutes: minutes of training on this machine, reading left out; 10 if neither is given.
-        reach: range from the middle of the sensors along x and y, metres.
+        reach: range along x and y from the centre of the sensors, metres.
         cell: edge of a pillar, metres.
         batch: windows of frames in a step.
         width: multiple of the channels of the small network.
@@ -297,8 +297,8 @@ def pretrain(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: torch is not installed, there is no such task, a recording cannot be used, or
-            the next sweep is asked for and no frame is followed by one of the same place.
+        InputError: torch is not installed, the task is unknown, a recording cannot be used, or no
+            frame has a successor for ``next-sweep``.
 
     Example:
         $ urbantwin model pretrain urbantwin-demo/dataset -o pretrained/ --minutes 10

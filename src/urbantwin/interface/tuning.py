@@ -1,4 +1,4 @@
-"""What is uncertain of a rig and its actors, fitted to unlabelled real frames."""
+"""Tuning: uncertain parameters of a rig and its actors, fitted to unlabelled real frames."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ __all__ = ["Tuning", "tune"]
 
 
 class Tuning(Artefact):
-    """A fit, judged by frames that were held out.
+    """A fit, evaluated on held-out frames.
 
-    ``ut.record(twin, motion, rig=tuning.rig)`` records with what was found, and
-    ``ut.drive(twin, demand=tuning.demand)`` drives with it.
+    ``ut.record(twin, motion, rig=tuning.rig)`` records with the tuned rig, and
+    ``ut.drive(twin, demand=tuning.demand)`` simulates the tuned traffic.
 
     Attributes:
-        folder: where it is; ``report.html`` in it is the page for people.
-        manifest: ``tuning.json``: the knobs with their starts, values and errors.
+        folder: the tuning's folder; ``report.html`` in it is the report page.
+        manifest: content of ``tuning.json``: parameters with initial values, fitted values and
+            errors.
     """
 
     def __init__(self, folder: AnyPath) -> None:
@@ -43,45 +44,45 @@ class Tuning(Artefact):
         """Open a tuning's folder.
 
         Raises:
-            InputError: it is not a tuning.
+            InputError: the folder is not a tuning.
         """
         return cls(folder)
 
     @cached_property
     def held_out(self) -> dict[str, Any]:
-        """``held_out.json``: the fit judged by the frames that nothing was fitted to."""
+        """Content of ``held_out.json``: evaluation on frames that were not used for the fit."""
         return read_json(self.folder / "held_out.json", kind="tuning")
 
     @property
     def rig(self) -> Path:
-        """The tuned ``rig.yaml``."""
+        """Path of the tuned ``rig.yaml``."""
         return self.folder / "rig.yaml"
 
     @property
     def demand(self) -> Path | None:
-        """The tuned ``traffic.yaml``, if actors were fitted."""
+        """Path of the tuned ``traffic.yaml``, if actors were fitted."""
         path = self.folder / "traffic.yaml"
         return path if path.is_file() else None
 
     @property
     def values(self) -> dict[str, float]:
-        """The value of each knob."""
+        """Value of each parameter."""
         return {name: float(one["value"]) for name, one in self.manifest["knobs"].items()}
 
     def __repr__(self) -> str:
-        """Return how many knobs were fitted, and the folder."""
+        """Return the number of fitted parameters, and the folder."""
         states = [one["state"] for one in self.manifest["knobs"].values()]
         return f"Tuning: {states.count('fitted')} of {len(states)} knobs fitted ({self.folder})"
 
     def summary(self) -> Summary:
-        """Return the fit in a few values."""
+        """Return the fit in brief."""
         from urbantwin.fidelity.tuning.result import summary_of
 
         found = {**self.manifest, "held_out": self.held_out}
         return Summary(path=str(self.folder), **summary_of(found))
 
     def plot(self) -> Figure:
-        """Show how the fit went, and distributions before and after."""
+        """Draw the course of the fit, and distributions before and after."""
         from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "report.png")
@@ -109,14 +110,14 @@ def tune(
     """Fit a rig and its actors to unlabelled real frames.
 
     Args:
-        real: real frames of the rig, in the order of time.
+        real: real frames of the rig, in order of time.
         twin: twin, or its folder.
-        motion: motion on it, to fit the actors of.
+        motion: motion on the twin, to fit its actors.
         out: folder to write; ``tuned`` beside the twin if not given.
         rig: ``rig.yaml``; the twin's own rig if not given.
-        fit: groups of values that may be fitted, with commas.
-        held_out: share of the frames, the last ones, that nothing is fitted to.
-        trials: number of trials of each group.
+        fit: groups of parameters to fit, separated by commas.
+        held_out: share of the frames, at the end, that is kept for evaluation.
+        trials: number of trials per group.
         seed: random seed of the search.
         workers: number of threads; every number gives the same values.
         points_in: frame of the real points; the rig's if not given.
@@ -126,8 +127,8 @@ def tune(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: too few frames, a rig that rides, ``out`` holds other files, or the extra
-            ``tune`` is not installed.
+        InputError: too few frames, a rig mounted on a vehicle, ``out`` holds other files, or the
+            extra ``tune`` is not installed.
 
     Example:
         $ urbantwin rig tune real/ twin/ --rig rig.yaml -o tuned/

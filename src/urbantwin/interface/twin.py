@@ -1,4 +1,4 @@
-"""A twin: built from a site, or opened."""
+"""Twins: built from a site, or opened."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ __all__ = ["Twin", "build", "build_of", "rig_field", "site_with_known_sensors"]
 
 
 class Twin(Artefact, BuiltTwin):
-    """A twin on disk, of which each part is read when it is first asked for.
+    """A twin on disk; each part is read on first access.
 
     Besides the attributes of `urbantwin.twin.Twin` (``mesh``: vertices (V, 3) and faces (F, 3) with
     their semantic class and material; ``roads``; ``lane_model``; ``elevation``; ``site``;
-    ``region``), it draws itself, and stands for its folder wherever a path is asked for.
+    ``region``), it has ``plot``, and can be passed as its folder.
 
     Example:
         >>> twin = ut.open("out/twin")
@@ -50,7 +50,7 @@ class Twin(Artefact, BuiltTwin):
         """Open a twin's folder; a twin is returned as it is.
 
         Raises:
-            InputError: it is not a twin, or a file in it is not the one that was written.
+            InputError: the folder is not a twin, or a file does not have its recorded checksum.
         """
         if isinstance(folder, Twin):
             return folder
@@ -59,7 +59,7 @@ class Twin(Artefact, BuiltTwin):
 
     @property
     def lanes(self) -> tuple[Lane, ...]:
-        """The lanes as strips: centre lines (N, 3), widths, kinds, who may drive there."""
+        """The lanes as strips: centre lines (N, 3), widths, kinds, allowed classes."""
         return tuple(self.roads.lanes)
 
     def __repr__(self) -> str:
@@ -72,7 +72,7 @@ class Twin(Artefact, BuiltTwin):
         )
 
     def summary(self) -> Summary:
-        """Return what the twin holds in a few values."""
+        """Return the twin's content in brief."""
         from urbantwin.roads.signals.programs import described_signals
         from urbantwin.taxonomy import semantic_classes
 
@@ -103,12 +103,12 @@ class Twin(Artefact, BuiltTwin):
         """Draw the twin.
 
         Args:
-            picture: ``plan``, the lane network from above; ``sight``, what the sensors see of the
-                junction; ``scene``, everything from a height; or ``ground``, the materials of the
-                ground.
+            picture: ``plan``, the lane network from above; ``sight``, the sensors' view of the
+                junction; ``scene``, an elevated view of the scene; or ``ground``, the materials of
+                the ground.
 
         Raises:
-            InputError: there is no such picture.
+            InputError: the picture is unknown.
         """
         from urbantwin.drawing.pictures import figure_of_twin
 
@@ -132,14 +132,14 @@ def build(
         out: folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site if
             not given.
         pictures: draw pictures into the twin's folder.
-        key_env: environment variables that the site's file may name as keys though their names do
-            not begin with ``URBANTWIN_``.
-        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
+        key_env: environment variables that the site's file may use as keys, beside those whose
+            names begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variable, and the server that its key may be sent to.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the site, or a file that it names, cannot be used; ``out`` holds other files;
-            the site asks for a key that is not allowed.
+            the site needs a key that is not allowed.
         StageError: netconvert failed, or the disk is full.
 
     Example:
@@ -155,7 +155,7 @@ def build(
 
 
 def site_with_known_sensors(path: Path) -> Site:
-    """Read a site and check its sensors against the catalogue, which needs no twin."""
+    """Read a site and check its sensors against the catalogue."""
     from urbantwin.lidar.sensor_options import check_models
     from urbantwin.site import load_site
 
@@ -173,9 +173,9 @@ def build_of(
     progress: ShowProgress,
     helpers: Helpers | None = None,
 ) -> Twin:
-    """Build a twin that the site's own rig stands in, with pictures of it and of its geometry.
+    """Build a twin with the site's own rig mounted, and draw pictures of it and of its geometry.
 
-    Helpers that are ready by then draw some of the pictures.
+    Helper processes that are ready draw some of the pictures.
     """
     from urbantwin.lidar.placement import refuse_places
     from urbantwin.lidar.sight import standing_rig
@@ -218,5 +218,5 @@ def build_of(
 
 
 def rig_field(site: Site) -> str:
-    """Return where in its file the rig of a site stands: nowhere if the file is its own."""
+    """Return the field of the site's rig in its file; empty if the rig has its own file."""
     return "rig" if site.rig_file == site.file else ""

@@ -38,15 +38,15 @@ class Variation(Artefact):
     """Recordings that differ in one factor, in one folder.
 
     Attributes:
-        folder: with a folder for each recording, and ``comparison``.
-        manifest: ``comparison/variation.json``.
+        folder: folder with one folder per recording, and ``comparison``.
+        manifest: content of ``comparison/variation.json``.
     """
 
     folder: Path
     manifest: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Return the factor and the folder."""
+        """Return the factor, the variants and the folder."""
         names = ", ".join(row["name"] for row in self.manifest["variants"])
         return f"Variation of {self.manifest['factor']}: {names} ({self.folder})"
 
@@ -56,18 +56,18 @@ class Variation(Artefact):
         return Dataset(self.folder / "base" / "dataset")
 
     def dataset(self, name: str) -> Dataset:
-        """Return the recording of a variant, by the name of its folder."""
+        """Return the recording of a variant, by its folder's name."""
         return Dataset(self.folder / name / "dataset")
 
     @property
     def fates(self) -> pa.Table:
-        """What became of every object in every frame, by ``variant``."""
+        """State of every object in every frame, with a column ``variant``."""
         from urbantwin.artefact.tables import read_parquet
 
         return read_parquet(self.folder / "comparison" / "fates.parquet", "fates of objects")
 
     def summary(self) -> Summary:
-        """Return the proof and the fates in a few values."""
+        """Return the proof and the counts of object states, per variant."""
         rows = {
             row["name"]: {
                 "only_this_differs": row["proof"]["one_factor"],
@@ -96,7 +96,7 @@ def vary(
 ) -> Variation:
     """Record a run again with one factor changed.
 
-    It is proved that nothing else differs, and said what became of each object.
+    Checks that nothing else differs, and reports how the state of each object changed.
 
     Args:
         run: ``run.yaml``, or the folder that ``run`` or ``demo`` wrote.
@@ -105,7 +105,7 @@ def vary(
             ``signal.PROGRAM.offset=SECONDS``, ``scenario=FILE``, ``insert=bicycle`` or
             ``insert=CLASS@STREET``, ``weather=rain``, ``visibility=300``.
         workers: number of processes; every number gives the same bytes.
-        pictures: draw what became of the objects.
+        pictures: draw the states of the objects.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
@@ -128,7 +128,7 @@ def vary(
             check_folder(place / name / kind, kind=kind, inputs=described.inputs)
     check_folder(place / "comparison", kind="variation", inputs=described.inputs)
     twin = Twin.open(described.twin)
-    _check_values(described, factor, twin)  # refuse what is wrong before anything is made
+    _check_values(described, factor, twin)  # check all values before anything is written
     with recorders(workers, pictures=False) as crew:
         bench = Workbench(Journal(place), twin, crew, progress=progress)
         motions = [_base_motion(described, bench)]
@@ -144,7 +144,7 @@ def vary(
 
 
 def _check_values(described: RunFile, factor: Factor, twin: Twin) -> None:
-    """Refuse values of a sensor that it cannot have, and signals and scenarios that are not there.
+    """Check the factor's values against the twin: sensors, signals and scenarios.
 
     Raises:
         InputError: see `Factor`.
@@ -179,7 +179,7 @@ def _check_values(described: RunFile, factor: Factor, twin: Twin) -> None:
 def _traffic_of(
     described: RunFile, factor: Factor, value: str, twin: Twin, motion: Motion
 ) -> dict[str, Any]:
-    """Return what of the traffic a variant asks for besides the base's."""
+    """Return the traffic settings of a variant that differ from the base's."""
     if factor.kind == "signal":
         return {"signal_offsets": {factor.of: factor.number_of(value)}}
     from urbantwin.traffic.events import load_scenario
@@ -195,14 +195,14 @@ def _traffic_of(
 
 
 def _base_motion(described: RunFile, bench: Workbench) -> Motion:
-    """Return the run's motion; drive it if the run names none."""
+    """Return the run's motion; simulate it if the run names none."""
     if described.motion is not None:
         return Motion.open(described.motion)
     return _driven(described, bench, "base/motion", {})
 
 
 def _driven(described: RunFile, bench: Workbench, place: str, changes: Mapping[str, Any]) -> Motion:
-    """Return the run's traffic with changes to it, driven."""
+    """Return the motion of the run's traffic with changes applied."""
     from urbantwin.site import load_traffic_changes
     from urbantwin.traffic.events import load_scenario
 
@@ -223,7 +223,7 @@ def _driven(described: RunFile, bench: Workbench, place: str, changes: Mapping[s
 def _changed(
     described: RunFile, bench: Workbench, motion: Motion, place: str, traffic: Mapping[str, Any]
 ) -> Motion:
-    """Return the motion of a variant; who is only put in is put into the base's motion itself."""
+    """Return a variant's motion: the base's with inserted actors, or a new one."""
     from urbantwin.traffic.events import PUT_IN
     from urbantwin.traffic.run import with_more
 
@@ -249,7 +249,7 @@ def _recorded(
     motion: Motion,
     place: str,
 ) -> Dataset:
-    """Return a recording of a motion, with the factor's value where it is one of the recording."""
+    """Return a recording of a motion, with the factor's value applied if it is of recording."""
     from urbantwin.interface.rig import rig_spec_on
     from urbantwin.site.rig_changes import RigChanges
 
@@ -277,7 +277,7 @@ def _compared(
     inputs: list[Path | None],
     pictures: bool,
 ) -> Variation:
-    """Prove what differs, and find what became of every object."""
+    """Check what differs, and compute the state of every object."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -1,4 +1,4 @@
-"""Whether artefacts are what was written."""
+"""Verification of artefacts against their checksums."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from urbantwin.progress import between
 __all__ = ["Verification", "verify"]
 
 
-#: Files that are named of each artefact in text.
+#: Largest number of files listed per artefact in text.
 _LISTED = 20
 
 
 @dataclass(frozen=True, repr=False)
 class Verification(Result):
-    """What was found of each artefact.
+    """Outcome of a verification.
 
     Attributes:
-        path: what was verified.
-        artefacts: folder, kind, number of files and damages of each.
-        personal: what may say something of people; ``None`` where nobody looked.
+        path: the verified path.
+        artefacts: folder, kind, number of files and damages of each artefact.
+        personal: findings of personal data; ``None`` if not searched.
     """
 
     path: Path
@@ -40,11 +40,11 @@ class Verification(Result):
 
     @property
     def damages(self) -> tuple[Damage, ...]:
-        """Every file that is damaged, missing or foreign."""
+        """All damaged, missing or foreign files."""
         return tuple(bad for one in self.artefacts for bad in one.damages)
 
     def __bool__(self) -> bool:
-        """Return whether everything is as written, and nothing says anything of people."""
+        """Return whether all files are as written, without personal data."""
         return not self.damages and not self.personal
 
     def __repr__(self) -> str:
@@ -57,10 +57,10 @@ class Verification(Result):
         )
 
     def summary(self, most: int | None = None) -> Summary:
-        """Return what is wrong, artefact by artefact.
+        """Return the problems, artefact by artefact.
 
         Args:
-            most: files that are named of each; all if not given.
+            most: largest number of files listed per artefact; all if not given.
         """
         rows = [
             {
@@ -73,20 +73,20 @@ class Verification(Result):
         ]
         found = Summary(path=str(self.path), artefacts=rows)
         if self.personal is not None:
-            found["personal_findings"] = len(self.personal)  # none is said, too
+            found["personal_findings"] = len(self.personal)  # 0 is reported as well
             found["personal_data"] = [asdict(one) for one in self.personal[:most]]
         return found
 
     def text(self) -> str:
-        """Return what a command prints for a person: the first files of each artefact."""
+        """Return the text that a command prints: the first files of each artefact."""
         return str(self.summary(_LISTED))
 
     def check(self) -> None:
-        """Refuse what is damaged, and what says something of people.
+        """Raise an error for damaged files or personal data.
 
         Raises:
-            InputError: a file is damaged, missing or foreign, or says something of people; the
-                first is named.
+            InputError: a file is damaged, missing or foreign, or holds personal data; names the
+                first.
         """
         first = next((one for one in self.artefacts if one.damages), None)
         if first is None:
@@ -121,9 +121,9 @@ def verify(
     """Check all files of a result against their checksums.
 
     Args:
-        path: result, or a folder of them: what ``run``, a campaign or an export to CARLA wrote;
-            with ``privacy`` any file or folder.
-        privacy: search all files, too, for personal data: absolute paths, names of users and
+        path: result, or a folder of results (of ``run``, a campaign or an export to CARLA); with
+            ``privacy`` any file or folder.
+        privacy: also search all files for personal data: absolute paths, names of users and
             machines, e-mail addresses and time stamps, in texts and in the metadata of known
             formats.
         progress: show progress; or a function that is called with (share, doing).

@@ -1,4 +1,4 @@
-"""A page to look at: served on this machine, or saved as one file."""
+"""The viewer: a page served on this machine, or saved as one file."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ __all__ = ["View", "view"]
 
 
 class View(Result):
-    """What is looked at: a page that is being served, or files that were written.
+    """A view: a page being served, or written files.
 
-    A page is served until `close`, or until the block ends that it is opened with.
+    A page is served until `close` or the end of its ``with`` block.
 
     Attributes:
-        address: of the page; None where it is only saved.
-        path: of the saved page; None where it is served.
-        rerun: the recording for rerun; None where none was asked for.
+        address: address of the page; None if it is only saved.
+        path: path of the saved page; None if it is served.
+        rerun: the rerun recording; None if not requested.
 
     Example:
         >>> with ut.view("out/dataset") as page:
@@ -58,14 +58,14 @@ class View(Result):
 
     @property
     def document(self) -> dict[str, Any]:
-        """What the page reads first: sides, frames, sensors, events."""
+        """The page's document: sides, frames, sensors, events."""
         return self._shown.document()
 
     def packet(self, name: str) -> bytes:
-        """Return a packet of the page, ``points/0/3`` and its like; see docs/reference/formats.md.
+        """Return a packet of the page, such as ``points/0/3``; see docs/reference/formats.md.
 
         Raises:
-            KeyError: there is none of that name.
+            KeyError: no packet has this name.
             InputError: the frame cannot be read.
         """
         return self._shown.packet(name)
@@ -84,17 +84,17 @@ class View(Result):
         self.close()
 
     def wait(self, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until Ctrl-C, SIGTERM or SIGHUP, which end it in good order; then close.
+        """Serve until Ctrl-C, SIGTERM or SIGHUP, then close.
 
-        Returns at once where nothing is served.
+        Returns at once if nothing is served.
 
         Args:
-            ready: called as soon as they do: to tell the address.
+            ready: called as soon as the signal handlers are set, to print the address.
         """
         if self._server is None:
             ready()
             return
-        # An event's lock may be held by who waits for it when a signal comes.
+        # The lock of an Event could be held by the waiting thread when a signal arrives.
         over: SimpleQueue[None] = SimpleQueue()
         before: dict[int, Any] = {}
 
@@ -117,12 +117,12 @@ class View(Result):
                 signal.signal(heard, former)
 
     def __repr__(self) -> str:
-        """Return what is shown and where."""
+        """Return the title and the address or path."""
         where = self.address or self.path or self.rerun
         return f"View of {self._shown.title} ({where})"
 
     def summary(self) -> Summary:
-        """Return what is shown, and where, in a few values."""
+        """Return title, frames, notes and addresses."""
         document = self._shown.document()
         found: dict[str, Any] = {"shows": self._shown.title, "kind": self._shown.kind}
         if self._shown.sides:
@@ -184,7 +184,8 @@ def view(
         frames: frames from number A to before B, counted from 0; all if not given, in a saved page
             as many as fit into 40 MB.
         every: show only every N-th of the frames.
-        detections: detections, shown over the labels of ``path``: hits, misses, false alarms.
+        detections: detections, shown over the labels of ``path``: true positives, misses, false
+            positives.
         report: report of ``compare`` whose worst places are listed.
         twin: twin to show frames in; the one beside them if not given.
         motion: motion whose signals are shown; the one beside the frames if not given.
@@ -196,8 +197,8 @@ def view(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: what is asked for is missing, damaged or nothing that can be shown; the port
-            cannot be had; or rerun is not installed.
+        InputError: an input is missing, damaged or cannot be shown, the port is not available, or
+            rerun is not installed.
 
     Example:
         >>> ut.view("out/dataset", save="page.html", frames="0:20").path
@@ -249,7 +250,7 @@ def _path(path: AnyPath | None) -> Path | None:
 
 
 def _on_a_desktop() -> bool:
-    """Return whether somebody sits before a screen: a terminal, and a display or macOS."""
+    """Return whether this is a local desktop session: a terminal, and a display or macOS."""
     if not (sys.stdout is not None and sys.stdout.isatty()):
         return False
     remote = os.environ.get("SSH_CONNECTION")

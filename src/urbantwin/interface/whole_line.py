@@ -1,4 +1,4 @@
-"""The whole line: from a site to its twin, motion and dataset; and the demo, a site of its own."""
+"""All stages at once: from a site to twin, motion and dataset; and the demo."""
 
 from __future__ import annotations
 
@@ -34,18 +34,17 @@ if TYPE_CHECKING:
 
 __all__ = ["LATITUDE", "LONGITUDE", "RADIUS_M", "Run", "demo", "helsinki_extract", "run"]
 
-#: The demo: Unioninkatu, Liisankatu and Kaisaniemenkatu: five arms, signals, a bicycle lane, a
-#: park.
+#: Demo site: Unioninkatu, Liisankatu and Kaisaniemenkatu: five arms, signals, cycle lane, park.
 LATITUDE, LONGITUDE, RADIUS_M = 60.174, 24.9503, 130.0
-#: Frames on the demo's page: a second of them has 11 MB.
+#: Frames of the demo's page; one second takes 11 MB.
 _ON_THE_PAGE = "0:10"
 
 
 class Run(Artefact):
-    """A twin, its motion and its dataset, a folder each in one folder.
+    """A twin, its motion and its dataset, in one folder.
 
     Attributes:
-        folder: where they are.
+        folder: the folder.
     """
 
     def __init__(self, folder: AnyPath) -> None:
@@ -68,12 +67,12 @@ class Run(Artefact):
 
     @property
     def page(self) -> Path:
-        """The page that shows some frames of the dataset, where one was saved."""
+        """Path of the page with some frames of the dataset, if it was saved."""
         return self.folder / "page.html"
 
     @property
     def pictures(self) -> list[Path]:
-        """The pictures that were drawn."""
+        """Paths of the pictures."""
         return [
             picture
             for kind in ("twin", "motion", "dataset")
@@ -82,15 +81,15 @@ class Run(Artefact):
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with the three."""
+        """Warnings of twin, motion and dataset."""
         return (*self.twin.warnings, *self.motion.warnings, *self.dataset.warnings)
 
     def __repr__(self) -> str:
-        """Return each part on a line."""
+        """Return each part on its own line."""
         return f"{self.twin!r}\n{self.motion!r}\n{self.dataset!r}"
 
     def summary(self) -> Summary:
-        """Return what came out, what to look at, where everything is, and whose data it is."""
+        """Return results, warnings, paths and attributions."""
         sources = (str(item["attribution"]) for item in self.twin.manifest["inputs"])
         return Summary(
             **outcome_of_twin(self.twin),
@@ -122,14 +121,14 @@ def run(
         out: folder for ``twin``, ``motion`` and ``dataset``; ``NAME`` beside the site if not given.
         workers: number of processes; every number gives the same bytes.
         pictures: draw pictures of all three.
-        key_env: environment variables that the site's file may name as keys though their names do
-            not begin with ``URBANTWIN_``.
-        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
+        key_env: environment variables that the site's file may use as keys, beside those whose
+            names begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variable, and the server that its key may be sent to.
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the site, or a file that it names, cannot be used; the site asks for a key that
-            is not allowed.
+        InputError: the site, or a file that it names, cannot be used, or needs a key that is not
+            allowed.
         StageError: a stage failed.
 
     Example:
@@ -160,7 +159,7 @@ def demo(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: a checkout in which the map of Helsinki was not made.
+        InputError: a checkout without the generated map of Helsinki.
 
     Example:
         $ urbantwin demo -o urbantwin-demo
@@ -170,7 +169,7 @@ def demo(
 
     place = Path(out)
     extract, file = helsinki_extract(), place / "site" / "site.yaml"
-    if not file.exists():  # a person may have tried changes in it
+    if not file.exists():  # the user may have edited it
         with new_folder(file.parent):
             init_site(
                 file.parent,
@@ -184,16 +183,16 @@ def demo(
     made = _run_of(checked, place, workers=workers, pictures=True, progress=progress)
     try:
         view(made.dataset, save=made.page, frames=_ON_THE_PAGE, progress=progress)
-    except InputError as error:  # a checkout may be without the page; all else is made
+    except InputError as error:  # a checkout may lack the page's script
         tell_line(f"demo: no page: {error}", progress)
     return made
 
 
 def helsinki_extract() -> Path:
-    """Return the demo's map, which a wheel carries and ``hatch_build.py`` makes in a checkout.
+    """Return the demo's map, which a wheel contains and ``hatch_build.py`` generates in a checkout.
 
     Raises:
-        InputError: a checkout in which it was not made.
+        InputError: a checkout without the generated map.
     """
     extract = Path(__file__).parents[1] / "site" / "demo_map" / "Helsinki.osm.pbf"
     if not extract.is_file():
@@ -206,10 +205,10 @@ def helsinki_extract() -> Path:
 
 
 def _refuse_what_cannot_be_recorded(site: Site, workers: int | None) -> None:
-    """Refuse now what the last stage would refuse.
+    """Check early what the last stage would reject.
 
     Raises:
-        InputError: the number of workers, or a rig that rides on a class that does not drive.
+        InputError: the number of workers is wrong, or the traffic lacks the rig's carrier class.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", place="workers", expected="1 or more")

@@ -1,4 +1,4 @@
-"""Steps of experiments: drives, recordings, training and judgement, each of which is made once."""
+"""Steps of experiments (drives, recordings, training, evaluation), each run once."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 __all__ = ["WHOLE", "Workbench", "estimated_s", "minutes_text"]
 
-#: A recording teaches, or judges, as a whole.
+#: No split: a recording is used as a whole.
 WHOLE = SplitAsked((1.0, 0.0, 0.0))
-#: Estimated durations on two processors of a laptop, seconds, at least and at most: of a twin; of a
-#: second of traffic; of a frame of one sensor; of judging a frame; of a training step with its
-#: share of the second look.
+#: Estimated durations on two processors of a laptop, seconds, lower and upper: per twin, per second
+#: of traffic, per frame of a sensor, per evaluated frame, and per training step with its share of
+#: the second stage.
 _TWIN_S, _TRAFFIC_S, _FRAME_S, _JUDGED_S = (15.0, 200.0), (0.12, 1.2), (0.1, 0.8), (0.3, 1.5)
 _STEP_S = (0.13, 0.7)
-#: Factor of reading datasets and what else training takes beside its minutes.
+#: Factors on the training time for reading datasets and other overhead, lower and upper.
 _AROUND_TRAINING = (1.05, 1.4)
 
 
@@ -43,15 +43,15 @@ def estimated_s(
     minutes: float = 0.0,
     steps: float | None = None,
 ) -> tuple[float, float]:
-    """Return the least and the most seconds that steps are estimated to take on two processors.
+    """Return the lower and upper estimate of the run time on two processors, seconds.
 
     Args:
         twins: number of twins to build.
-        traffic_s: traffic to drive, seconds.
-        frames: number of frames to record, times one more than the sensors.
-        judged: number of frames to detect in and judge.
+        traffic_s: traffic to simulate, seconds.
+        frames: number of frames to record, times one more than the number of sensors.
+        judged: number of frames to detect in and evaluate.
         minutes: minutes of training.
-        steps: number of training steps, in place of minutes.
+        steps: number of training steps; replaces ``minutes``.
     """
     low, high = (
         twins * _TWIN_S[k]
@@ -76,14 +76,14 @@ def minutes_text(seconds: tuple[float, float]) -> str:
 
 @dataclass(frozen=True)
 class Workbench:
-    """Where the steps of an experiment are made one after the other; finished steps stay.
+    """Runs the steps of an experiment; finished steps are kept.
 
     Attributes:
-        journal: of the experiment: what is finished, by the hash of its inputs.
-        twin: that is driven and recorded.
-        workers: processes to record with.
-        device: of PyTorch.
-        progress: shows every stage.
+        journal: the experiment's journal of finished steps, by the hash of their inputs.
+        twin: twin to simulate and record.
+        workers: number of recording processes, or running helpers.
+        device: device of PyTorch.
+        progress: progress display of every stage.
     """
 
     journal: Journal
@@ -100,13 +100,13 @@ class Workbench:
     def once(
         self, place: str, make: Callable[[Path], object], inputs: Sequence[Path], **asked: object
     ) -> Path:
-        """Make a step unless it is finished, and return its folder.
+        """Run a step unless it is finished, and return its folder.
 
         Args:
-            place: of its folder in the experiment's.
-            make: makes it, in a folder.
-            inputs: artefacts and recordings that it is made from.
-            asked: everything else that it is made from, as JSON holds it.
+            place: path of its folder within the experiment's folder.
+            make: function that runs the step in a given folder.
+            inputs: input artefacts and recordings.
+            asked: all other inputs, JSON-compatible.
         """
         key = step_key({"inputs": [digest_of(one) for one in inputs], **asked})
         self.journal.once(place, key, make)
@@ -115,7 +115,7 @@ class Workbench:
     def motion(
         self, place: str, seconds: float | None, seed: int | None, changes: Mapping[str, Any]
     ) -> Path:
-        """Drive the twin's traffic with changes to it."""
+        """Simulate the twin's traffic with changes applied."""
 
         def make(folder: Path) -> None:
             driven(self.twin, folder, changes, seconds, seed, self.progress)
@@ -134,16 +134,16 @@ class Workbench:
         split: SplitAsked | None = WHOLE,
         **span: Any,  # noqa: ANN401 - see `record`
     ) -> Path:
-        """Record a motion by a rig.
+        """Record a motion with a rig.
 
         Args:
-            place: of the dataset's folder in the experiment's.
+            place: path of the dataset's folder within the experiment's folder.
             motion: the motion, or its folder.
-            spec: the rig with every change to it.
-            rig_file: where it was written.
-            background: ``FILE`` or ``NAME=FILE`` of what real sensors measured of the static world;
-                where they measured nothing, the twin is seen.
-            split: of the dataset; ``None``: the usual one.
+            spec: the rig, with all changes applied.
+            rig_file: the rig's file.
+            background: measured static worlds of real sensors, ``FILE`` or ``NAME=FILE``; the twin
+                is used where they have no data.
+            split: split of the dataset; ``None`` for the default split.
             span: ``seed``, ``start_s``, ``stop_s`` and ``every`` of `recording.recorded`.
         """
         from urbantwin.dataset.provenance import asked_of
@@ -167,7 +167,7 @@ class Workbench:
         split: SplitAsked | None = WHOLE,
         **span: Any,  # noqa: ANN401
     ) -> None:
-        """Record a motion by a rig into a folder; see `dataset`."""
+        """Record a motion with a rig into a folder; see `dataset`."""
         moving = motion if isinstance(motion, Motion) else Motion.open(motion)
         recorded(
             self.twin,
@@ -192,7 +192,7 @@ class Workbench:
         weights: Path | None = None,
         **how: Any,  # noqa: ANN401 - see `train`
     ) -> Path:
-        """Train a detector on datasets, from first weights if given."""
+        """Train a detector on datasets, from initial weights if given."""
         from urbantwin.interface.trained_model import train
 
         how = {"device": self.device, **how}
@@ -211,7 +211,7 @@ class Workbench:
         return self.once(place, make, [model, data])
 
     def report(self, place: str, model: Path, data: Path) -> Evaluation:
-        """Judge a detector by a labelled recording."""
+        """Evaluate a detector on a labelled recording."""
         from urbantwin.interface.evaluation_report import Evaluation, evaluate
 
         make = partial(evaluate, model, data, progress=self.progress)
