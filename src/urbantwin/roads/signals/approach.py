@@ -1,4 +1,4 @@
-"""Approaches of signalised junctions, seen by their traffic."""
+"""Approaches of signalised junctions, in the frame of their traffic."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from urbantwin.roads.model import (
 
 __all__ = ["Approach", "Exit", "Frame", "WaitingLane", "approaches_of", "stop_lines_within"]
 
-#: A way through the junction that turns less than this leads straight on, radians.
+#: Movements with a smaller turn lead straight on, radians.
 STRAIGHT = math.radians(50.0)
 #: Width of a stop line along the road, metres (US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
@@ -31,14 +31,14 @@ STOP_LINE_M = 0.4
 
 @dataclass(frozen=True)
 class Frame:
-    """Places ahead of (u) and to the left of (v) a point, metres; ``heading`` radians."""
+    """A frame at a point: u ahead, v to the left, metres; ``heading`` in radians."""
 
     x: float
     y: float
     heading: float
 
     def place(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
-        """Return points (N, 2) of the site frame."""
+        """Return points (N, 2) in the site frame."""
         c, s = math.cos(self.heading), math.sin(self.heading)
         u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
         return np.column_stack(
@@ -46,7 +46,7 @@ class Frame:
         )
 
     def locate(self, xy: ArrayLike) -> tuple[float, float]:
-        """Return u, v of a point of the site frame."""
+        """Return u, v of a point in the site frame."""
         dx, dy = np.asarray(xy, np.float64) - [self.x, self.y]
         c, s = math.cos(self.heading), math.sin(self.heading)
         return float(dx * c + dy * s), float(dy * c - dx * s)
@@ -54,13 +54,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class WaitingLane:
-    """A lane that waits at a signal: its signal at the stop line, and where it lies.
+    """A lane that waits at a signal.
 
     Attributes:
-        signal: the lane's signal, as it stands at the stop line.
-        v: the lane's middle, metres to the left of the approach's frame.
-        half: half its width.
-        shown: what it sees over the program: equal for lanes that go together.
+        signal: the lane's signal at the stop line.
+        v: offset of the lane's centre to the left in the approach's frame, metres.
+        half: half its width, metres.
+        shown: states that it sees over the program: equal for lanes that go together.
     """
 
     signal: RoadSignal
@@ -71,7 +71,7 @@ class WaitingLane:
 
 @dataclass(frozen=True)
 class Exit:
-    """Where traffic that goes straight on leaves the junction: a frame, and its outermost lane."""
+    """The exit for straight-on traffic: a frame, and the outer border of its outermost lane."""
 
     frame: Frame
     outer: float
@@ -86,10 +86,10 @@ class Approach:
         road: the street.
         forward: whether its traffic runs along the street's reference line.
         frame: at the street's end on its reference line, in the direction of travel.
-        line: how far beyond that end the stop line lies, metres: 0 but in junctions joined of many.
-        lanes: those that wait, from the kerb inwards.
+        line: distance of the stop line beyond that end, metres: 0 except in combined junctions.
+        lanes: the waiting lanes, from the kerb inwards.
         outward: 1 where the kerb is on the left of traffic, else -1.
-        exit: straight on beyond the junction, if anything is there.
+        exit: the exit straight on beyond the junction, if any.
     """
 
     program: str
@@ -103,18 +103,18 @@ class Approach:
 
     @cached_property
     def kerb(self) -> float:
-        """The border of the outermost lane, metres to the left of the frame."""
+        """Offset of the outermost lane's outer border to the left in the frame, metres."""
         outer = self.lanes[0]
         return outer.v + self.outward * outer.half
 
     @property
     def s(self) -> float:
-        """Station of the street's end."""
+        """Station of the street's end, metres."""
         return self.road.length if self.forward else 0.0
 
     @cached_property
     def groups(self) -> list[list[WaitingLane]]:
-        """Lanes that see the same, from the kerb inwards."""
+        """Groups of lanes with the same states, from the kerb inwards."""
         found: dict[tuple[str, ...], list[WaitingLane]] = defaultdict(list)
         for lane in self.lanes:
             found[lane.shown].append(lane)
@@ -122,10 +122,10 @@ class Approach:
 
 
 def approaches_of(model: LaneModel) -> list[Approach]:
-    """Return every approach whose lanes have signals at their stop lines.
+    """Return all approaches whose lanes have signals at their stop lines.
 
-    A stop line may lie within a junction that several of SUMO's are one in: its lanes are then
-    those of the street that leads there.
+    A stop line may lie within a junction that combines several of SUMO's. Its lanes are then those
+    of the street that leads there.
     """
     outward = -1 if model.driving_side == "right" else 1
     shows = {controller.name: controller for controller in model.controllers}
@@ -168,7 +168,7 @@ def approaches_of(model: LaneModel) -> list[Approach]:
 
 
 def stop_lines_within(model: LaneModel, approaches: Sequence[Approach]) -> list[RoadArea]:
-    """Return the stop lines of lanes that end within a junction, with ids of their own."""
+    """Return the stop lines of lanes that end within a junction, with new ids."""
     signals = {
         lane.signal.strip: lane.signal
         for approach in approaches
@@ -196,7 +196,7 @@ def stop_lines_within(model: LaneModel, approaches: Sequence[Approach]) -> list[
 
 
 def _entries(model: LaneModel) -> dict[str, set[tuple[int, bool, int]]]:
-    """Return strip within a junction -> streets that lead there, their directions and lanes."""
+    """Return strip within a junction -> the streets that lead there, with direction and lane."""
     found: dict[str, set[tuple[int, bool, int]]] = defaultdict(set)
     for junction in model.junctions:
         for connection in junction.connections:
@@ -220,7 +220,7 @@ def _place(model: LaneModel, signal: RoadSignal) -> NDArray[np.float64]:
 
 
 def _lane_of(road: ModelRoad, signal: RoadSignal) -> SectionLane:
-    """Return the lane that a signal at its stop line is for."""
+    """Return the lane that a signal at its stop line applies to."""
     section = road.section_at(min(signal.s, road.length - 1e-6))
     names = set(signal.strip.split())
     return next((x for x in section.directed if names & set(x.strip.split())), section.lanes[0])
@@ -240,7 +240,7 @@ def _waiting(
 
 
 def _shown(signal: RoadSignal, shows: SignalController | None) -> tuple[str, ...]:
-    """Return what a lane's main link shows over time: the link with the longest green."""
+    """Return the states over time of a lane's main link, the one with the longest green."""
     if shows is None or not shows.phases or not signal.links:
         return ()
 

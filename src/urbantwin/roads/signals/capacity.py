@@ -1,9 +1,8 @@
-"""What lanes with signals carry, and could: after the HCM's signalised junctions.
+"""Load and capacity of signalised lanes, after the HCM's signalised junctions.
 
-A lane's capacity is its saturation flow times the share of the cycle in which it has green. Turns
-across opposing traffic use the gaps that the opposing queue leaves, and two vehicles turn at the
-end of each green (HCM 2016, 31, permitted left turns). The loads of the movements that share a lane
-add up (HCM 2016, 20, shared lanes).
+A lane's capacity is its saturation flow times the green share of its cycle. Permitted turns across
+opposing traffic use gaps after the opposing queue, and two vehicles turn at the end of each green
+(HCM 2016, 31). The loads of movements that share a lane are added (HCM 2016, 20, shared lanes).
 """
 
 from __future__ import annotations
@@ -41,21 +40,22 @@ __all__ = [
     "saturation_flow",
 ]
 
-#: Vehicles that leave one lane in an hour of green (HCM 2016, 19: 1900 less usual adjustments).
+#: Saturation flow of a lane, vehicles per hour of green (HCM 2016, 19: 1900 less usual
+#: adjustments).
 SATURATION_VEH_H = 1800.0
 #: Cycles are 60 to 120 s (RiLSA 2015, 2.7.3: 90 s as a rule, at most 120 s), in steps of 5 s.
 SHORTEST_CYCLE_S, LONGEST_CYCLE_S, STEP_S = 60.0, 120.0, 5.0
-#: More than this share of a cycle cannot be green.
+#: Maximum green share of a cycle.
 MOST_RATIO = 0.9
 
 
 def cycle_s(ratios: Sequence[float], lost_s: float, least_s: float) -> float:
-    """Return the cycle, seconds.
+    """Return the cycle length by Webster's formula within its bounds, seconds.
 
     Args:
         ratios: critical flow ratio of each stage.
-        lost_s: seconds between the stages.
-        least_s: what the shortest greens and the time between them need.
+        lost_s: time between the stages in total, seconds.
+        least_s: minimum cycle from the shortest greens and the time between them, seconds.
     """
     whole = min(sum(ratios), MOST_RATIO)
     best = (1.5 * lost_s + 5.0) / (1.0 - whole)
@@ -64,13 +64,13 @@ def cycle_s(ratios: Sequence[float], lost_s: float, least_s: float) -> float:
 
 
 def capped(ratios: Sequence[float], most: float = MOST_RATIO) -> list[float]:
-    """Return flow ratios of which none asks for more than there is.
+    """Return flow ratios limited to a feasible share.
 
-    Who does has what the others leave, but no less than if all had the same.
+    Ratios above ``most`` share what the others leave, but get no less than an equal share.
 
     Args:
         ratios: critical flow ratio of each stage.
-        most: what can be green.
+        most: maximum green share of the cycle.
     """
     found = np.asarray(ratios, np.float64)
     far = found > most
@@ -81,12 +81,12 @@ def capped(ratios: Sequence[float], most: float = MOST_RATIO) -> list[float]:
 
 
 def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: float) -> list[float]:
-    """Share out green in whole seconds, by the flow ratios, to nobody less than its least.
+    """Divide green time into whole seconds by flow ratio, with a minimum per stage.
 
     Args:
         ratios: critical flow ratio of each stage.
         least: shortest green of each stage, whole seconds.
-        whole_s: seconds to share out; at least the sum of the shortest.
+        whole_s: total to divide, at least the sum of the shortest, seconds.
     """
     weights = np.maximum(np.asarray(ratios, np.float64), 1e-6)
     shortest = np.asarray(least, np.float64)
@@ -101,43 +101,43 @@ def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: floa
         free &= ~short
     whole = np.floor(found + 1e-6)
     rest = round(whole_s - whole.sum())
-    # What rounding leaves goes to those that it took most from.
+    # The remainder goes to the stages that rounding reduced most.
     for k in np.argsort(whole - found, kind="stable")[: max(rest, 0)]:
         whole[k] += 1.0
     return [float(seconds) for seconds in whole]
 
 
-#: (edge, next edge, the one after that or nothing) -> cars an hour.
+#: (edge, next edge, the one after that or empty) -> cars per hour.
 Flows = Mapping[tuple[str, str, str], float]
-#: Saturation flow of turns as a share of that straight on (HCM 2016, 19: 0.85 to 0.95), and where
-#: pedestrians cross at their exit.
+#: Saturation flow of turns as a share of straight-on flow (HCM 2016, 19: 0.85 to 0.95), and of
+#: movements with pedestrians crossing their exit.
 TURNING, BESIDE_WALKERS = 0.9, 0.75
-#: Headway of a queue in a bend: seconds, and metres at the bend's speed (the headway of simulated
-#: drivers; Kimber, McDonald and Hounsell, TRRL Research Report 67, 1986, measured how radius lowers
+#: Headway of a queue in a bend: seconds, plus metres at the bend's speed (of simulated drivers;
+#: Kimber, McDonald and Hounsell, TRRL Research Report 67, 1986, measured the effect of radius on
 #: the flow of turns).
 FOLLOWING_S, FOLLOWING_M = 1.35, 6.6
-#: Gap that a turn across opposing traffic needs, and what each vehicle behind it needs more, s.
+#: Critical gap of a turn across opposing traffic, and follow-up headway, seconds.
 GAP_S, NEXT_S = 4.5, 2.5
-#: Vehicles that turn at the end of a green.
+#: Vehicles that turn at the end of a permitted green.
 SNEAKERS = 2.0
-#: Seconds of a green that are lost when queues set out, less what they use of the yellow (HCM 2016,
-#: 19: 2 s and 2 s; simulated drivers use less of the yellow).
+#: Start-up lost time less the yellow time used, seconds (HCM 2016, 19: 2 s and 2 s; simulated
+#: drivers use less of the yellow).
 START_LOST_S = 1.0
-#: A movement's flow is put onto its lanes in so many parts.
+#: Number of increments in which a movement's flow is assigned to lanes.
 PARTS = 12
-#: Capacity of a link that never has green, cars an hour.
+#: Capacity of a link without green, cars per hour.
 NOTHING = 1e-3
-#: Where nothing is known of the traffic, a lane with signals has so many vehicles an hour more than
-#: its class usually has at midday (streets with signals are the busier ones, and the busiest hour
-#: counts), and at most a quarter of its saturation flow.
+#: Assumed flows without counts: added to the usual midday flow of a lane's class, because streets
+#: with signals are busier and the peak hour counts; and the maximum, a quarter of the saturation
+#: flow. Vehicles per hour.
 MORE_VEH_H, MOST_VEH_H = 200.0, 450.0
-#: Vehicles that go straight on for each one that turns either way.
+#: Assumed ratio of straight-on vehicles to those of each turn.
 STRAIGHT_ON = 3.0
 
 
 @dataclass(frozen=True)
 class LaneLoad:
-    """Flow of a lane, cars an hour, in all and of each link, and its share of the capacity."""
+    """Flow of a lane in total and per link, cars per hour, and its load as a share of capacity."""
 
     lane: str
     flow: float
@@ -146,18 +146,18 @@ class LaneLoad:
 
     @property
     def capacity(self) -> float:
-        """Cars an hour that it could carry of the same movements."""
+        """Capacity of the lane for the same mix of movements, cars per hour."""
         return self.flow / self.load if self.load else math.inf
 
 
 def saturation_flow(link: Link) -> float:
-    """Return the saturation flow of a link from a lane of its own, cars per hour of green."""
+    """Return the saturation flow of a link on an exclusive lane, cars per hour of green."""
     in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / link.bend_speed)
     return min(SATURATION_VEH_H * (TURNING if link.is_turn else 1.0), in_bend)
 
 
 def gap_flow(opposing: float) -> float:
-    """Return the vehicles an hour that turn through the gaps of opposing traffic, cars an hour."""
+    """Return the capacity of turns in gaps of opposing traffic, cars per hour."""
     if opposing < 1.0:
         return 3600.0 / NEXT_S
     rate = opposing / 3600.0
@@ -165,11 +165,11 @@ def gap_flow(opposing: float) -> float:
 
 
 class Choices(NamedTuple):
-    """Links that the vehicles of each flow may take.
+    """Alternative links for each flow.
 
     Attributes:
         links: all links of vehicles.
-        flows: links, and cars an hour that take one of them; the fewest links first.
+        flows: alternative links and cars per hour, fewest alternatives first.
     """
 
     links: tuple[Link, ...]
@@ -177,7 +177,7 @@ class Choices(NamedTuple):
 
 
 def choices_of(junction: Signalised, flows: Flows) -> Choices:
-    """Return the links of a junction that its flows may take."""
+    """Return the links of a junction that each of its flows may use."""
     by_movement: dict[tuple[str, str], list[Link]] = defaultdict(list)
     for link in junction.links:
         if link.movement != "walk":
@@ -185,7 +185,7 @@ def choices_of(junction: Signalised, flows: Flows) -> Choices:
     choices = []
     for edges, count in flows.items():
         links = by_movement.get(edges[:2], [])
-        # Before a short road a vehicle has to be on the right lane already.
+        # Before a short road a vehicle must already be in the correct lane.
         lead_on = [link for link in links if edges[2] in junction.onward.get(link.to, ())]
         if links and count:
             choices.append((len(lead_on or links), edges, lead_on or links, count))
@@ -195,11 +195,11 @@ def choices_of(junction: Signalised, flows: Flows) -> Choices:
 
 
 def on_lanes(choices: Choices, capacity: Callable[[Link], float]) -> dict[Link, float]:
-    """Return the flow of each link, cars an hour, where vehicles choose the lane with most room.
+    """Return the flow of each link, cars per hour, if vehicles choose the least loaded lane.
 
     Args:
         choices: links and flows.
-        capacity: of a link, if the lane were its own, cars an hour.
+        capacity: capacity of a link on an exclusive lane, cars per hour.
     """
     load: dict[str, float] = defaultdict(float)
     flow = dict.fromkeys(choices.links, 0.0)
@@ -214,12 +214,12 @@ def on_lanes(choices: Choices, capacity: Callable[[Link], float]) -> dict[Link, 
 
 
 def lane_loads(junction: Signalised, phases: Sequence[Phase], flows: Flows) -> list[LaneLoad]:
-    """Return the load of every lane that waits, the highest first.
+    """Return the load of each waiting lane, the highest first.
 
     Args:
-        junction: its links.
+        junction: the signalised junction.
         phases: its program.
-        flows: cars an hour from street to street.
+        flows: cars per hour from street to street.
     """
     choices = choices_of(junction, flows)
     even = on_lanes(choices, lambda link: SATURATION_VEH_H)
@@ -239,13 +239,13 @@ def lane_loads(junction: Signalised, phases: Sequence[Phase], flows: Flows) -> l
 def _capacity(
     junction: Signalised, link: Link, phases: Sequence[Phase], even: Mapping[Link, float]
 ) -> float:
-    """Return the capacity of a link, if the lane were its own, cars an hour.
+    """Return the capacity of a link on an exclusive lane, cars per hour.
 
     Args:
-        junction: all links.
-        link: one of them.
+        junction: the signalised junction.
+        link: one of its links.
         phases: the program.
-        even: flow of each link if all had green all the time, cars an hour.
+        even: flow of each link if all always had green, cars per hour.
     """
     cycle = sum(seconds for seconds, _ in phases)
     green = sum(seconds for seconds, state in phases if state[link.index] in "gG")
@@ -273,7 +273,7 @@ def _capacity(
 def _queue_s(
     opposing: Sequence[Link], phases: Sequence[Phase], cycle: float, even: Mapping[Link, float]
 ) -> float:
-    """Return the seconds that opposing queues of a red take to leave."""
+    """Return the discharge time of the longest opposing queue after red, seconds."""
     lanes: dict[str, float] = defaultdict(float)
     for link in opposing:
         lanes[link.lane] += even[link]
@@ -288,11 +288,11 @@ def _queue_s(
 def assumed_flows(
     root: etree._Element, junctions: Iterable[Signalised]
 ) -> dict[tuple[str, str, str], float]:
-    """Return (edge, next edge, nothing) -> vehicles an hour at signals, by the edges' class, lanes.
+    """Return (edge, next edge, empty) -> assumed cars per hour at signals, by class of street.
 
     Args:
         root: the network.
-        junctions: all signalised junctions in it.
+        junctions: all its signalised junctions.
     """
     flows: dict[tuple[str, str, str], float] = defaultdict(float)
     volumes = _lane_volumes(root)

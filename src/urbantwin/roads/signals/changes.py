@@ -1,4 +1,4 @@
-"""Changes between the stages of a signal program, and the phases that stages and changes make."""
+"""Intergreen changes between stages of a signal program, and the resulting phases."""
 
 from __future__ import annotations
 
@@ -13,30 +13,32 @@ from urbantwin.roads.signals.controlled_links import Link, Signalised
 
 __all__ = ["Change", "Changes", "all_red_s", "crossing_s", "phases_of_stages", "yellow_s"]
 
-#: Yellow by speed limit, m/s -> s (RiLSA 2015, 2.4: 3 s at 50 km/h, 4 s at 60, 5 s at 70).
+#: Duration of yellow by speed limit, m/s -> s (RiLSA 2015, 2.4: 3 s at 50 km/h, 4 s at 60, 5 s at
+#: 70).
 YELLOW_S = ((52 / 3.6, 3.0), (62 / 3.6, 4.0), (math.inf, 5.0))
-#: All red: (way + vehicle) / speed - 1 s (ITE, Guidelines for Determining Traffic Signal Change and
-#: Clearance Intervals, 2020: the first second is the next driver's reaction), metres, m/s, s.
+#: All-red time: (path length + vehicle length) / speed - 1 s (ITE, Guidelines for Determining
+#: Traffic Signal Change and Clearance Intervals, 2020: the first second is the next driver's
+#: reaction); metres, m/s, s.
 VEHICLE_M, SLOWEST_M_S, REACTION_S = 6.1, 6.0, 1.0
 SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
-#: Pedestrians walk 1.2 m/s (RiLSA 2015, 2.5).
+#: Walking speed, m/s (RiLSA 2015, 2.5).
 WALK_M_S = 1.2
-#: Green that vehicles which can only turn over crossings have after the pedestrians there, seconds:
-#: where many walk, no vehicle would pass else.
+#: Green after the pedestrians' green for lanes that only turn across crossings, seconds: with many
+#: pedestrians no vehicle would pass otherwise.
 AFTER_WALKERS_S = 5.0
-#: A link within the junction stays green until the last of a queue has come to it at this m/s,
-#: at most so long, seconds.
+#: A link within the junction stays green until the last of a queue reaches it at this speed, m/s,
+#: for at most the second, seconds.
 INNER_M_S, LONGEST_INNER_S = 6.0, 15.0
 
 
 def yellow_s(ending: Iterable[Link]) -> float:
-    """Return the yellow of links whose green ends, seconds."""
+    """Return the yellow time of links whose green ends, seconds."""
     fastest = max(link.speed for link in ending)
     return next(seconds for limit, seconds in YELLOW_S if fastest <= limit)
 
 
 def all_red_s(ending: Iterable[Link]) -> float:
-    """Return the seconds in which the last vehicles of links leave the junction."""
+    """Return the clearance time of the last vehicles of links, seconds."""
     clear = max(
         (link.length + VEHICLE_M) / max(link.speed, SLOWEST_M_S) - REACTION_S for link in ending
     )
@@ -44,7 +46,7 @@ def all_red_s(ending: Iterable[Link]) -> float:
 
 
 def crossing_s(link: Link) -> int:
-    """Return the seconds that pedestrians take over a crossing."""
+    """Return the walking time over a crossing, seconds."""
     return math.ceil(link.length / WALK_M_S - 1e-6)
 
 
@@ -53,12 +55,11 @@ class Change:
     """The change from one stage to the next; seconds from the end of the first.
 
     Attributes:
-        seconds: when the next stage begins.
-        yellow: of vehicles whose green ends.
-        starts: link -> when its green begins, where that is not with the stage.
-        ends: link -> when its green ends, where that is not with the stage; that of pedestrians
-            ends before it.
-        over: when everything of the first stage is over.
+        seconds: start of the next stage.
+        yellow: duration of yellow for vehicles whose green ends.
+        starts: link -> start of its green, if not with the stage.
+        ends: link -> end of its green, if not with the stage; that of pedestrians is earlier.
+        over: end of all yellow and clearance times of the first stage.
     """
 
     seconds: float
@@ -72,7 +73,7 @@ class Changes:
     """Changes between the stages of a junction.
 
     Args:
-        junction: its links.
+        junction: the signalised junction.
     """
 
     def __init__(self, junction: Signalised) -> None:
@@ -81,8 +82,8 @@ class Changes:
     def between(self, green: Collection[int], after: Collection[int]) -> Change:
         """Return the change from the links of one stage to those of another.
 
-        Green begins when what has set out before is out of the way, at links within the junction
-        later than at the others; the stage begins when all but these have green.
+        Each green begins after conflicting traffic has cleared, later at links within the junction.
+        The next stage begins when all other links have green.
         """
         junction = self.junction
         late = self._late(green, after)
@@ -107,7 +108,7 @@ class Changes:
         return Change(begins, yellow, starts, ends, over)
 
     def _holds_up(self, walk: int, green: Collection[int]) -> bool:
-        """Whether a lane can go nowhere while pedestrians walk, those of this crossing included."""
+        """Return whether pedestrians of a crossing and others block a lane completely."""
         junction = self.junction
         people = [link for k in green if junction.is_walk(k) for link in junction.of_index[k]]
         own = junction.of_index[walk]
@@ -122,9 +123,9 @@ class Changes:
         )
 
     def _late(self, green: Collection[int], after: Collection[int]) -> dict[int, float]:
-        """Return by how many seconds the green of each ending link ends later than its stage."""
+        """Return the delay of the end of green of each ending link after its stage, seconds."""
         driven = [k for k in sorted(green) if not self.junction.is_walk(k)]
-        # What was let in comes to inner links that stay green as well as to those that do not.
+        # Admitted traffic reaches all inner links, including those that stay green.
         late = {k: 0.0 for k in driven if k not in after}
         for _ in driven:
             for k in driven:
@@ -147,9 +148,9 @@ def phases_of_stages(
     """Return the phases of a program.
 
     Args:
-        junction: its links.
+        junction: the signalised junction.
         stages: links that have green in each stage.
-        seconds: of each stage, without the change after it.
+        seconds: duration of each stage without the change after it.
         changes: from each stage to the next.
     """
     begins = [0.0]
@@ -178,7 +179,7 @@ def phases_of_stages(
 
 
 def _at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) -> set[int]:
-    """Return the links of which a span covers a time of the cycle."""
+    """Return the links with a time span that includes a time of the cycle."""
     return {
         index
         for index, start, stop in spans
@@ -187,7 +188,7 @@ def _at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) ->
 
 
 def _state(junction: Signalised, green: set[int], yellow: set[int]) -> str:
-    """Return the letters of a phase: ``g`` where a link gives way to another one that is on."""
+    """Return the state of a phase; ``g`` where a link yields to another active one."""
     found: Mapping[int, str] = dict.fromkeys(green, "G") | dict.fromkeys(yellow, "y")
     on = [link for index in sorted(found) for link in junction.of_index[index]]
     waiting = {
@@ -201,7 +202,7 @@ def _state(junction: Signalised, green: set[int], yellow: set[int]) -> str:
 
 
 def _joined(phases: Sequence[Phase]) -> tuple[Phase, ...]:
-    """Join phases that show the same."""
+    """Merge consecutive phases with equal states."""
     found: list[Phase] = []
     for seconds, state in phases:
         if found and found[-1][1] == state:

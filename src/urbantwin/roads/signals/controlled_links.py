@@ -1,4 +1,4 @@
-"""Controlled links of each signal program: their approaches and conflicts."""
+"""Controlled links of signal programs: their approaches and conflicts."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ __all__ = [
     "signalised_junctions",
 ]
 
-#: Names of directions and their bearings, degrees clockwise from north.
+#: Compass directions and their bearings, degrees clockwise from north.
 COMPASS = {
     name: 45.0 * k
     for k, name in enumerate(
         "north northeast east southeast south southwest west northwest".split()
     )
 }
-#: SUMO's letters for the direction of a connection.
+#: Movements by SUMO's letters for the direction of a connection.
 MOVEMENTS = {
     "s": "through",
     "l": "left",
@@ -44,37 +44,37 @@ MOVEMENTS = {
     "R": "right",
     "t": "u-turn",
 }
-#: Approaches whose directions differ by less lie side by side on one arm; those that differ by more
-#: than the second angle face each other, degrees.
+#: Approaches whose bearings differ by less are on one arm; by more than the second, they are
+#: opposite, degrees.
 SAME_ARM_DEG, FACING_DEG = 30.0, 120.0
-#: A road between two stop lines of one program that is shorter is part of the junction, metres.
+#: A shorter road between two stop lines of one program is part of the junction, metres.
 INNER_M = 40.0
-#: The approach's direction is measured over this much of its end, metres.
+#: Length at the end of an approach over which its bearing is measured, metres.
 APPROACH_M = 25.0
-#: On a road that is shorter nobody changes lanes who can be on the right one before, metres.
+#: On shorter roads vehicles do not change lanes if they can do so before, metres.
 CHANGING_M = 60.0
 
 
 @dataclass(frozen=True)
 class Link:
-    """One connection that a program gives green to.
+    """A connection controlled by a signal program.
 
     Attributes:
-        index: its place in the program's states.
-        junction: the junction that it leads through.
-        row: its row in the junction's table of conflicts.
+        index: its index in the program's states.
+        junction: id of its junction.
+        row: its row in the junction's conflict table.
         lane: the lane that waits; of a crossing, the crossing.
         to: the lane that it leads to.
-        road: the SUMO edge of the lane that waits.
-        street: the street's name.
+        road: SUMO edge of the lane that waits.
+        street: name of the street.
         movement: left, through, right, u-turn; ``walk`` for a crossing.
-        bearing: direction from the junction to the arm that it comes from, or, for a crossing,
-            that it lies across; degrees clockwise from north.
-        length: of the way through the junction, or across the road, metres.
-        speed: the speed limit there, m/s.
-        bend_speed: the speed at which its sharpest bend is taken, m/s, at most the limit.
-        crosses: of a crossing, the edges that it leads over.
-        cycle_track: whether it leads on along a cycle track.
+        bearing: direction from the junction to its arm (for a crossing, the crossed arm), degrees
+            clockwise from north.
+        length: length through the junction, or across the road, metres.
+        speed: speed limit, m/s.
+        bend_speed: speed in its sharpest bend, m/s, at most the limit.
+        crosses: edges that a crossing leads over.
+        cycle_track: whether it continues along a cycle track.
     """
 
     index: int
@@ -93,23 +93,23 @@ class Link:
     cycle_track: bool = False
 
     def __hash__(self) -> int:
-        """Of two fields that tell links apart: tables of links are asked all the time."""
+        """Return the hash of junction and row, which identify a link: lookups are frequent."""
         return hash((self.junction, self.row))
 
     @property
     def arm(self) -> str:
-        """The arm's name: one of ``COMPASS``."""
+        """Compass direction of its arm: one of ``COMPASS``."""
         return min(COMPASS, key=lambda name: turn_between(COMPASS[name], self.bearing))
 
     @property
     def is_turn(self) -> bool:
-        """Whether it leaves the approach's own direction."""
+        """Whether it is a turn or U-turn."""
         return self.movement in ("left", "right", "u-turn")
 
 
 @dataclass(frozen=True)
 class Feeder:
-    """A link that leads to another stop line: its index, and metres from stop line to stop line."""
+    """A link that leads to another stop line: its index, and that distance, metres."""
 
     index: int
     length: float
@@ -117,21 +117,21 @@ class Feeder:
 
 @dataclass(frozen=True)
 class Signalised:
-    """What one signal program controls.
+    """The links controlled by one signal program.
 
     Attributes:
-        program: the program's id.
+        program: id of the program.
         junctions: ids of the junctions.
-        streets: names of the streets that meet there, in the order of the compass.
-        xy: (2,) its middle, site frame, metres.
-        links: every link, in the order of its index; one index may have several.
-        foes: pairs of rows of one junction whose ways cross or merge: (junction, row, row).
-        yields: (junction, row, row): the former gives way to the latter.
-        offset: seconds by which the program starts late.
-        phases: what it shows, as long as it usually does.
-        longest: the same, as long as it does at most where traffic extends it.
+        streets: names of the streets that meet there, in compass order.
+        xy: (2,) its centre, site frame, metres.
+        links: all links, sorted by index; links may share an index.
+        foes: pairs of rows of one junction whose paths cross or merge: (junction, row, row).
+        yields: (junction, row, row): the former yields to the latter.
+        offset: delay of the program's start, seconds.
+        phases: its phases with their usual durations.
+        longest: the same with maximum durations if traffic extends them.
         onward: lane of a short road behind the junction -> the edges that it leads to.
-        inner_m: edge between two of the junctions, where a link waits again -> its length, metres.
+        inner_m: edge between two of the junctions, with a further stop line -> its length, metres.
     """
 
     program: str
@@ -149,12 +149,12 @@ class Signalised:
 
     @property
     def size(self) -> int:
-        """How many letters a state has."""
+        """Number of letters of a state."""
         return 1 + max((link.index for link in self.links), default=-1)
 
     @property
     def cycle(self) -> float:
-        """Seconds that the program lasts."""
+        """Cycle length, seconds."""
         return sum(seconds for seconds, _ in self.phases)
 
     @cached_property
@@ -167,23 +167,23 @@ class Signalised:
 
     @cached_property
     def yields_to(self) -> Mapping[Link, tuple[Link, ...]]:
-        """Links that each link gives way to, in the order of ``links``."""
+        """Links that each link yields to, in the order of ``links``."""
         return {
             link: tuple(other for other in self.links if self.gives_way(link, other))
             for link in self.links
         }
 
     def are_foes(self, a: Link, b: Link) -> bool:
-        """Whether two links' ways cross or merge."""
+        """Return whether the paths of two links cross or merge."""
         return a.junction == b.junction and (a.junction, a.row, b.row) in self.foes
 
     def is_walk(self, index: int) -> bool:
-        """Whether an index is that of a crossing."""
+        """Return whether an index belongs to a crossing."""
         return self.of_index[index][0].movement == "walk"
 
     @cached_property
     def feeders(self) -> Mapping[int, Sequence[Feeder]]:
-        """Index -> the links that lead to its stop line from another one of the program."""
+        """Index -> links that lead to its stop line from another stop line of the program."""
         found: dict[int, list[Feeder]] = {index: [] for index in self.of_index}
         for link in self.links:
             if link.movement == "walk" or link.road not in self.inner_m:
@@ -195,14 +195,14 @@ class Signalised:
         return found
 
     def together(self, i: int, j: int) -> bool:
-        """Whether the links of two indices may have green at once: at most one gives way."""
+        """Return whether the links of two indices may have green at the same time."""
         if (i, j) not in self._together:
             pairs = product(self.of_index[i], self.of_index[j])
             self._together[i, j] = i == j or not any(self._conflict(a, b) for a, b in pairs)
         return self._together[i, j]
 
     def fits(self, index: int, green: Iterable[int]) -> bool:
-        """Whether an index may have green together with each of others."""
+        """Return whether an index may have green together with all others given."""
         return all(self.together(index, other) for other in green)
 
     @cached_property
@@ -219,13 +219,13 @@ class Signalised:
         if SAME_ARM_DEG <= turn_between(a.bearing, b.bearing) <= FACING_DEG:
             return True
         if a.cycle_track or b.cycle_track:
-            # A turn off the street beside a cycle track meets its cyclists like pedestrians.
+            # A turn beside a cycle track conflicts with its cyclists as with pedestrians.
             turning = b if a.cycle_track else a
             return not turning.is_turn or not (self.gives_way(a, b) or self.gives_way(b, a))
         return not (self._waits_for(a, b) or self._waits_for(b, a))
 
     def _beside_a_turn(self, link: Link) -> bool:
-        """Whether two lanes of a road turn side by side, where one hides pedestrians."""
+        """Return whether the link turns beside another lane, so that vehicles hide pedestrians."""
         return link.is_turn and any(
             other.road == link.road
             and other.lane != link.lane
@@ -238,15 +238,16 @@ class Signalised:
         return a.is_turn and self.gives_way(a, b) and not self.gives_way(b, a)
 
     def meets_walkers(self, vehicle: Link, walk: Link) -> bool:
-        """Whether a link runs into people on a crossing other than by turning.
+        """Return whether a link conflicts with a crossing in any way other than as a turn.
 
-        Who turns gives way to people at the exit; before its own stop line nobody does.
+        Turning vehicles yield to pedestrians at their exit, but not to those before their own stop
+        line.
         """
         before = vehicle.road in walk.crosses
         return self.are_foes(vehicle, walk) and (before or not vehicle.is_turn)
 
     def gives_way(self, a: Link, b: Link) -> bool:
-        """Whether the former waits for the latter where both may go."""
+        """Return whether the former yields to the latter."""
         return a.junction == b.junction and (a.junction, a.row, b.row) in self.yields
 
 
@@ -256,7 +257,7 @@ def turn_between(a: float, b: float) -> float:
 
 
 def signalised_junctions(root: etree._Element) -> list[Signalised]:
-    """Read what the programs of a ``.net.xml`` control, sorted by program.
+    """Return the controlled links of all programs of a ``.net.xml``, sorted by program.
 
     Args:
         root: the network.
@@ -342,9 +343,9 @@ def rows_of_junction(
     outgoing: Mapping[str, list[etree._Element]],
     edges: Mapping[str, etree._Element],
 ) -> list[etree._Element]:
-    """Return the connections in the order of the junction's table of conflicts.
+    """Return the connections in the order of the junction's conflict table.
 
-    It leaves out the ways between sidewalks and corners.
+    It omits connections between sidewalks and walking areas.
     """
     return [
         item
@@ -373,7 +374,7 @@ def _streets(edges: Iterable[etree._Element]) -> dict[str, list[tuple[float, str
 
 
 def _bearing(shape: NDArray[np.float64]) -> float:
-    """Return the direction in which a line leaves its first point, degrees from north."""
+    """Return the bearing of a line at its first point, degrees clockwise from north."""
     along = stations_of_points(shape)
     reach = min(APPROACH_M, float(along[-1]))
     dx, dy = (np.interp(reach, along, shape[:, k]) - shape[0, k] for k in (0, 1))
@@ -390,7 +391,7 @@ def _link(
 ) -> Link:
     start, end = (f"{item.get(k)}_{item.get(k + 'Lane')}" for k in ("from", "to"))
     if item.get("from").startswith(":"):
-        # On foot: from a corner over a crossing.
+        # Pedestrians: from a walking area over a crossing.
         crossing = edges[item.get("to")]
         crossed = [edges[name] for name in crossing.get("crossingEdges", "").split()]
         bearing = _mean([_arm(edge, junction) for edge in crossed])
@@ -411,11 +412,12 @@ def _link(
             crosses=tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
-    # A cycle track goes straight on, however it bends.
+    # A cycle track continues straight on, however it bends.
     track = {edge.get("type"), edges[item.get("to")].get("type")} == {CYCLE_TRACK_TYPE}
     movement = "through" if track else MOVEMENTS.get(item.get("dir"), "through")
     via = lanes.get(item.get("via", ""))
-    # A way that waits halfway has a second part; its length is made up by the straight distance.
+    # A path with a waiting position has a second part; the straight distance accounts for its
+    # length.
     gap = _shape(lanes[end])[0] - _shape(lanes[start])[-1]
     length = max(float(np.hypot(*gap)), float(via.get("length")) if via is not None else 0.0)
     return Link(
@@ -436,7 +438,7 @@ def _link(
 
 
 def _bend_speeds(root: etree._Element) -> dict[str, float]:
-    """Return for each way that a signal stops, the first part of it, its lowest speed, m/s."""
+    """Return first lane of a signalised path -> its lowest speed in bends, m/s."""
     onward = {
         f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
         for item in root.iter("connection")
@@ -446,7 +448,7 @@ def _bend_speeds(root: etree._Element) -> dict[str, float]:
     for item in root.iter("connection"):
         if item.get("tl") and item.get("via") and not item.get("from").startswith(":"):
             first = item.get("via")
-            # A way that waits halfway has a second part.
+            # A path with a waiting position has a second part.
             parts[first] = [first, *filter(None, [onward.get(first)])]
     speeds = lane_speeds(root, {name for names in parts.values() for name in names})
     return {
@@ -456,7 +458,7 @@ def _bend_speeds(root: etree._Element) -> dict[str, float]:
 
 
 def _arm(edge: etree._Element, junction: str) -> float:
-    """Return the direction from a junction along one of its roads, degrees from north."""
+    """Return the bearing from a junction along one of its roads, degrees clockwise from north."""
     shape = _shape(edge.find("lane"))
     return _bearing(shape[::-1] if edge.get("to") == junction else shape)
 

@@ -1,6 +1,6 @@
 """Practice of countries for signals and signs: near side, far side or mast arm; which signs.
 
-Sources of where heads stand:
+Sources for the positions of heads:
 
 - United States and countries that follow it: MUTCD 2009, 4D.11 to 4D.15: the faces 40 to 180 ft
 beyond the
@@ -18,7 +18,7 @@ beyond the
 - Australia and New Zealand: Austroads Guide to Traffic Management Part 10; AS 1742.14: a primary at
   the stop line and a secondary at the far side, mast arms over three lanes and more.
 
-Signs' numbers are those of each country's own catalogue.
+Sign numbers are those of each country's own catalogue.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ Sign = TypeVar("Sign")
 
 @dataclass(frozen=True)
 class Practice:
-    """Where the heads for one approach stand.
+    """Positions of the signal heads of an approach.
 
     Attributes:
         near: at the stop line, on the kerb's side.
         far: beyond the junction, on the kerb's side.
-        arm_lanes: approaches of this many lanes and more have heads above their lanes too, on an
-            arm at the far side where there is one, else at the near side.
-        horizontal: lights stand side by side above lanes.
+        arm_lanes: minimum number of lanes of approaches with heads above their lanes too, on an arm
+            at the far side if there is one, else at the near side.
+        horizontal: whether heads above lanes are horizontal.
     """
 
     near: bool
@@ -64,7 +64,7 @@ class Practice:
 
 @dataclass(frozen=True)
 class SpeedSign:
-    """A country's sign of a speed limit, and what its plate looks like: round or upright."""
+    """A country's speed limit sign and the shape of its plate, round or upright."""
 
     type: str
     subtype: str = "-1"
@@ -104,7 +104,7 @@ _SPEED = {
     "TW": SpeedSign("限5"), "US": SpeedSign("R2-1", shape="upright"),
     "ZA": SpeedSign("R201"),
 }  # fmt: skip
-#: Stop and give way.
+#: Stop and give-way signs.
 _STOP = {
     "AU": "R1-1", "BE": "B5", "CA": "RA-1", "DE": "206", "DK": "B13", "FI": "B6", "FR": "AB4",
     "GB": "601.1", "IE": "RUS 027", "JP": "330", "NL": "B7", "NO": "204", "NZ": "R2-1",
@@ -118,17 +118,17 @@ _YIELD = {
 
 
 def practice_of(country: str) -> Practice:
-    """Return a country's practice (ISO 3166-1 alpha-2); the Vienna Convention's where unknown."""
+    """Return a country's practice (ISO 3166-1 alpha-2); by default the Vienna Convention's."""
     return _PRACTICE.get(country, _NEAR)
 
 
 def mph(country: str) -> bool:
-    """Whether a country posts speed limits in miles per hour."""
+    """Return whether a country posts speed limits in miles per hour."""
     return country in _MPH
 
 
 def speed_sign(country: str) -> tuple[str, SpeedSign]:
-    """Return catalogue and sign of a speed limit; German numbers where a country's are unknown."""
+    """Return catalogue and sign of a speed limit; by default the German number."""
     return _numbered(country, _SPEED, SpeedSign("274"))
 
 
@@ -143,7 +143,7 @@ def yield_sign(country: str) -> tuple[str, str]:
 
 
 def meaning_of(signal: RoadSignal) -> str | None:
-    """Return what a sign says: limit, stop or yield; ``None`` where it is something else."""
+    """Return the meaning of a sign: limit, stop or yield; ``None`` for others."""
     country = signal.country.upper()
     if signal.type == _STOP.get(country, "206"):
         return "stop"

@@ -1,10 +1,10 @@
-"""Programs of signals whose own nobody mapped or planned: SUMO's ``actuated`` controller.
+"""Default programs of signals, with SUMO's ``actuated`` controller.
 
-netconvert forms the stages: which lanes and crossings have green together, left turns from lanes
-of their own apart. They are kept where their greens agree with the network's table of conflicts.
-Yellow, all-red and clearance times are ours (``changes``), and so are the least greens, also of
-people. Up to its longest green a stage lasts while vehicles come; the longest greens share out the
-longest cycle by Webster's rule, so that at capacity all lanes are equally full.
+netconvert determines the stages: which lanes and crossings have green together, with separate
+stages for left turns on exclusive lanes. Stages are kept as far as they agree with the network's
+conflict table. Yellow, all-red and clearance times come from ``changes``, as do the minimum greens.
+Traffic extends a stage up to its maximum green; the maximum greens divide the longest cycle by
+Webster's rule, so that all lanes are equally saturated.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from urbantwin.roads.signals.plan import WALK_S
 
 __all__ = ["set_default_programs"]
 
-#: Shortest green of vehicles (RiLSA 2015, 2.7.2: 5 s, on main streets 10 s), and their red
-#: at a crossing away from junctions: 5 s to set out and 8 m at 1.2 m/s (RiLSA 2015, 2.5), seconds.
+#: Minimum green of vehicles (RiLSA 2015, 2.7.2: 5 s, on main streets 10 s), and their minimum red
+#: at a mid-block crossing: 5 s to set out and 8 m at 1.2 m/s (RiLSA 2015, 2.5), seconds.
 SHORTEST_GREEN_S, CROSSING_RED_S = 8.0, 12.0
-#: Smallest flow ratio of a stage, and how many vehicles that go straight on a permitted turn stands
-#: for at most (HCM 2016, 31).
+#: Minimum flow ratio of a stage, and maximum straight-on equivalent of a permitted turn (HCM 2016,
+#: 31).
 LEAST_RATIO, MOST_PATIENT = 0.02, 4.0
-#: A stage that asks for more than this share of the cycle has what the others leave.
+#: Maximum share of the cycle for one stage before it is limited to what the others leave.
 MOST_LOAD = 0.8
-#: Parameters of SUMO's controller: a queue that has stood for so long before a stop line does not
-#: extend its green, seconds.
+#: Parameters of SUMO's controller: queues that have been stopped at a stop line for longer do not
+#: extend the green, seconds.
 PARAMETERS = {"jam-threshold": "30"}
 
 
 def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool = False) -> None:
-    """Time the signals of a network anew, in the stages that they have.
+    """Write new programs for the signals of a network, with its existing stages.
 
     Args:
         net: the ``.net.xml``, rewritten.
-        flows: cars an hour; assumed by the streets' class and lanes when none are given.
-        fixed: write programs of fixed times, for flows that were counted.
+        flows: cars per hour; by default assumed from the class and lanes of streets.
+        fixed: write fixed-time programs, for counted flows.
     """
     tree = etree.parse(net)
     root = tree.getroot()
@@ -71,7 +71,7 @@ def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool =
 
 
 def _main_states(logic: etree._Element) -> list[str]:
-    """Return the states of the stages: those that traffic extends, or else those without yellow."""
+    """Return the states of the stages: the extended phases, or else those without yellow."""
     phases = list(logic.iter("phase"))
     extended = [phase for phase in phases if phase.get("minDur") is not None]
     found: list[str] = []
@@ -86,11 +86,11 @@ def _main_states(logic: etree._Element) -> list[str]:
 
 
 def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]:
-    """Return the links with green in each stage, those left out that meet others with green.
+    """Return the links with green in each stage, without conflicting ones.
 
-    Where vehicles would always have green, people alone follow: no sidewalk may be mapped there.
+    If vehicles always had green, a stage for pedestrians only follows.
     """
-    # What has right of way first, then what waits for it, then people and links within.
+    # Links with right of way first, then yielding links, then pedestrians and inner links.
     order = {letter: rank for rank, letter in enumerate("Gg")}
     stages: list[set[int]] = []
     for state in states:
@@ -104,7 +104,8 @@ def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]
     for k in sorted(junction.of_index):
         served = any(k in green for green in stages)
         for green in stages:
-            # A link within the junction goes with what comes to it, so that nobody stops inside.
+            # A link within the junction goes with the links that feed it, so that no vehicle stops
+            # inside.
             let_in = any(way.index in green for way in junction.feeders[k])
             if (let_in or not served) and junction.fits(k, green):
                 green.add(k)
@@ -117,7 +118,7 @@ def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]
 
 @dataclass(frozen=True)
 class _Timing:
-    """Seconds of the stages of a junction."""
+    """Durations of the stages of a junction, seconds."""
 
     junction: Signalised
     stages: Sequence[frozenset[int]]
@@ -132,17 +133,17 @@ class _Timing:
 
     @cached_property
     def lost_s(self) -> float:
-        """Seconds of a cycle between the stages."""
+        """Time between the stages in one cycle, seconds."""
         return sum(change.seconds for change in self.changes)
 
     @cached_property
     def least_s(self) -> list[float]:
-        """Shortest green of each stage, seconds."""
+        """Minimum green of each stage, seconds."""
         found = []
         for k, green in enumerate(self.stages):
             before, change = self.changes[k - 1], self.changes[k]
             driven = any(not self.junction.is_walk(index) for index in green)
-            # What the last stage left is over before the next change.
+            # The previous stage's clearance ends before the next change.
             shortest = SHORTEST_GREEN_S if driven else CROSSING_RED_S
             least = [shortest, before.over - before.seconds]
             for index in green:
@@ -162,7 +163,7 @@ class _Timing:
         of_lane: dict[str, float] = defaultdict(float)
         serving: dict[str, set[int]] = defaultdict(set)
         for link, count in carried.items():
-            # Vehicles an hour that the link gives way to in each stage in which it has green.
+            # Flow that the link yields to in each stage with green, vehicles per hour.
             opposing = {
                 k: sum(carried.get(other, 0.0) for other in self._opposing(link, green))
                 for k, green in enumerate(self.stages)
@@ -182,7 +183,7 @@ class _Timing:
         return [x for x in foes if x.index in green and x.movement != "walk"]
 
     def seconds(self, cycle: float | None = None) -> list[float]:
-        """Return the green of each stage for a cycle, seconds; for Webster's if none is given."""
+        """Return the green of each stage for a cycle, seconds; by default Webster's cycle."""
         needed = sum(self.least_s) + self.lost_s
         if cycle is None:
             cycle = cycle_s(self.ratios, self.lost_s, needed)
@@ -190,7 +191,7 @@ class _Timing:
         return green_seconds(ratios, self.least_s, max(cycle, needed) - self.lost_s)
 
     def phases(self, seconds: Sequence[float]) -> tuple[Phase, ...]:
-        """Return the phases for greens of the stages, seconds."""
+        """Return the phases for given greens of the stages, seconds."""
         return phases_of_stages(self.junction, self.stages, seconds, self.changes)
 
 
@@ -209,14 +210,14 @@ def _write(logic: etree._Element, timing: _Timing, *, fixed: bool) -> None:
         phase = etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
         if k in extended:
             stage = extended[k]
-            rest = seconds - usual[stage]  # the stage has parts before and after its main phase
+            rest = seconds - usual[stage]  # changes before and after the main phase
             phase.set("minDur", f"{max(rest + timing.least_s[stage], 1.0):g}")
             phase.set("maxDur", f"{rest + most[stage]:g}")
     etree.indent(logic, space=" ", level=1)
 
 
 def _extended(timing: _Timing, phases: Sequence[Phase]) -> Mapping[int, int]:
-    """Return phase -> the stage of vehicles that it is the main part of."""
+    """Return phase -> the vehicle stage that it is the main part of."""
     found: dict[int, int] = {}
     for stage, green in enumerate(timing.stages):
         if all(timing.junction.is_walk(k) for k in green):

@@ -1,4 +1,4 @@
-"""Placing signal heads on poles at the kerb and on mast arms, by country."""
+"""Placement of signal heads on poles at the kerb and on mast arms, by country."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from urbantwin.roads.signals.pole_sites import CLEARANCE_M, FreeGround
 
 __all__ = ["REACH_M", "pedestrian_heads", "place_heads"]
 
-#: Middle of a head over the carriageway: 2.2 m clear of the footway (MUTCD 4E.05: 2.1 m), metres.
+#: Height of a pedestrian head's centre: 2.2 m clear of the footway (MUTCD 4E.05: 2.1 m), metres.
 WALK_M = 2.65
 #: Height and width of a head of two lights of 200 mm, metres.
 WALKER_SIZE = (0.6, 0.3)
@@ -39,7 +39,7 @@ def pedestrian_heads(
     width: float,
     ground: FreeGround,
 ) -> list[RoadSignal]:
-    """Return a head at each end of a crossing, facing the other end."""
+    """Return a head at each end of a crossing that faces the other end."""
     area = next((a for a in model.areas if a.strip == signal.strip), None)
     road = model.road_by_id[area.road if area else signal.road]
     found = []
@@ -88,28 +88,29 @@ def _beside_crossing(
     return None
 
 
-#: How far outwards a free place for a pole is looked for, metres.
+#: Lateral search distance for a free place for a pole, metres.
 SEARCH_M = 12.0
-#: How far behind and before the stop line, where there is none at the kerb, metres.
+#: Search distance behind and before the stop line if there is no place at the kerb, metres.
 BEHIND_M, AHEAD_M = 10.0, 30.0
-#: The longest arm (usual up to 15 m: MUTCD-based state standards, e.g. Caltrans ES-7), metres.
+#: Maximum length of an arm (usual up to 15 m: MUTCD-based state standards, e.g. Caltrans ES-7),
+#: metres.
 REACH_M = 15.0
-#: A head beyond the junction is 12 to 55 m from the stop line (MUTCD 2009, 4D.14: 40 to 180 ft).
+#: Distance of far-side heads from the stop line, metres (MUTCD 2009, 4D.14: 40 to 180 ft).
 NEAREST_M, FARTHEST_M = 12.0, 55.0
-#: Middles of heads: over lanes 5.2 m clear (MUTCD 2009, 4D.15: 4.6 to 7.8 m; RiLSA: 4.5 m), beside
-#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), metres.
+#: Heights of the centres of heads: over lanes 5.2 m clear (MUTCD 2009, 4D.15: 4.6 to 7.8 m; RiLSA:
+#: 4.5 m), beside them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), metres.
 OVER_M, BESIDE_M = 5.7, 2.8
 #: Height and width of a head of three lights of 300 mm, metres.
 VEHICLE_SIZE = (1.0, 0.35)
-#: Heads side by side on one pole, metres.
+#: Spacing of heads side by side on one pole, metres.
 BESIDE_EACH_OTHER_M = 0.45
-#: The head nearest to the carriageway is so much nearer than its pole, metres.
+#: Maximum offset of a head from its pole towards the carriageway, metres.
 OVER_KERB_M = 0.15
-#: Heads over lanes hang at least this far apart, metres.
+#: Minimum spacing of heads over lanes, metres.
 SPACING_M = 1.6
-#: Lanes narrower than this are for cycles: no heads hang over them, metres.
+#: Narrower lanes are cycle lanes without heads over them, metres.
 CYCLE_LANE_M = 2.1
-#: No more heads than this over one approach.
+#: Maximum number of heads over one approach.
 MOST_OVER = 5
 
 
@@ -120,18 +121,18 @@ def place_heads(
     practice: Practice,
     height: SurfaceHeight,
 ) -> LaneModel:
-    """Return the model with the heads that a country puts up instead of one over each stop line.
+    """Return the model with signal heads placed by a country's practice.
 
-    Lanes that always see the same share heads. A head beside or over its own street has its place
-    there; one beyond the junction keeps ``s`` at the stop line and has a ``pose``. Every lane that
-    had a signal has one afterwards.
+    Lanes with identical states share heads. A head beside or over its own street is placed there;
+    one beyond the junction keeps ``s`` at the stop line and has a ``pose``. Every lane that had a
+    signal keeps one.
 
     Args:
         model: the lane model with a signal at every stop line and crossing.
         network: its lanes.
-        ground: where poles may stand.
+        ground: free places for poles.
         practice: the country's practice.
-        height: the surface.
+        height: heights of the surface.
     """
     approaches = approaches_of(model)
     model = replace(model, areas=(*model.areas, *stop_lines_within(model, approaches)))
@@ -155,7 +156,7 @@ def place_heads(
 def _raised(
     model: LaneModel, signals: Sequence[RoadSignal], height: SurfaceHeight
 ) -> list[RoadSignal]:
-    """Return signals whose poses stand on the surface, instead of at height zero."""
+    """Return signals whose poses are raised by the height of the surface."""
     found = list(signals)
     levels = [model.road_by_id[signal.road].level for signal in signals]
     for level in sorted(set(levels)):
@@ -180,14 +181,14 @@ def _controlled(
 
 
 def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[RoadSignal]:
-    """Return the heads of an approach, those that drivers pass first coming first."""
+    """Return the heads of an approach, in the order in which drivers pass them."""
     over = sum(lane.half > CYCLE_LANE_M / 2 for lane in approach.lanes) >= practice.arm_lanes
     far = _far_pole(approach, ground) if practice.far else None
     near = None
     if practice.near or far is None:
         near = _near_pole(approach, ground)
     if near is None and far is None:
-        # Junctions whose kerb is too far away: at their far side after all.
+        # The kerb is too far away: use the far side instead.
         far = _far_pole(approach, ground)
     found: list[RoadSignal] = []
     if near is not None:
@@ -213,27 +214,27 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
 
 
 def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
-    """Return u, v of a pole at the kerb beside the stop line."""
+    """Return u, v of a pole at the kerb beside the stop line; ``None`` if none is free."""
     v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
-    # Not past the stop line: waiting traffic must see it.
+    # Not beyond the stop line: waiting traffic must see it.
     u = approach.line - np.arange(0.0, 8.0, 0.5)
     return ground.nearest(approach.frame, u, v, approach.road.level)
 
 
 def _nearest_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
-    """Return u, v of the free place, on an island or a median, from which an arm is shortest."""
+    """Return u, v of the free place, such as an island or a median, with the shortest arm."""
     middle = float(np.mean([lane.v for lane in approach.lanes]))
     u = approach.line + np.arange(-BEHIND_M, AHEAD_M, 1.0)
     v = middle + np.arange(-REACH_M, REACH_M + 0.25, 0.5)
     grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    # Half as far along the street as across it, for traffic to see it where it waits.
+    # Distance along the street counts twice: waiting traffic must see the head.
     cost = np.abs(grid[:, 1] - middle) + 2.0 * np.abs(grid[:, 0] - approach.line)
     found = ground.cheapest(approach.frame.place(grid[:, 0], grid[:, 1]), cost, approach.road.level)
     return None if found is None else np.asarray(grid[found])
 
 
 def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
-    """Return u, v of a pole beyond the junction, at the kerb of what leads straight on."""
+    """Return u, v of a pole beyond the junction, at the kerb of the exit straight on."""
     level = approach.road.level
     if approach.exit is not None:
         frame = approach.exit.frame
@@ -244,7 +245,7 @@ def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | N
         u, v_there = approach.frame.locate(frame.place(*spot)[0])
         found = np.array([u, v_there])
     else:
-        # A junction that ends here: opposite, where its carriageway ends.
+        # The street ends at the junction: opposite, where the carriageway ends.
         middle = float(np.mean([lane.v for lane in approach.lanes]))
         ahead = approach.line + np.arange(NEAREST_M, FARTHEST_M, 0.25)
         free = ground.free(approach.frame.place(ahead, middle), level)
@@ -285,7 +286,7 @@ def _over_lanes(
     found = []
     last = -math.inf
     for v, lanes in rows if from_kerb else rows[::-1]:
-        # Where lanes do not lie before the arm, its heads stand along it in their order.
+        # If lanes are not in front of the arm, its heads are spaced along it in their order.
         reach = max(inward * (v - float(pole[1])), last + SPACING_M, 1.5)
         if reach > REACH_M:
             break
@@ -307,7 +308,7 @@ def _head(
     *,
     beyond: bool,
 ) -> RoadSignal:
-    """Return a head at u, v of an approach's frame, ``up`` metres over the carriageway."""
+    """Return a head at u, v of an approach's frame, ``up`` metres above the carriageway."""
     model = lanes[0].signal
     sign = 1.0 if approach.forward else -1.0
     common = replace(

@@ -1,6 +1,6 @@
-"""Signal plans in words turned into states of a program, checked for conflicts.
+"""Signal plans in words, converted to program states and checked for conflicts.
 
-Movements are named in a traffic engineer's words: ``north left``, ``southbound``, ``Main Street``.
+Movements are named as by traffic engineers: ``north left``, ``southbound``, ``Main Street``.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ MOVEMENT_WORDS = {
     "u-turn": "u-turn",
     "uturn": "u-turn",
 }
-#: An arm answers to a direction's name when it lies within this angle of it, degrees.
+#: Maximum angle between an arm and a named direction, degrees.
 WITHIN_DEG = 45.0
 
 
 class UnknownMovement(Exception):  # noqa: N818 - callers turn it into an InputError
-    """Words that match no movement of a junction."""
+    """No movement of a junction matches the words."""
 
     def __init__(self, problem: str, expected: str) -> None:
         super().__init__(problem)
@@ -62,10 +62,10 @@ class UnknownMovement(Exception):  # noqa: N818 - callers turn it into an InputE
 
 
 def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
-    """Return the links that words name.
+    """Return the vehicle links that match words.
 
     Raises:
-        UnknownMovement: they name none.
+        UnknownMovement: none matches.
     """
     text = " ".join(str(words).split())
     vehicles = [link for link in junction.links if link.movement != "walk"]
@@ -85,10 +85,10 @@ def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
 
 
 def crossings(junction: Signalised, words: str) -> list[Link]:
-    """Return the crossings over the arms that words name.
+    """Return the crossings over the arms that match words.
 
     Raises:
-        UnknownMovement: they name none.
+        UnknownMovement: none matches.
     """
     walkers = [link for link in junction.links if link.movement == "walk"]
     found = _of_approach(junction, walkers, " ".join(words.split()))
@@ -102,7 +102,7 @@ def crossings(junction: Signalised, words: str) -> list[Link]:
 
 
 def approaches(junction: Signalised) -> list[tuple[str, str]]:
-    """Return (arm, street) of every approach, clockwise from north."""
+    """Return (arm, street) of each approach, clockwise from north."""
     order = list(COMPASS)
     arms = {(link.arm, link.street) for link in junction.links if link.movement != "walk"}
     return sorted(arms, key=lambda pair: (order.index(pair[0]), pair[1]))
@@ -149,13 +149,13 @@ def _choices(junction: Signalised) -> str:
     return "one of " + ", ".join(listed)
 
 
-#: Pedestrians get at least 4 s to set out (MUTCD 2009, 4E.06).
+#: Minimum walk interval, seconds (MUTCD 2009, 4E.06).
 WALK_S = 4.0
 GREEN = "Gg"
 
 
 def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
-    """Whether two simultaneous greens conflict beyond one driver giving way to another."""
+    """Return whether simultaneous greens conflict beyond permitted yielding."""
     if not junction.are_foes(a, b) or a.road == b.road:
         return False
     if "walk" in (a.movement, b.movement):
@@ -167,14 +167,14 @@ def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
 def check_conflicts(
     junction: Signalised, green: Iterable[Link], plan: SignalPlan, where: tuple[int | str, ...]
 ) -> None:
-    """Check that links that have green together do not cross each other.
+    """Check that links with simultaneous green do not conflict.
 
     Raises:
-        InputError: two do.
+        InputError: two of them conflict.
     """
     pairs = [pair for pair in combinations(green, 2) if _conflict(junction, *pair)]
     if pairs:
-        # Through movements make the clearest message.
+        # Name through movements in the message if possible.
         a, b = max(pairs, key=lambda pair: sum(not link.is_turn for link in pair))
         raise plan.error(
             f"gives green to conflicting traffic: {link_in_words(a)} and {link_in_words(b)}",
@@ -192,11 +192,11 @@ def link_in_words(link: Link) -> str:
 
 
 def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
-    """Return the phases of a plan that is written letter by letter.
+    """Return the phases of a plan with explicit states.
 
     Raises:
-        InputError: a state has too many or too few letters, gives right of way to conflicting
-            traffic, or goes to red without yellow.
+        InputError: a state has the wrong number of letters, gives right of way to conflicting
+            traffic, or changes to red without yellow.
     """
     phases = tuple((spec.seconds, spec.state) for spec in plan.spec.states or [])
     size = len(junction.phases[0][1]) if junction.phases else junction.size
@@ -228,10 +228,10 @@ def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
 
 
 def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]) -> None:
-    """Check that everybody gets green, and none that is too short.
+    """Check that each link gets green, and none that is too short.
 
     Raises:
-        InputError: a movement never gets green, or too short a one.
+        InputError: a movement never gets green, or too short a green.
     """
     where = ("phases",) if plan.spec.phases is not None else ("states",)
     never = [
@@ -255,7 +255,7 @@ def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]
 
 
 def _shortest(on: Sequence[bool], seconds: Sequence[float]) -> float:
-    """Return the shortest unbroken green, the program running round and round."""
+    """Return the shortest continuous green of a cyclic program, seconds."""
     if all(on):
         return math.inf
     start = on.index(False)
@@ -271,15 +271,15 @@ def _shortest(on: Sequence[bool], seconds: Sequence[float]) -> float:
 
 
 def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
-    """Return the offset, seconds, and the phases that a plan means at a junction.
+    """Return the offset, seconds, and the phases of a plan at a junction.
 
     Args:
-        junction: the signals that it is for.
-        plan: what was written.
+        junction: the signalised junction.
+        plan: its plan from ``site.yaml``.
 
     Raises:
         InputError: an approach is unknown, greens conflict or are too short, a movement never gets
-            green, or the phases do not last as long as the cycle.
+            green, or the phases do not add up to the cycle.
     """
     spec = plan.spec
     if spec.phases is not None:
@@ -329,7 +329,7 @@ def _from_words(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
 def _walked(
     junction: Signalised, stages: Sequence[set[int]], k: int, length: float, between: float
 ) -> dict[int, float]:
-    """Return when people's green ends, seconds from the end of its stage: before it."""
+    """Return the ends of pedestrian greens, seconds relative to the end of the stage (negative)."""
     stopping = [
         link
         for index in stages[k] - stages[(k + 1) % len(stages)]
@@ -349,7 +349,7 @@ def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> 
         except UnknownMovement as error:
             where = ("phases", k, "green", number)
             raise plan.error(error.problem, where, error.expected) from None
-        # Links that share an index are switched together.
+        # Links that share an index switch together.
         found |= {x.index: x for link in chosen for x in junction.of_index[link.index]}
     return [found[index] for index in sorted(found)]
 
@@ -357,7 +357,7 @@ def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> 
 def _walks(
     junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec, green: Sequence[Link]
 ) -> list[Link]:
-    """Return the crossings with green: as told, else those crossed by turning traffic at most."""
+    """Return the crossings with green: those planned, else those crossed only by turns."""
     if spec.walk is not None:
         found: dict[int, Link] = {}
         for number, words in enumerate(spec.walk):
@@ -386,7 +386,7 @@ def _walks(
 
 
 def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
-    """Return yellow and all-red after a phase, seconds."""
+    """Return yellow and all-red time after a phase, seconds."""
     if not ending:
         return spec.yellow or 0.0, spec.all_red or 0.0
     return (
@@ -396,7 +396,7 @@ def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
 
 
 def _seconds(plan: SignalPlan, specs: Sequence[PhaseSpec], between: float) -> list[float]:
-    """Return the green of each phase, those that give none sharing what the cycle leaves."""
+    """Return the green of each phase; phases without a duration share the rest of the cycle."""
     given = [spec.seconds for spec in specs]
     open_ = given.count(None)
     if not open_:

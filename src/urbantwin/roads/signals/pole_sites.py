@@ -16,15 +16,15 @@ from urbantwin.roads.signals.approach import Frame
 
 __all__ = ["CLEARANCE_M", "FreeGround"]
 
-#: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
+#: Distance of a pole's centre from the carriageway (MUTCD 2009, 4D.16 and 2A.19: 0.6 m), metres.
 CLEARANCE_M = 0.6
-#: Places that are tried first; twice as many each time that none is free.
+#: Number of places in the first batch; later batches double.
 FEW = 16
 DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 
 
 class FreeGround:
-    """Finds free places by their distance from lanes, without merging the lanes to one area."""
+    """Search for free places by distance from lanes, without a union of all lanes."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
@@ -45,7 +45,7 @@ class FreeGround:
 
     @cached_property
     def _corners(self) -> dict[str, list[shapely.Geometry]]:
-        """Where people wait, by junction."""
+        """Walking areas by junction."""
         found: dict[str, list[shapely.Geometry]] = defaultdict(list)
         for lane in self._network.lanes:
             if lane.kind == "walkingarea":
@@ -53,7 +53,7 @@ class FreeGround:
         return found
 
     def _core(self, junction: Junction) -> shapely.Geometry:
-        """Return a junction less the corners where people wait."""
+        """Return the area of a junction without its walking areas."""
         if junction.id not in self._cores:
             corners = area_union(self._corners[junction.id])
             self._cores[junction.id] = area_difference(junction.polygon, corners)
@@ -61,7 +61,7 @@ class FreeGround:
         return self._cores[junction.id]
 
     def free(self, xy: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
-        """Return which of points (N, 2) are free on a level."""
+        """Return the mask of points (N, 2) that are free on a level."""
         points = shapely.points(xy)
         taken = np.zeros(len(xy), bool)
         if level in self._lanes:
@@ -78,7 +78,7 @@ class FreeGround:
     def cheapest(
         self, xy: NDArray[np.float64], cost: NDArray[np.float64], level: int
     ) -> int | None:
-        """Return which of points (N, 2) is the free one of least cost (N,), if any is free."""
+        """Return the index of the cheapest free point of (N, 2); ``None`` if none is free."""
         order = np.argsort(cost, kind="stable")
         for part in np.split(order, FEW * np.array([1, 3, 7, 15])):
             free = self.free(xy[part], level)
@@ -89,26 +89,26 @@ class FreeGround:
     def nearest(
         self, frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], level: int
     ) -> NDArray[np.float64] | None:
-        """Return the free u, v of a frame that is nearest to the first of some u and of some v.
+        """Return the free u, v nearest to the first u and v; ``None`` if none is free.
 
         Args:
-            frame: where u and v are measured.
-            u: ahead, away from the first.
-            v: to the left, away from the first.
-            level: of the roads.
+            frame: frame of u and v.
+            u: candidates ahead, in order of increasing distance from the first.
+            v: candidates to the left, in order of increasing distance from the first.
+            level: level of the roads.
         """
         first = self.free(frame.place(u[0], v), level)
         if first[: max(1, len(v) // 4)].any():
             return np.array([u[0], v[np.argmax(first)]])
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-        # A step along the street costs a little more than one away from it.
+        # Distance along the street costs slightly more than distance away from it.
         cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
         found = self.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
         return None if found is None else np.asarray(grid[found])
 
 
 def _near_lanes(lanes: Sequence[Lane]) -> _Near:
-    """Return the middles of lanes, each near at half its width and a pole's clearance."""
+    """Return the centre lines of lanes, with half their width and a pole's clearance as reach."""
     owner = np.repeat(np.arange(len(lanes)), [len(lane.centre) for lane in lanes])
     lines = shapely.linestrings(
         np.concatenate([lane.centre[:, :2] for lane in lanes]), indices=owner
@@ -118,7 +118,7 @@ def _near_lanes(lanes: Sequence[Lane]) -> _Near:
 
 
 class _Near:
-    """Shapes, each with a distance at which points are near to it."""
+    """Shapes, each with a distance within which points are near it."""
 
     def __init__(self, shapes: Sequence[shapely.Geometry], reach: ArrayLike) -> None:
         self.shapes = np.asarray(shapes, object)
@@ -130,7 +130,7 @@ class _Near:
         shapely.prepare(self.shapes)
 
     def pairs(self, points: NDArray[np.object_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the indices of points and of the shapes that they are near to."""
+        """Return pairs of indices of points and of shapes near them."""
         k, j = self.tree.query(points)
         close = shapely.dwithin(self.shapes[j], points[k], self.reach[j])
         return k[close], j[close]

@@ -15,11 +15,11 @@ class Head:
     """A signal or a sign with its pose.
 
     Attributes:
-        signal: what it is.
-        x, y, z: its middle, site frame, metres.
-        heading: where it faces, radians.
-        level: of its road, 0 on the ground.
-        inside: whether it is for traffic within a junction.
+        signal: the signal or sign.
+        x, y, z: its centre, site frame, metres.
+        heading: direction that it faces, radians.
+        level: level of its road, 0 on the ground.
+        inside: whether it applies to traffic within a junction.
     """
 
     signal: RoadSignal
@@ -32,20 +32,20 @@ class Head:
 
 
 def pose_of(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float, float]:
-    """Return x, y, z of a signal's middle, metres, and the heading that it faces, radians."""
+    """Return x, y, z of a signal's centre, metres, and the heading that it faces, radians."""
     if signal.pose:
         x, y, z, heading = signal.pose
         return x, y, z, heading
     road = model.road_by_id[signal.road]
     x, y, z = (float(v) for v in road.place(signal.s, signal.t)[0])
     heading = road.curve.pose(signal.s)[2]
-    # A signal faces the traffic that it is for.
+    # A signal faces the traffic that it applies to.
     heading += 0.0 if signal.orientation == "-" else math.pi
     return x, y, z + signal.z, math.atan2(math.sin(heading), math.cos(heading))
 
 
 def heads_of(model: LaneModel) -> list[Head]:
-    """Return every signal and sign of a model where it is, in the model's order."""
+    """Return all signals and signs of a model with their poses, in the model's order."""
     found = []
     for signal in model.signals:
         road = model.road_by_id[signal.road]

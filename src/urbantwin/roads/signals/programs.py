@@ -1,4 +1,4 @@
-"""Setting planned signal programs in a SUMO network, and describing its programs."""
+"""Planned signal programs in a SUMO network, and descriptions of its programs."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from urbantwin.site.signals import SignalPlan
 
 __all__ = ["described_signals", "set_programs", "with_programs"]
 
-#: A place that a person gives may be this far from the junction that is meant, metres.
+#: Maximum distance between a place in a plan and its junction, metres.
 NEAREST_M = 100.0
 
 
 def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> int:
-    """Set the programs that a site plans in its SUMO network.
+    """Write the planned signal programs of a site into its SUMO network.
 
     Args:
-        net: the ``.net.xml``, rewritten if anything is planned.
-        plans: what ``site.yaml`` says.
+        net: the ``.net.xml``, rewritten if there are plans.
+        plans: the plans of ``site.yaml``.
         frame: the site frame.
 
     Returns:
-        How many programs were set.
+        The number of programs that were written.
 
     Raises:
-        InputError: a junction is not there or not unique, or a plan cannot be used.
+        InputError: a junction is missing or ambiguous, or a plan cannot be used.
     """
     if not plans:
         return 0
@@ -73,11 +73,11 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
 
 
 def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneModel:
-    """Return a lane model whose controllers run the programs of their names.
+    """Return a lane model whose controllers have the programs of the same name.
 
     Args:
         model: the lane model.
-        programs: what SUMO's network has.
+        programs: the programs of SUMO's network.
     """
     known = {program.id: program for program in programs}
     controllers = tuple(
@@ -90,7 +90,7 @@ def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneMo
 
 
 def described_signals(net: Path) -> dict[str, dict[str, Any]]:
-    """Return program -> its controlled movements and phases, in the words of plans.
+    """Return program -> its controlled movements and phases, in the terms of plans.
 
     Args:
         net: the ``.net.xml``.
@@ -128,7 +128,7 @@ def _described(junction: Signalised, logic: etree._Element) -> dict[str, Any]:
 
 
 def _extended(phase: etree._Element) -> dict[str, float]:
-    """Return how long a phase lasts at the least and at the most, where traffic extends it."""
+    """Return the minimum and maximum duration of a phase, if traffic extends it."""
     least, most = phase.get("minDur"), phase.get("maxDur")
     if least is None or most is None or least == most:
         return {}
@@ -158,7 +158,7 @@ def _shown(junction: Signalised, state: str) -> str:
 
 
 def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> Signalised:
-    """Return the junction that a plan is for."""
+    """Return the junction that a plan refers to."""
     spec = plan.spec
     listed = "; ".join(map(_named, there))
     expected = f"one of {listed}" if there else "no signals: the region has no signalised junction"

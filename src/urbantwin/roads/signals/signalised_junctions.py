@@ -1,8 +1,8 @@
-"""Signalised junctions as far as the map has them.
+"""Signalised junctions of the map.
 
-Mappers put ``highway=traffic_signals`` on the junction's own node, or at each stop line, up to
-tens of metres before the junction (OSM wiki, "Tag:highway=traffic_signals"). netconvert signalises
-nodes, so each signal is followed along its street to the node where streets meet.
+Mappers put ``highway=traffic_signals`` on the junction's own node, or at each stop line, up to tens
+of metres before the junction (OSM wiki, "Tag:highway=traffic_signals"). netconvert signalises
+nodes, so each signal is traced along its street to the node where streets meet.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from urbantwin.site.extract import Extract, Way
 
 __all__ = ["MappedSignals", "mapped_signals"]
 
-#: How far before its junction a signal may be mapped, and how far from one a signalised crossing
-#: may lie, metres along the street.
+#: Maximum distance of a signal and of a signalised crossing from its junction along the street,
+#: metres.
 SIGNAL_M = 40.0
 CROSSING_M = 20.0
-#: Least distance of a signalised crossing from any junction and from the streets' ends, metres:
-#: netconvert joins nearer ones.
+#: Minimum distance of a signalised mid-block crossing from junctions and from the streets' ends,
+#: metres: netconvert joins nearer ones.
 ALONE_M = 30.0
-#: Streets that meet this close to each other are one junction: what runs between is within it.
+#: Streets that meet within this distance of each other form one junction, metres.
 WITHIN_M = 28.0
 ONE_WAY = {"yes": 1, "1": 1, "true": 1, "-1": -1, "reverse": -1}
 SIGNALISED = {("highway", "traffic_signals"), ("crossing", "traffic_signals")}
@@ -35,14 +35,14 @@ SIGNALISED = {("highway", "traffic_signals"), ("crossing", "traffic_signals")}
 
 @dataclass(frozen=True)
 class MappedSignals:
-    """The signalised junctions and crossings that netconvert is given.
+    """The signalised junctions and crossings for netconvert.
 
     Attributes:
-        tags: node -> tags that netconvert reads instead of its own.
+        tags: node -> tags that replace its own.
         junctions: nodes that get signals.
-        inferred: those that get them from what is mapped on their arms.
-        mid_block: signalised crossings away from any junction, which get signals of their own.
-        left_out: signalised crossings too close to a junction that has no signals.
+        inferred: those that get them because of signals or crossings on their arms.
+        mid_block: signalised mid-block crossings, with their own signals.
+        left_out: signalised crossings too close to a junction without signals.
     """
 
     tags: dict[int, dict[str, str]]
@@ -54,7 +54,7 @@ class MappedSignals:
 
 @dataclass(frozen=True)
 class _Leg:
-    """One step along a street: the next node, metres, along the way or not, open to traffic."""
+    """A step along a street: next node, metres, whether along the way, whether open."""
 
     to: int
     length: float
@@ -66,12 +66,12 @@ Legs = Mapping[int, list[_Leg]]
 
 
 def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> MappedSignals:
-    """Find the junctions and crossings that mapped signals belong to.
+    """Return the junctions and crossings that mapped signals belong to.
 
-    A node where streets meet gets signals if it has them itself; if a signal stands before it on
-    an arm (``traffic_signals:direction`` is heeded) with no crossing between, which the signal
-    might be there for alone; or if signals, or at least two signalised crossings, lie on half of
-    the arms that traffic comes from.
+    A node where streets meet gets signals in one of three cases. It has them itself. Or an arm has
+    a signal (by ``traffic_signals:direction``) without a crossing between that could explain the
+    signal alone. Or signals, or at least two signalised crossings, lie on half of its incoming
+    arms.
 
     Args:
         extract: the map.
@@ -87,15 +87,15 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
         for node in way.nodes
         if node in legs
     }
-    # ``crossing=no`` is told of stop lines beside crossings.
+    # ``crossing=no`` occurs at stop lines beside crossings.
     crossings = walked | {
         n for n in legs if extract.node_tags.get(n, {}).get("crossing", "no") != "no"
     }
     own: set[int] = set()
     bare: set[int] = set()  # junctions with a signal on an arm, no crossing between
     arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal
-    crossed_arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a crossing's
-    ends: dict[int, set[int]] = {}  # signal or crossing -> the junction that it may belong to
+    crossed_arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal crossing
+    ends: dict[int, set[int]] = {}  # signal or crossing -> junctions that it may belong to
     for node in sorted(legs):
         tags = extract.node_tags.get(node, {})
         signal = tags.get("highway") == "traffic_signals"
@@ -134,7 +134,7 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
 
 
 def _is_alone(node: int, legs: Legs, meeting: set[int]) -> bool:
-    """Whether a street goes on from a node both ways without a junction close by."""
+    """Return whether a street continues from a node both ways without a junction close by."""
     if len(legs[node]) != 2:
         return False
     for leg in legs[node]:
@@ -148,7 +148,7 @@ def _is_alone(node: int, legs: Legs, meeting: set[int]) -> bool:
 
 
 def _cleared(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return a node's tags without what makes netconvert put a signal there."""
+    """Return a node's tags without those from which netconvert makes a signal."""
     return {key: value for key, value in tags.items() if (key, value) not in SIGNALISED}
 
 
@@ -171,8 +171,8 @@ def _reached(
 ) -> list[tuple[int, int, bool]]:
     """Return junction, last node before it, and whether a crossing lies between.
 
-    A signal is for the junction that its traffic comes to; a signalised crossing may lie on a
-    junction's exit as well. Between two junctions, the nearer one counts.
+    A signal belongs to the junction ahead of its traffic; a signalised crossing may also lie on a
+    junction's exit. Between two junctions, the nearer one counts.
     """
     found: list[tuple[float, int, int, bool]] = []
     forward = [leg.forward for leg in legs[node]]
@@ -197,7 +197,7 @@ def _reached(
 
 
 def _entries(node: int, legs: Legs, meeting: set[int]) -> int:
-    """Return how many arms bring traffic to a junction from outside it."""
+    """Return the number of arms with traffic into a junction from outside, at least 1."""
     count = 0
     for leg in legs[node]:
         way, before, at = leg.length, node, leg.to

@@ -1,4 +1,4 @@
-"""Signs: speed limits where they change, and mapped stop and give-way signs."""
+"""Signs: speed limits at their changes, and mapped stop and give-way signs."""
 
 from __future__ import annotations
 
@@ -25,40 +25,41 @@ from urbantwin.site.extract import Extract
 
 __all__ = ["add_signs"]
 
-#: Lower edges of plates (RiLSA and VwV-StVO to sections 39 to 43: 2.2 m; MUTCD 2A.18: 2.1 m).
+#: Clear height below plates, metres (RiLSA and VwV-StVO to sections 39 to 43: 2.2 m; MUTCD 2A.18:
+#: 2.1 m).
 CLEAR_M = 2.2
 #: Sizes of plates by shape: height and width, metres.
 SIZES = {"disc": (0.6, 0.6), "upright": (0.75, 0.6), "octagon": (0.75, 0.75),
          "triangle": (0.9, 0.9)}  # fmt: skip
-#: A limit is told this far beyond a junction or the region's border; streets shorter than the
-#: second have none, metres.
+#: Distance of a limit sign beyond a junction or the region's border, and minimum length of streets
+#: with one, metres.
 BEYOND_M, SHORTEST_M = 8.0, 20.0
-#: How far before its junction a stop sign may be mapped, metres (as signals).
+#: Maximum distance of a mapped stop sign from its junction, metres (as for signals).
 BEFORE_M = 40.0
-#: Places for posts are looked for this far from the lanes, metres.
+#: Lateral search distance for places of posts, metres.
 SEARCH_M = 10.0
-#: Limits that differ by less are the same, m/s.
+#: Limits that differ by less are equal, m/s.
 SAME_M_S = 0.3
 DRIVEN = ("driving", "bus")
 
 
 @dataclass(frozen=True)
 class _Course:
-    """One direction of a street: the way that traffic goes along it."""
+    """One direction of a street."""
 
     road: ModelRoad
     forward: bool
 
     @property
     def sections(self) -> tuple[tuple[float, LaneSection], ...]:
-        """Where each section begins in the direction of travel, and the section."""
+        """Station of the start of each section in the direction of travel, with the section."""
         if self.forward:
             return tuple((section.s, section) for section in self.road.sections)
         ends = self.road.section_ends
         return tuple(zip(ends, self.road.sections, strict=True))[::-1]
 
     def limit(self, section: LaneSection) -> float:
-        """Return the speed limit of a section, m/s; 0 where nothing drives this way."""
+        """Return the speed limit of a section, m/s; 0 without traffic in this direction."""
         return max(
             (
                 lane.speed_limit
@@ -91,17 +92,17 @@ class _Course:
 def add_signs(
     model: LaneModel, ground: FreeGround, extract: Extract, frame: SiteFrame, country: str
 ) -> tuple[LaneModel, dict[str, int]]:
-    """Return the model with signs of speed limits, stop and give way, and how many there are.
+    """Return the model with speed limit, stop and give-way signs, and counts of signs.
 
-    A limit is told where streets enter the region, where it changes along a street, and beyond a
-    junction that traffic reaches at another limit.
+    Speed limits are signed where streets enter the region, where the limit changes along a street,
+    and beyond a junction that traffic reaches at another limit.
 
     Args:
         model: the lane model.
-        ground: where posts may stand.
+        ground: free places for posts.
         extract: the map, for ``highway=stop`` and ``highway=give_way``.
         frame: the site frame.
-        country: whose signs they are (ISO 3166-1 alpha-2).
+        country: country of the signs (ISO 3166-1 alpha-2).
     """
     courses = {
         (road.id, forward): _Course(road, forward)
@@ -128,7 +129,7 @@ def _limits(
     catalogue, sign = speed_sign(country)
     unit, metres_per_second = ("mph", 0.44704) if mph(country) else ("km/h", 1 / 3.6)
     for course in courses.values():
-        # Roads that no way of the map stands for lie beyond the region.
+        # Roads without a way of the map lie beyond the region.
         if not any(course.road.ways) or course.road.length < SHORTEST_M:
             continue
         before: list[float] = _limits_before(model, courses, course)
@@ -147,7 +148,7 @@ def _limits(
 def _limits_before(
     model: LaneModel, courses: dict[tuple[int, bool], _Course], course: _Course
 ) -> list[float]:
-    """Return the limits of the streets that lead to where a course begins."""
+    """Return the limits of the streets that lead to the start of a course, m/s."""
     link = course.entry
     if link is None:
         return []
@@ -178,7 +179,7 @@ def _rights(
     frame: SiteFrame,
     country: str,
 ) -> Iterator[tuple[_Course, float, RoadSignal]]:
-    """Yield stop and give-way signs for the street whose end a mapped node stands before."""
+    """Yield stop and give-way signs for streets with a mapped node before their end."""
     signalised = {
         (signal.road, signal.orientation == "+") for signal in model.signals if signal.dynamic
     }
@@ -211,7 +212,7 @@ def _rights(
 def _mapped(
     extract: Extract, ways: Iterable[int], frame: SiteFrame
 ) -> Iterator[tuple[int, list[tuple[int, str, NDArray[np.float64], float | None, bool]]]]:
-    """Yield way -> its stop and give-way nodes: kind, place, heading stopped, all directions."""
+    """Yield way -> its stop and give-way nodes: kind, place, heading, for all directions."""
     for identity in sorted(ways):
         way = extract.ways.get(identity)
         if way is None:
@@ -237,7 +238,7 @@ def _mapped(
 def _before(
     course: _Course, xy: NDArray[np.float64], heading: float | None, *, everybody: bool
 ) -> float | None:
-    """Return how far before a course's end a node stands, if it is for its traffic."""
+    """Return a node's distance from a course's end, metres; ``None`` for other traffic's."""
     s, t = (float(v[0]) for v in course.road.curve.locate(xy[None]))
     away = course.end - s if course.forward else s - course.end
     beyond = -BEFORE_M / 2 if everybody else -8.0
@@ -267,7 +268,7 @@ def _placed(
     sign: RoadSignal,
     ground: FreeGround,
 ) -> RoadSignal | None:
-    """Stand a sign at the kerb of its traffic's side."""
+    """Return a sign placed at the kerb of its traffic's side; ``None`` if no place is free."""
     road = course.road
     s = float(np.clip(s, 0.0, road.length))
     section = road.section_at(min(s, road.length - 1e-6))
