@@ -1,4 +1,4 @@
-"""OpenDRIVE out and in: the lane model as ASAM OpenDRIVE 1.8, and as 1.4 for CARLA."""
+"""OpenDRIVE reading and writing: ASAM OpenDRIVE 1.8, and 1.4 for CARLA."""
 
 from urbantwin.roads.opendrive.reading import ReadMap, placed, read_opendrive
 from urbantwin.roads.opendrive.writing import VERSIONS, write_opendrive

@@ -1,4 +1,4 @@
-"""Arithmetic of profiles: sums, and their lowest value."""
+"""Arithmetic of profiles: sums, minima, conversion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["about", "added", "lowest", "stepped", "value"]
 
 
 def about(profile: Profile, s: float) -> NDArray[np.float64]:
-    """Return the coefficients (4,) of the cubic that holds from a station on, about it."""
+    """Return the coefficients (4,) of the cubic that begins at or before a station, about it."""
     k = max(0, int(np.searchsorted(profile.start, s + 1e-9, side="right")) - 1)
     a, b, c, d = profile.abcd[k]
     x = s - profile.start[k]
@@ -21,7 +21,7 @@ def about(profile: Profile, s: float) -> NDArray[np.float64]:
 
 
 def added(terms: Sequence[tuple[float, Profile]], length: float) -> Profile:
-    """Return the sum of profiles, each times a factor, over a length."""
+    """Return the weighted sum of profiles over a length, metres."""
     knots = {0.0, *(float(s) for _, p in terms for s in p.start if 1e-9 < s < length - 1e-9)}
     starts = sorted(knots)
     rows = [sum((f * about(p, s) for f, p in terms), np.zeros(4)) for s in starts]
@@ -29,12 +29,12 @@ def added(terms: Sequence[tuple[float, Profile]], length: float) -> Profile:
 
 
 def lowest(profile: Profile, length: float) -> tuple[float, float]:
-    """Return the smallest value of a profile from 0 to a length, and its station."""
+    """Return the minimum of a profile from 0 to a length, and its station."""
     ends = np.append(profile.start[1:], np.inf)
     ends = np.minimum(ends, length)
     start = np.maximum(profile.start, 0.0)
     _, b, c, d = profile.abcd.T
-    # Where the derivative b + 2 c x + 3 d x^2 is zero, if anywhere.
+    # Roots of the derivative b + 2 c x + 3 d x^2, if any.
     root = np.sqrt(np.maximum(c * c - 3 * b * d, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = [(-c + root) / (3 * d), (-c - root) / (3 * d), -b / (2 * c)]
@@ -52,7 +52,7 @@ def lowest(profile: Profile, length: float) -> tuple[float, float]:
 
 
 def stepped(stations: Iterable[float], values: Iterable[float]) -> Profile:
-    """Return a profile that is linear between values at ascending stations."""
+    """Return a piecewise linear profile through values at ascending stations."""
     s, v = np.array(list(stations), np.float64), np.array(list(values), np.float64)
     slope = np.append(np.diff(v) / np.maximum(np.diff(s), 1e-9), 0.0)
     zero = np.zeros(len(s))
@@ -60,7 +60,7 @@ def stepped(stations: Iterable[float], values: Iterable[float]) -> Profile:
 
 
 def value(profile: Profile, s: float) -> float:
-    """Return the value of a profile at one station; quicker than ``Profile.at``."""
+    """Return the value of a profile at one station; faster than ``Profile.at``."""
     k = (
         max(0, int(profile.start.searchsorted(s, side="right")) - 1)
         if len(profile.start) > 1

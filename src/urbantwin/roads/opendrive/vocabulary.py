@@ -1,4 +1,4 @@
-"""Vocabulary of OpenDRIVE and of the lane model: kinds of lanes, classes of actors, units."""
+"""Terms of OpenDRIVE and of the lane model: kinds of lanes, classes of actors, units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = [
     "usual_users",
 ]
 
-#: Kinds of lanes that something drives on.
+#: Kinds of lanes with traffic.
 DRIVEN = ("driving", "bus", "bicycle")
 _TYPES = {
     "driving": "driving",
@@ -25,14 +25,14 @@ _TYPES = {
     "sidewalk": "sidewalk",
     "curb": "curb",
     "median": "median",
-    # No version has islands; a median is raised between lanes too.
+    # OpenDRIVE has no islands; a median is also raised between lanes.
     "island": "median",
     "none": "none",
 }
-#: Kind of lane -> type in a version. 1.4H knows neither bus lanes nor curbs: a border is its hard
-#: edge of the carriageway. Kinds that the type does not tell are written beside it as ``userData``.
+#: Kind of lane -> type by version. 1.4H has neither bus lanes nor curbs: its border is the hard
+#: edge of the carriageway. Kinds without a type of their own are written as ``userData``.
 LANE_TYPES = {"1.8": _TYPES, "1.4": {**_TYPES, "bus": "driving", "curb": "border"}}
-#: Type of lane in any version (1.1 to 1.8) -> kind. What no road vehicle uses is ``none``.
+#: Type of lane in any version (1.1 to 1.8) -> kind; ``none`` for lanes without road vehicles.
 KIND_OF_TYPE = {
     **{kind: kind for kind in ("driving", "bus", "parking", "shoulder", "sidewalk", "curb")},
     **{kind: kind for kind in ("median", "none")},
@@ -48,7 +48,7 @@ KIND_OF_TYPE = {
     **dict.fromkeys(("stop", "border", "restricted", "roadWorks"), "shoulder"),
     **dict.fromkeys(("tram", "rail", "special1", "special2", "special3"), "none"),
 }
-#: Class of the street in OpenStreetMap's words -> type of road; all others are ``town``.
+#: Class of street as in OpenStreetMap -> type of road; all others are ``town``.
 ROAD_TYPES = {
     "": "unknown",
     "motorway": "motorway",
@@ -58,7 +58,7 @@ ROAD_TYPES = {
     "footway": "pedestrian",
     "cycleway": "bicycle",
 }
-#: Class of actor -> its name in ``<access>``.
+#: Class of actors -> its name in ``<access>``.
 ACCESS = {
     "car": "passengerCar",
     "truck": "truck",
@@ -67,7 +67,7 @@ ACCESS = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
-#: Unit of speed -> m/s. Files before 1.4 give none: they mean m/s.
+#: Unit of speed -> m/s. Files before 1.4 give none and use m/s.
 METRES_PER_SECOND = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
 
 

@@ -1,4 +1,4 @@
-"""Links missing in a file, inferred from where roads and lanes meet."""
+"""Links that are missing in a file, inferred from the positions of roads and lanes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["with_inferred_ends", "with_inferred_lanes"]
 
-#: Lanes of a road and a street that lie nearer are taken to meet, metres; and linked lanes.
+#: Maximum distance between the ends of a road and of a street that are linked, and of linked lanes,
+#: metres.
 ROADS_M, LANES_M = 1.0, 0.3
-#: A lane narrower than this ends there, metres.
+#: A narrower lane ends there, metres.
 NO_WIDTH_M = 1e-3
 
 _Lane = tuple[SectionLane, tuple[float, float]]
@@ -34,16 +35,16 @@ def with_inferred_ends(
     poses: Poses,
     spots: Mapping[int, Spot],
 ) -> None:
-    """Link roads through junctions, where they are not, to the streets whose ends they meet.
+    """Link unlinked roads through junctions to the streets at their ends.
 
-    And streets to the junctions.
+    Streets are linked to the junctions, too.
 
     Args:
-        by_id: roads by their ids, changed in place.
+        by_id: roads by id, changed in place.
         junctions: the junctions.
-        poses: where roads start and end.
-        spots: roads, for notes. A road through a junction that traffic drives on and that leads
-            nowhere is dropped.
+        poses: poses of the ends of roads.
+        spots: roads, for remarks. A road through a junction that has traffic but leads nowhere is
+            dropped.
     """
     _link_streets(by_id, spots)
     ends: dict[int, set[tuple[int, str]]] = {junction.id: set() for junction in junctions}
@@ -77,7 +78,7 @@ def with_inferred_ends(
 
 
 def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> None:
-    """Link streets to the junctions whose roads say that they begin or end at them."""
+    """Link streets to the junctions whose roads link to them."""
     for road in list(by_id.values()):
         if road.junction < 0:
             continue
@@ -102,15 +103,15 @@ def with_inferred_lanes(
     *,
     wrong: Collection[tuple[int, str, int]] = (),
 ) -> ModelRoad:
-    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet.
+    """Link unlinked lanes to the lanes whose ends coincide with theirs.
 
     Args:
         road: the road.
-        by_id: roads by their ids.
-        poses: where roads start and end.
+        by_id: roads by id.
+        poses: poses of the ends of roads.
         spot: the road, for remarks.
-        wrong: number of the section, ``predecessor`` or ``successor``, and lane of links that the
-            file has wrong: these lanes are linked even where others of their section are.
+        wrong: section number, ``predecessor`` or ``successor``, and lane of invalid links: these
+            lanes are linked even if others of their section have links.
     """
     sections = list(road.sections)
 
@@ -145,7 +146,7 @@ def _is_linked(section: LaneSection, tag: str) -> bool:
 
 
 def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection:
-    """Return a section whose unlinked driven lanes are linked to lanes that are linked to them."""
+    """Return a section whose unlinked lanes are linked back to lanes that are linked to them."""
     back = "successor" if tag == "predecessor" else "predecessor"
     links = {getattr(lane, back): lane for lane in reversed(other.lanes) if lane.kind in DRIVEN}
     found = {
@@ -160,12 +161,12 @@ def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection
 
 
 def _with_links(section: LaneSection, tag: str, links: Mapping[int, int]) -> LaneSection:
-    """Return a section with links of lanes, by their ids; other lanes keep theirs."""
+    """Return a section with given links by lane id; other lanes keep theirs."""
     return with_lane_links(section, tag, lambda lane, link: links.get(lane.id, link))
 
 
 def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:
-    """Return the lanes of a section that are open at a station, with their middles across."""
+    """Return the lanes of a section open at a station, with their lateral position."""
     found = {}
     for sign in (1, -1):
         t = value(road.offset, s)
@@ -176,14 +177,14 @@ def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]
             width = value(lane.width, s - section.s)
             if lane.kind in DRIVEN and width > NO_WIDTH_M:
                 along = 1.0 if lane.forward else -1.0
-                # Lanes of different directions must not meet: they are kept 100 m apart.
+                # Lanes of opposite directions must not match: they are kept 100 m apart.
                 found[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
             t += sign * width
     return found
 
 
 def _at(road: ModelRoad, end: str, poses: Poses, *, outwards: bool) -> dict[int, _Lane]:
-    """Return driven lanes at an end of a road; those that are not ``outwards`` lie far off."""
+    """Return driven lanes at an end of a road; those not ``outwards`` are placed far away."""
     places = middles(road, end, poses)
     found = {}
     for lane in end_section(road, end).lanes:
@@ -194,7 +195,7 @@ def _at(road: ModelRoad, end: str, poses: Poses, *, outwards: bool) -> dict[int,
 
 
 def _gap(mine: Mapping[int, _Lane], other: ModelRoad, contact: str, poses: Poses) -> float:
-    """Return how far lanes lie from the nearest lanes of a road that they could go on as."""
+    """Return the distance to the nearest lanes that could continue the given ones, metres."""
     theirs = _at(other, contact, poses, outwards=contact == "start")
     return min(
         (math.dist(a, b) for _, a in mine.values() for _, b in theirs.values()), default=math.inf
@@ -209,9 +210,9 @@ def _found(
     spot: Spot,
     wrong: Collection[int],
 ) -> LaneSection:
-    """Return a section whose lanes are linked to those that they meet.
+    """Return a section whose lanes are linked to the nearest lanes of another.
 
-    These are all if none is linked, else those whose own links are ``wrong``.
+    If none has a link, all are linked; else those whose own links are ``wrong``.
     """
     linked = _is_linked(section, tag)
     if not theirs:

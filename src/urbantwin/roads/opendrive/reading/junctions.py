@@ -1,4 +1,4 @@
-"""Reading junctions: connecting roads, and the roads and lanes that they join."""
+"""Junctions: connecting roads, and the roads and lanes that they link."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Node", "Poses", "end_section", "middles", "read_connections", "read_
 
 @dataclass(frozen=True)
 class Node:
-    """A junction as written: its connections as elements."""
+    """A junction as written, with its connections as XML elements."""
 
     id: str
     name: str
@@ -27,29 +27,29 @@ class Node:
 
     @property
     def is_midway(self) -> bool:
-        """Whether it lies beside a road that goes on: nothing ends there."""
+        """Return whether it lies along a continuous road: no road ends there."""
         return self.kind in ("virtual", "crossing")
 
 
 class Poses:
-    """Where the reference lines of roads start and end; each is looked up once."""
+    """Cached poses of the ends of reference lines."""
 
     def __init__(self) -> None:
         self._known: dict[int, dict[str, tuple[float, float, float]]] = {}
 
     def at(self, road: ModelRoad, end: str) -> tuple[float, float, float]:
-        """Return x, y and heading at ``start`` or ``end`` of a road."""
+        """Return x, y, heading at the ``start`` or ``end`` of a road."""
         if road.id not in self._known:
             (x0, y0, h0), (x1, y1, h1) = road.curve.at([0.0, road.length]).tolist()
             self._known[road.id] = {"start": (x0, y0, h0), "end": (x1, y1, h1)}
         return self._known[road.id][end]
 
     def gap(self, road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
-        """Return how far the ends of two reference lines lie apart, metres."""
+        """Return the distance between the ends of two reference lines, metres."""
         return math.dist(self.at(road, end)[:2], self.at(other, contact)[:2])
 
     def nearer(self, road: ModelRoad, end: str, other: ModelRoad) -> str:
-        """Return which end of another road lies nearer to an end of a road."""
+        """Return the end of another road that is nearer to an end of a road."""
         return min(("start", "end"), key=lambda contact: self.gap(road, end, other, contact))
 
 
@@ -76,18 +76,17 @@ def read_connections(
 ) -> tuple[Connection, ...]:
     """Return the connections of a junction.
 
-    A road through it that does not say what it is linked to gets the link that its connection
-    tells, in ``by_id``. In a direct junction (1.7 on) the connecting road is the continuation of
-    the other road: there is no road between them.
+    A connecting road without links gets that of its connection, in ``by_id``. In a direct junction
+    (1.7 on) the connecting road is the continuation of the other road, without a road between them.
 
     Args:
         node: the junction as written.
         junction: its id in the model.
         roads: id in the file -> road.
         by_id: id in the model -> road.
-        poses: where roads start and end.
-        log: the file.
-        dropped: ids of roads that were dropped, and their connections with them.
+        poses: poses of the ends of roads.
+        log: remarks on the file.
+        dropped: ids of dropped roads, whose connections are dropped too.
     """
     spot = log.at(f"junction {node.id}")
     direct = node.kind == "direct"
@@ -122,10 +121,10 @@ def read_connections(
 def _by_direction(
     connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], spot: Spot
 ) -> tuple[Connection, ...]:
-    """Return connections with links of lanes that lead into the junction only.
+    """Return connections with links of incoming lanes only.
 
-    Some tools link both directions of a road through the junction from one side. Lanes that lead
-    out there lead in at the other end of the road: there they are linked, if they are not yet.
+    Some tools link both directions of a road through the junction from one side. Outgoing lanes are
+    incoming ones at the other end of the road, and are linked there if they are not yet.
     """
     table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
     for connection in connections:
@@ -156,7 +155,7 @@ def _by_direction(
 def _direct_by_direction(
     connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], junction: int
 ) -> tuple[Connection, ...]:
-    """Return connections of a direct junction, each from the road that its lanes come from."""
+    """Return connections of a direct junction, each from the road of its incoming lanes."""
     table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
     for connection in connections:
         incoming = by_id[connection.incoming]
@@ -173,7 +172,7 @@ def _direct_by_direction(
 
 
 def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
-    """Return what a lane of a road becomes at its other end, following its sections."""
+    """Return the continuation of a lane at the other end of its road, through all sections."""
     sections = road.sections if end == "end" else road.sections[::-1]
     for k, section in enumerate(sections):
         found = section.by_id.get(lane)
@@ -194,7 +193,7 @@ def _names(
     *,
     direct: bool,
 ) -> tuple[str, str] | None:
-    """Return the roads that a connection joins, by their ids in the file; None if it is wrong."""
+    """Return the ids in the file of the roads of a connection; ``None`` if it is invalid."""
     keys = ("incomingRoad", "linkedRoad" if direct else "connectingRoad")
     first, second = (item.get(key, "") for key in keys)
     if first in dropped or second in dropped:
@@ -216,7 +215,7 @@ def _end_of_incoming(
     poses: Poses,
     spot: Spot,
 ) -> str:
-    """Return which end of the incoming road (the first) meets the connecting road."""
+    """Return the end of the incoming road (the first) at the connecting road."""
     incoming, connecting = roads
     link = connecting.predecessor if contact == "start" else connecting.successor
     if link is not None and link.id == incoming.id and link.element == "road":
@@ -254,7 +253,7 @@ def _lane_links(
 def _usual_links(
     incoming: LaneSection, connecting: LaneSection, contact: str
 ) -> list[tuple[int, int]]:
-    """Return links by what the lanes of the connecting road say of themselves."""
+    """Return links from the lane links of the connecting road."""
     found = []
     for lane in connecting.lanes:
         other = lane.predecessor if contact == "start" else lane.successor
@@ -264,7 +263,7 @@ def _usual_links(
 
 
 def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
-    """Return which end of a connecting road meets the incoming one, where it is not given."""
+    """Return the end of a connecting road at the incoming one if it is not given."""
     for end, link in (("start", connecting.predecessor), ("end", connecting.successor)):
         if link is not None and link.element == "road" and link.id == incoming.id:
             return end
@@ -277,7 +276,7 @@ def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
 
 
 def _end_at(road: ModelRoad, junction: int) -> str:
-    """Return which end of a road lies at a junction."""
+    """Return the end of a road that is linked to a junction."""
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "junction" and link.id == junction:
             return end
@@ -297,7 +296,7 @@ def end_section(road: ModelRoad, end: str) -> LaneSection:
 
 
 def middles(road: ModelRoad, end: str, poses: Poses) -> dict[int, tuple[float, float]]:
-    """Return where the middles of lanes lie at one end of a road."""
+    """Return the centres of lanes at one end of a road, by lane id."""
     section = end_section(road, end)
     s = 0.0 if end == "start" else road.length
     x, y, heading = poses.at(road, end)

@@ -1,4 +1,4 @@
-"""Lane sections, and the lanes in them: width, kind, users, speed, height, mark."""
+"""Lane sections and their lanes: width, kind, users, speed, height, mark."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ from urbantwin.roads.opendrive.vocabulary import (
 
 __all__ = ["Street", "reach_of", "read_sections", "speed_of", "with_lane_links"]
 
-#: Lane sections shorter than this are left out, metres: tools leave some of a tenth of a
-#: millimetre where they cut roads.
+#: Shorter lane sections are dropped, metres: tools leave some of 0.1 mm where they cut roads.
 SLIVER_M = 1e-3
-#: Rounding of the file: a lane may have a width below zero by this much, metres.
+#: Rounding of the file: tolerated negative width of a lane, metres.
 NEGATIVE_M = 0.01
-#: Widths below zero are set to zero at stations this far apart, metres.
+#: Spacing of the stations at which negative widths are set to zero, metres.
 CLIPPED_STEP_M = 0.5
-#: Largest number of lanes on a side of a road.
+#: Maximum number of lanes per side of a road.
 MOST_LANES = 200
-#: Speed limit where a file gives none, m/s (50 km/h: Vienna Convention 1968, built-up areas).
+#: Default speed limit, m/s (50 km/h: Vienna Convention 1968, built-up areas).
 USUAL_SPEED = 50 / 3.6
 _MARKS = (
     *("none", "solid", "broken", "solid solid", "solid broken", "broken solid"),
@@ -46,14 +45,14 @@ class Street:
 
     Attributes:
         rule: ``RHT`` or ``LHT``.
-        speeds: stations from which on a speed limit of the road holds, and the limits, m/s.
+        speeds: start stations of the road's speed limits, and the limits, m/s.
     """
 
     rule: str
     speeds: Sequence[tuple[float, float]]
 
     def speed(self, s: float) -> float | None:
-        """Return the road's own speed limit at a station, m/s, if it has one."""
+        """Return the road's own speed limit at a station, m/s; ``None`` if it has none."""
         limit = None
         for start, following in self.speeds:
             if start <= s + 1e-6 or limit is None:
@@ -64,7 +63,7 @@ class Street:
 def read_sections(
     road: etree._Element, length: float, street: Street, spot: Spot
 ) -> tuple[LaneSection, ...]:
-    """Return the lane sections of a ``<road>``; links are as written, to be checked.
+    """Return the lane sections of a ``<road>``; their links are not checked yet.
 
     Args:
         road: the ``<road>``.
@@ -83,7 +82,8 @@ def read_sections(
                 raise spot.error(
                     f"has a lane section at s = {start:g}, beyond its end at {length:.3f}"
                 )
-            # Of several at one station the last is used; sections without lanes come before it.
+            # Of several sections at one station the last is used; those without lanes are sorted
+            # before it.
             has_lanes = any(item.find(f"{side}/lane") is not None for side in ("left", "right"))
             items.append((start, has_lanes, item))
     if not items:
@@ -111,7 +111,7 @@ def with_lane_links(
     Args:
         section: the lane section.
         tag: ``predecessor`` or ``successor``.
-        link: from a lane and its link to its new link.
+        link: function from a lane and its link to its new link.
     """
     lanes = tuple(
         replace(lane, predecessor=link(lane, lane.predecessor))
@@ -153,7 +153,7 @@ def _section(
 
 
 def _lanes_by_id(item: etree._Element, spot: Spot) -> dict[int, etree._Element]:
-    """Return the ``<lane>`` elements of a section; those with an invalid id are dropped."""
+    """Return the ``<lane>`` elements of a section by id; those with an invalid id are dropped."""
     lanes: dict[int, etree._Element] = {}
     for side, sign in (("left", 1), ("right", -1)):
         for child in item.findall(f"{side}/lane"):
@@ -197,14 +197,14 @@ def _lane(
 
 
 def _records(item: etree._Element, tag: str, spot: Spot) -> list[etree._Element]:
-    """Return the records of a kind in a lane, in the order of their stations."""
+    """Return the records with a tag in a lane, sorted by station."""
     return sorted(item.findall(tag), key=lambda record: spot.number(record, "sOffset", 0.0))
 
 
 def _width(item: etree._Element, sign: int, length: float, inner: Profile, spot: Spot) -> Profile:
-    """Return the width of a lane from its widths, or from its border and that of the lane inside.
+    """Return the width of a lane from its widths, or from its border and that of the inner lane.
 
-    Records that begin beyond the section are left out.
+    Records beyond the section are left out.
     """
     if widths := item.findall("width"):
         width = spot.profile(widths, "sOffset")
@@ -219,7 +219,7 @@ def _width(item: etree._Element, sign: int, length: float, inner: Profile, spot:
 
 
 def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Profile:
-    """Return a width that is zero where the file has it below zero."""
+    """Return a width with negative values set to zero."""
     if len(width.start) == 1 and not width.abcd[0, 1:].any():
         least, at = float(width.abcd[0, 0]), 0.0
     else:
@@ -239,9 +239,9 @@ def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Pr
 
 
 def _access(item: etree._Element, spot: Spot) -> tuple[str, ...] | None:
-    """Return the classes of actors that ``<access>`` admits, or ``None`` without one.
+    """Return the classes of actors that ``<access>`` admits; ``None`` without an ``<access>``.
 
-    Rules of the standard: what is allowed excludes all else; what is denied leaves all else.
+    By the standard, allowed classes exclude all others, and denied classes leave all others.
     """
     rules = item.findall("access")
     if not rules:
@@ -292,7 +292,7 @@ def _is_forward(
 ) -> bool:
     """Return whether traffic of a lane runs along the reference line.
 
-    Used in this order: RoadRunner's ``travelDir``, the lane's ``direction``, and the side of the
+    Sources in this order: RoadRunner's ``travelDir``, the lane's ``direction``, and the side of the
     reference line with the road's ``rule``.
     """
     vector = item.find("userData/vectorLane")
@@ -340,7 +340,7 @@ def speed_of(item: etree._Element, spot: Spot) -> float | None:
 
 
 def _height(item: etree._Element, kind: str, spot: Spot) -> float:
-    """Return the height of a lane above the carriageway, metres; of a curb, its outer border's."""
+    """Return the height of a lane above the carriageway, metres; for a curb, the maximum."""
     records = _records(item, "height", spot)
     if not records:
         return 0.0
@@ -349,7 +349,7 @@ def _height(item: etree._Element, kind: str, spot: Spot) -> float:
 
 
 def _mark(item: etree._Element, spot: Spot) -> tuple[str, str]:
-    """Return the mark on the outer border of a lane, and which lane changes it permits."""
+    """Return the mark on the outer border of a lane, and the lane changes that it permits."""
     records = _records(item, "roadMark", spot)
     if not records:
         return "none", "none"
@@ -370,7 +370,7 @@ def _link(item: etree._Element, tag: str, spot: Spot) -> int | None:
 
 
 def reach_of(road: ModelRoad) -> tuple[float, float]:
-    """Return how far lanes reach to the left and to the right of the reference line, metres."""
+    """Return the extent of lanes to the left and to the right of the reference line, metres."""
     reach = []
     for sign in (1, -1):
         widest = 0.0
@@ -388,7 +388,7 @@ def reach_of(road: ModelRoad) -> tuple[float, float]:
 def _without_slivers(
     sections: Sequence[LaneSection], length: float, spot: Spot
 ) -> list[LaneSection]:
-    """Return lane sections without those shorter than `SLIVER_M`; lanes are linked over them."""
+    """Return lane sections without those shorter than `SLIVER_M`, with lanes linked across them."""
     kept = list(sections)
     k = 0
     while len(kept) > 1 and k < len(kept):
@@ -409,11 +409,11 @@ def _without_slivers(
 
 
 def _linked_over(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:
-    """Return a section whose links lead to what the lanes of a sliver lead to."""
+    """Return a section whose links skip a sliver."""
     through = {lane.id: getattr(lane, tag) for lane in sliver.lanes}
     if not any(through.values()):
-        return section  # without links of its own, lanes go on under their ids
-    # A link to a lane that the sliver does not have stays, and is reported later.
+        return section  # without links of its own, lanes continue under their ids
+    # A link to a lane that the sliver lacks is kept, and reported later.
     return with_lane_links(
         section, tag, lambda _, link: None if link is None else through.get(link, link)
     )

@@ -1,4 +1,4 @@
-"""Resolving and checking the links of roads and lanes."""
+"""Resolution and checks of the links of roads and lanes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
 
-#: A road that goes on as itself must come back to within this distance, metres.
+#: Maximum distance between the ends of a road that is its own predecessor or successor, metres.
 RING_M = 1.0
-#: Linked lanes whose ends lie further apart are remarked, metres.
+#: Distance between the ends of linked lanes above which they are reported, metres.
 APART_M = 0.1
 _END = {"predecessor": "start", "successor": "end"}
 
@@ -37,8 +37,8 @@ class Link:
     Attributes:
         element: ``road`` or ``junction``.
         id: its id in the file.
-        contact: which end of the other road, as written.
-        midway: whether it is beside the other road, not at an end of it.
+        contact: end of the other road, as written.
+        midway: whether it is beside the other road, not at its end.
     """
 
     element: str
@@ -49,7 +49,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Joined:
-    """Roads and junctions that are joined; ``programs`` are controllers -> junctions."""
+    """Linked roads and junctions; ``programs`` maps controllers to junctions."""
 
     roads: tuple[ModelRoad, ...]
     junctions: tuple[ModelJunction, ...]
@@ -91,15 +91,15 @@ def joined(
     *,
     dropped: Collection[str] = (),
 ) -> Joined:
-    """Join roads and junctions; links to what does not exist are dropped, and noted.
+    """Link roads and junctions; links to missing elements are dropped and reported.
 
     Args:
-        roads: id in the file -> road, with its id in the model, links of lanes as written.
+        roads: id in the file -> road, with its id in the model and lane links as written.
         links: id in the file -> links as written.
-        inside: id in the file -> the junction that the road leads through, as written.
+        inside: id in the file -> junction of the road, as written.
         nodes: id in the file -> junction as written.
-        log: the file.
-        dropped: ids of roads that were dropped: links to them are dropped without another note.
+        log: remarks on the file.
+        dropped: ids of dropped roads: links to them are dropped without another remark.
     """
     number = _numbers(nodes)
     poses = Poses()
@@ -152,7 +152,7 @@ def joined(
 
 
 def _numbers(nodes: Mapping[str, Node]) -> dict[str, int]:
-    """Return ids in the model: the file's if all are whole numbers."""
+    """Return ids in the model: those of the file if all are whole numbers, else new ones."""
     whole = {key: id_number(key) for key in nodes}
     known = {key: value for key, value in whole.items() if value is not None}
     if len(set(known.values())) == len(nodes):
@@ -202,7 +202,7 @@ def _road_link(
 def _linked_lanes(
     road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
 ) -> ModelRoad:
-    """Return a road whose links of lanes lead to lanes that exist, or nowhere at a junction."""
+    """Return a road with valid lane links only, and without any at a junction."""
     sections = list(road.sections)
     wrong: set[tuple[int, str, int]] = set()
     for k in range(len(sections)):
@@ -220,7 +220,7 @@ def _linked_lanes(
 
 
 def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Poses) -> float:
-    """Return how far linked lanes of two roads lie apart where the roads meet, metres."""
+    """Return the maximum distance between linked lanes at the end of two roads, metres."""
     pairs = [
         (lane.id, there)
         for lane in end_section(road, end).lanes
@@ -235,7 +235,7 @@ def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Pos
 def _beyond(
     road: ModelRoad, k: int, by_id: Mapping[int, ModelRoad], *, ahead: bool
 ) -> tuple[LaneSection | None, bool]:
-    """Return the lane section before or after one, and whether its stations run the same way."""
+    """Return the adjacent lane section, and whether its stations run in the same direction."""
     inner = k + (1 if ahead else -1)
     if 0 <= inner < len(road.sections):
         return road.sections[inner], True
@@ -255,7 +255,7 @@ def _with_checked_links(
 ) -> tuple[LaneSection, set[int]]:
     """Return the k-th section without invalid links of one kind, and the lanes that had them.
 
-    A link is invalid to a lane that does not exist, or on which traffic runs the other way.
+    A link is invalid if its lane does not exist or has traffic in the opposite direction.
     """
     beyond, same = _beyond(road, k, by_id, ahead=tag == "successor")
     invalid: set[int] = set()
@@ -279,7 +279,7 @@ def _with_checked_links(
 
 
 def _linked_to(road: ModelRoad, by_id: Mapping[int, ModelRoad]) -> ModelRoad:
-    """Return a road without links to roads that were dropped."""
+    """Return a road without links to dropped roads."""
     before, after = (
         None if link is not None and link.element == "road" and link.id not in by_id else link
         for link in (road.predecessor, road.successor)
@@ -288,6 +288,6 @@ def _linked_to(road: ModelRoad, by_id: Mapping[int, ModelRoad]) -> ModelRoad:
 
 
 def _of_roads(junction: ModelJunction, by_id: Mapping[int, ModelRoad]) -> ModelJunction:
-    """Return a junction without connections of roads that were dropped."""
+    """Return a junction without connections of dropped roads."""
     kept = tuple(e for e in junction.connections if e.incoming in by_id and e.connecting in by_id)
     return replace(junction, connections=kept)

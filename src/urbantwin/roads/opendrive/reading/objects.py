@@ -1,4 +1,4 @@
-"""Crosswalks, stop lines and islands: the objects that the lane model has."""
+"""Crosswalks, stop lines and islands: the objects of the lane model."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from urbantwin.roads.opendrive.reading.parsing import Spot, station_on_road, use
 
 __all__ = ["WrittenArea", "read_areas"]
 
-#: Corners nearer to each other are one, metres.
+#: Corners closer to each other are merged, metres.
 SAME_M = 1e-4
 
 
 @dataclass(frozen=True)
 class WrittenArea:
-    """An area with its ids in the file; those of ``area`` are set when all are known."""
+    """An area with its ids in the file; those of ``area`` are set later."""
 
     id: str
     road: str
@@ -31,7 +31,7 @@ class WrittenArea:
 def read_areas(
     road: etree._Element, name: str, curve: Curve, elevation: Profile, spot: Spot
 ) -> Iterator[WrittenArea]:
-    """Yield the areas of a ``<road>``; other objects are counted in a remark.
+    """Yield the areas of a ``<road>``; other objects are reported.
 
     Args:
         road: the ``<road>``.
@@ -64,7 +64,7 @@ def read_areas(
 
 
 def _kind(item: etree._Element) -> tuple[str, str]:
-    """Return the kind of an object in the lane model and its name; empty without one."""
+    """Return the kind and the name of an object in the lane model; empty for other objects."""
     kind = item.get("type") or ""
     name = item.get("name") or ""
     words = f"{kind} {name} {item.get('subtype') or ''}".lower()
@@ -81,7 +81,7 @@ def _kind(item: etree._Element) -> tuple[str, str]:
 
 
 def _marking(item: etree._Element, spot: Spot) -> str:
-    """Return the marking of a crosswalk; empty if the file gives none or an unknown one."""
+    """Return the marking of a crosswalk; empty if it is missing or unknown."""
     marking = user_data(item).get("marking", "")
     if marking and marking not in CROSSING_MARKINGS:
         spot.remark(f"the marking {marking[:40]!r} of crosswalks that is not known")
@@ -92,7 +92,7 @@ def _marking(item: etree._Element, spot: Spot) -> str:
 def _corners(
     item: etree._Element, s: float, curve: Curve, elevation: Profile, spot: Spot
 ) -> NDArray[np.float64]:
-    """Return the outline (N, 3) in the road's frame at s: ahead, left, up; not closed."""
+    """Return the outline (N, 3) in the road's frame at s: ahead, left, up, metres; not closed."""
     t, up, turn = (spot.number(item, key, 0.0) for key in ("t", "zOffset", "hdg"))
     outline = item.find("outlines/outline")
     if outline is None:

@@ -1,4 +1,4 @@
-"""Parsing numbers and words of an OpenDRIVE file, with errors and remarks by place."""
+"""Parsing of numbers and words of an OpenDRIVE file, with errors and remarks by place."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ __all__ = [
 
 #: Larger numbers are invalid on a map.
 LARGEST = 1e12
-#: Places that a remark lists before it only counts.
+#: Maximum number of places that a remark lists.
 LISTED = 5
-#: The largest file that is read, bytes (26,000 roads in 53 MB take 17 s and 0.4 GB).
+#: Maximum file size, bytes (26,000 roads in 53 MB take 17 s and 0.4 GB).
 LARGEST_BYTES = 200_000_000
-#: Distance (m) beyond its road up to which an object or a signal is moved without a remark.
+#: Distance beyond a road up to which an object or a signal is moved to its end silently, metres.
 BEYOND_M = 1.0
-#: The elements that are yielded.
+#: Top-level elements that are read.
 _TOP = ("header", "road", "junction", "controller", "junctionGroup", "station")
 
 
@@ -45,8 +45,8 @@ class Log:
 
     Attributes:
         path: the file.
-        remarks: what was assumed or left out -> where.
-        dropped: errors of the elements that are not used, in the order of reading.
+        remarks: assumption or omission -> places.
+        dropped: errors of the dropped elements, in the order of reading.
     """
 
     path: Path
@@ -54,11 +54,11 @@ class Log:
     dropped: list[InputError] = field(default_factory=list)
 
     def at(self, place: str) -> Spot:
-        """Return a spot in the file, for errors and remarks."""
+        """Return a place in the file, for errors and remarks."""
         return Spot(self, place)
 
     def lines(self) -> list[str]:
-        """Return the remarks, each with the first places that it holds for."""
+        """Return the remarks, each with its first places."""
         found = []
         for text, places in self.remarks.items():
             unique = list(dict.fromkeys(place for place in places if place))
@@ -69,36 +69,36 @@ class Log:
         return found
 
     def dropped_lines(self) -> list[str]:
-        """Return what is not used, each with its id and its place in the map."""
+        """Return the dropped elements, each with its id and its place in the map."""
         return list(dict.fromkeys(f"{error.place}: {error.problem}" for error in self.dropped))
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A spot in a file: ``road 12``, ``road 12, lane -1``."""
+    """A place in a file: ``road 12``, ``road 12, lane -1``."""
 
     log: Log
     place: str
 
     def within(self, part: str) -> Spot:
-        """Return a spot within this one."""
+        """Return a place within this one."""
         return Spot(self.log, f"{self.place}, {part}")
 
     def error(self, problem: str, expected: str | None = None) -> InputError:
-        """Return an error at this spot."""
+        """Return an error at this place."""
         return InputError(problem, file=self.log.path, place=self.place, expected=expected)
 
     def remark(self, text: str) -> None:
-        """Note what the user of the map should know."""
+        """Add a remark for the user of the map."""
         self.log.remarks.setdefault(text, []).append(self.place.partition(",")[0])
 
     def drop(self, problem: str) -> None:
-        """Note that what is at this spot is not used, and why."""
+        """Report that the element at this place is not used, and why."""
         self.log.dropped.append(self.error(problem))
 
     @contextmanager
     def dropping(self) -> Iterator[None]:
-        """Drop an element whose reading raises `InputError`: it is noted, the rest is read."""
+        """Drop and report an element whose reading raises `InputError`; reading continues."""
         try:
             yield
         except InputError as error:
@@ -108,7 +108,7 @@ class Spot:
         """Return an attribute as a number.
 
         Raises:
-            InputError: it is missing and has no default, or is not a finite number of a map.
+            InputError: it is missing and has no default, or is not a valid number.
         """
         text = item.get(key)
         if text is None and default is not None:
@@ -138,7 +138,7 @@ class Spot:
 
         Args:
             items: elements with ``a``, ``b``, ``c``, ``d``.
-            key: the attribute that says where each begins: ``s``, ``sOffset``, or ``t`` across.
+            key: attribute of the start of each: ``s``, ``sOffset``, or ``t`` across.
         """
         if not items:
             return Profile.constant(0.0)
@@ -159,7 +159,7 @@ class Spot:
         starts = np.array(sorted(rows))
         table = np.array([rows[s] for s in starts])
         if starts[0] > 1e-6 and key != "t":
-            # Before the first record the standard says nothing: its value holds.
+            # The standard does not define values before the first record: its value is used.
             starts = np.concatenate([[0.0], starts])
             table = np.vstack([[table[0, 0], 0.0, 0.0, 0.0], table])
         return Profile(starts, table)
@@ -167,13 +167,13 @@ class Spot:
 
 @dataclass(frozen=True)
 class Header:
-    """The header's content.
+    """The content of the header.
 
     Attributes:
-        version: ``1.4``; empty if it does not say.
-        vendor: who made it.
-        projection: what its coordinates are, as PROJ or WKT; ``None`` if it does not say.
-        offset: x, y, z and heading by which its coordinates are to be moved.
+        version: such as ``1.4``; empty if missing.
+        vendor: producer of the file.
+        projection: CRS of its coordinates, as PROJ or WKT; ``None`` if missing.
+        offset: x, y, z, heading to apply to its coordinates.
     """
 
     version: str = ""
@@ -183,17 +183,17 @@ class Header:
 
 
 def id_number(text: str) -> int | None:
-    """Return an id as a whole number, or ``None`` if it is not one (or too large)."""
+    """Return an id as a whole number; ``None`` if it is not one or is too long."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None
 
 
 def user_data(item: etree._Element) -> dict[str, str]:
-    """Return the ``<userData>`` of an element: what programs note beside the standard, by code."""
+    """Return the ``<userData>`` of an element, by code."""
     return {note.get("code"): note.get("value") or "" for note in item.findall("userData")}
 
 
 def station_on_road(item: etree._Element, length: float, spot: Spot) -> float:
-    """Return the station of an object or a signal, moved to its road's end if it is beyond it."""
+    """Return the station of an object or a signal, clipped to its road, metres."""
     s = spot.number(item, "s")
     if not -BEYOND_M <= s <= length + BEYOND_M:
         spot.remark("objects and signals beyond their road: they are put at its end")
@@ -201,14 +201,14 @@ def station_on_road(item: etree._Element, length: float, spot: Spot) -> float:
 
 
 def top_elements(path: Path) -> Iterator[etree._Element]:
-    """Yield the elements right under ``<OpenDRIVE>``, each whole, names without namespaces.
+    """Yield the children of ``<OpenDRIVE>``, complete, with names without namespaces.
 
-    Only one element is kept in memory at a time. Document types, and with them every entity, are
-    refused before anything is expanded, and nothing is fetched.
+    Only one element is kept in memory at a time. Document types, and thereby entities, are rejected
+    before any expansion, and nothing is downloaded.
 
     Raises:
         InputError: the file cannot be read, is too large, is not XML or not OpenDRIVE, has a
-            document type, or is cut off.
+            document type, or is truncated.
     """
     root = _root_name(path)
     if root != "OpenDRIVE":
@@ -224,7 +224,7 @@ def top_elements(path: Path) -> Iterator[etree._Element]:
 
 
 def _root_name(path: Path) -> str:
-    """Return the name of the first element, and refuse what comes before it."""
+    """Return the name of the root element; raise an error for a file that is too large."""
     try:
         size = path.stat().st_size
         if size > LARGEST_BYTES:
@@ -243,7 +243,7 @@ def read_header(item: etree._Element, log: Log) -> Header:
     """Return the header.
 
     Raises:
-        InputError: the file is of another major version, or its offset is not a number.
+        InputError: the major version is unsupported, or the offset is not a number.
     """
     spot = log.at("header")
     major, minor = item.get("revMajor"), item.get("revMinor") or ""
@@ -251,7 +251,7 @@ def read_header(item: etree._Element, log: Log) -> Header:
         raise spot.error(f"is of version {major[:10]}.{minor[:10]}", expected="1.1 to 1.8")
     text = " ".join((item.findtext("geoReference") or "").split())
     if text.startswith("+") and "+proj" not in text and "+lat_0" in text:
-        # Maps of CARLA give the origin only: CARLA takes it for that of a transverse Mercator
+        # Maps of CARLA give the origin only: CARLA uses it as that of a transverse Mercator
         # projection.
         text = f"+proj=tmerc {text}" + ("" if "+datum" in text else " +datum=WGS84")
         spot.remark("a georeference of an origin only: a transverse Mercator is taken")

@@ -1,4 +1,4 @@
-"""Transforming a lane model from a map's coordinates to the site frame."""
+"""Transformation of a lane model from a map's coordinates to the site frame."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from urbantwin.roads.model import (
 
 __all__ = ["Similarity", "crs_of", "placed", "shifted"]
 
-#: A scale that moves nothing further than this over the whole map is dropped, metres.
+#: A scale with a smaller effect over the whole map is dropped, metres.
 SCALE_M = 0.002
-#: Places that a similarity is fitted to, at most.
+#: Maximum number of points for the fit of a similarity.
 PLACES = 4000
-#: Parts of PROJ strings about heights, which are not transformed.
+#: Parts of PROJ strings on heights, which are not transformed.
 _VERTICAL = re.compile(r"\+(geoidgrids|vunits|vto_meter|geoid_crs|nadgrids=@null)(=\S+)?")
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """Rotation by ``angle``, scale and translation: lines, arcs and cubics keep their kind."""
+    """Rotation by ``angle`` (radians), scale and translation; lines, arcs and cubics stay such."""
 
     scale: float
     angle: float
@@ -45,7 +45,7 @@ class Similarity:
     y: float
 
     def apply(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (N, 2) where they are moved to."""
+        """Return transformed points (N, 2)."""
         c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
         return np.column_stack(
             [self.x + c * xy[:, 0] - s * xy[:, 1], self.y + s * xy[:, 0] + c * xy[:, 1]]
@@ -55,16 +55,16 @@ class Similarity:
 def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
     """Return a lane model in the site frame.
 
-    Both planes are conformal, so that a similarity takes one to the other: over a few kilometres to
-    millimetres. It is fitted to the reference lines. Heights stay as they are.
+    Both planes are conformal, so a similarity maps one to the other, with errors of millimetres
+    over a few kilometres. It is fitted to the reference lines. Heights are unchanged.
 
     Args:
         model: the lane model, in a map's coordinates.
-        projection: what they are, as PROJ or WKT.
+        projection: their CRS, as PROJ or WKT.
         frame: the site frame.
 
     Raises:
-        InputError: the projection is not understood, or the map lies where it does not hold.
+        InputError: the projection is not understood, or the map lies outside its area of validity.
     """
     crs = crs_of(projection)
     xy = np.vstack([_samples(road.curve) for road in model.roads])
@@ -108,7 +108,7 @@ def crs_of(projection: str) -> CRS:
 
 
 def shifted(model: LaneModel, offset: tuple[float, float, float, float]) -> LaneModel:
-    """Return a lane model moved by a header's offset: turned by its heading, then moved."""
+    """Return a lane model moved by a header's offset: rotated by its heading, then translated."""
     if not any(offset):
         return model
     x, y, z, heading = offset
@@ -135,7 +135,7 @@ def _samples(curve: Curve) -> NDArray[np.float64]:
 
 
 def _fitted(xy: NDArray[np.float64], there: NDArray[np.float64]) -> Similarity:
-    """Return the similarity that takes points nearest to others (Umeyama 1991, in the plane)."""
+    """Return the least-squares similarity between point sets (Umeyama 1991, in the plane)."""
     a, b = xy.mean(axis=0), there.mean(axis=0)
     p, q = (xy - a) @ [1, 1j], (there - b) @ [1, 1j]
     turn = np.vdot(p, q) / np.vdot(p, p).real
@@ -187,7 +187,7 @@ def _road(road: ModelRoad, how: Similarity) -> ModelRoad:
 
 
 def _scaled(profile: Profile, k: float, value: float = 1.0) -> Profile:
-    """Return a profile over stations that are ``k`` times as long, its values times ``value``."""
+    """Return a profile with stations scaled by ``k`` and values scaled by ``value``."""
     return Profile(profile.start * k, profile.abcd * value / k ** np.arange(4))
 
 

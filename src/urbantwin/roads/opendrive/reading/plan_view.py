@@ -1,4 +1,4 @@
-"""Reading reference lines."""
+"""Reading of reference lines and road heights."""
 
 from __future__ import annotations
 
@@ -15,45 +15,45 @@ from urbantwin.roads.opendrive.reading.parsing import Spot
 
 __all__ = ["read_curve", "read_heights"]
 
-#: A reference line may be this much longer or shorter than its road says, metres.
+#: Tolerance between the length of a reference line and of its road, metres.
 LENGTH_M = 0.1
-#: Gaps in a reference line from here on are remarked, and from there on refused, metres.
+#: Gaps in a reference line that are reported, and those that are an error, metres.
 GAP_M, BROKEN_M = 0.01, 1.0
-#: The longest road that is read, metres.
+#: Maximum length of a road, metres.
 LONGEST_M = 1e6
 #: Shorter pieces are left out, metres.
 SHORTEST_M = 1e-6
-#: Curvatures below this are straight, 1/m: at 1 km they are 0.05 mm off.
+#: Smaller curvatures are straight, 1/m: the deviation at 1 km is 0.05 mm.
 STRAIGHT = 1e-10
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
-#: Largest distance between a curve and the cubics that stand for it, at equal stations, metres.
+#: Maximum distance between a curve and its approximating cubics at equal stations, metres.
 TOLERANCE_M = 5e-5
-#: Largest turn of a clothoid over one step of its quadrature, radians.
+#: Maximum turn of a clothoid per quadrature step, radians.
 STEP_TURN = 0.4
-#: Step of u in which the length of a cubic over u is added up, metres.
+#: Step of u for the integration of the length of a cubic over u, metres.
 STEP_U_M = 0.25
-#: The most such steps.
+#: Maximum number of such steps.
 STEPS_U = 20_000
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
 _Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-#: A cross section may differ this much from a crown before it is remarked, metres.
+#: Maximum deviation of a cross section from a crown without a remark, metres.
 SHAPE_M = 0.01
 
 
 def read_curve(road: etree._Element, spot: Spot) -> Curve:
     """Return the reference line of a road.
 
-    Lines, arcs and parametric cubics are kept as they are. Clothoids and ``poly3`` become
-    parametric cubics that stay within 0.1 mm of them.
+    Lines, arcs and parametric cubics are kept. Clothoids and ``poly3`` become parametric cubics
+    within 0.1 mm of them.
 
     Args:
         road: the ``<road>``.
         spot: the road, for errors.
 
     Raises:
-        InputError: there is no reference line, it has no length, it has a gap, or a number in it
-            is invalid.
+        InputError: there is no reference line, it has no length, it has a gap, or a number in it is
+            invalid.
     """
     items = road.findall("planView/geometry")
     if not items:
@@ -78,7 +78,7 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
             pieces += _pieces(item, length, spot.within(f"geometry at s = {at:g}"))
         s += length
     if not pieces and told <= LENGTH_M:
-        # Tools write manoeuvres straight across a border between two roads like this.
+        # Tools write movements straight across a boundary between two roads like this.
         spot.remark("roads whose reference line has no length: a straight one is taken")
         x, y, heading = (spot.number(items[0], key) for key in ("x", "y", "hdg"))
         pieces, s = [Piece(x, y, heading, told)], told
@@ -152,15 +152,15 @@ def spiral_pieces(
     """Return a clothoid (ASAM OpenDRIVE 1.8, 9.5) as cubics.
 
     Args:
-        start: x, y and heading where it begins.
+        start: x, y, heading of its start.
         length: its length, metres.
         first: curvature at its start, 1/m.
-        last: curvature at its end.
+        last: curvature at its end, 1/m.
     """
     rate = (last - first) / length
 
     def place(s: NDArray[np.float64]) -> NDArray[np.float64]:
-        # Where the turn is small between stations, Gauss-Legendre quadrature is exact to rounding.
+        # For small turns between stations, Gauss-Legendre quadrature is exact up to rounding.
         total = (abs(first) + abs(last)) * length
         grid = np.linspace(0.0, length, 2 + int(total / STEP_TURN))
         stations = np.unique(np.concatenate([grid, s]))
@@ -181,7 +181,7 @@ def polynomial_pieces(
     """Return a ``poly3`` (ASAM OpenDRIVE 1.4, 5.3.4.1.4), v over u, as cubics.
 
     Args:
-        start: x, y and heading of its frame.
+        start: x, y, heading of its frame.
         length: its length along the curve, metres.
         abcd: coefficients of v.
     """
@@ -217,7 +217,7 @@ def arc_length(u: Sequence[float], v: Sequence[float]) -> float:
 
 
 def _cubic_pieces(start: tuple[float, float, float], length: float, place: _Place) -> list[Piece]:
-    """Join places and headings by cubics, as many as the tolerance asks for."""
+    """Return as many cubics through positions and headings as the tolerance requires."""
     count = 1
     probe = np.linspace(0.0, 1.0, 9)
     powers = probe[:, None] ** np.arange(4)
@@ -262,13 +262,13 @@ def read_heights(
     """Return elevation, superelevation and crown of a road.
 
     A crossfall (1.1 to 1.4) or a shape (1.4 on) becomes a crown, symmetric about the reference
-    line, and what is one-sided about it adds to the superelevation. What a cross section has beyond
-    that (a gutter, a crown beside the reference line) is left out and remarked.
+    line, and its one-sided part is added to the superelevation. Other parts of a cross section (a
+    gutter, a crown beside the reference line) are dropped and reported.
 
     Args:
         road: the ``<road>``.
-        length: length of its reference line.
-        reach: how far lanes reach to the left and to the right of the reference line, metres.
+        length: length of its reference line, metres.
+        reach: extent of lanes to the left and to the right of the reference line, metres.
         spot: the road, for errors.
     """
     elevation = spot.profile(road.findall("elevationProfile/elevation"))
@@ -309,7 +309,7 @@ def _shape(
     )
     rows = []
     for s in stations:
-        # Before its first record a section goes on as that one does.
+        # Before its first record a cross section continues as that record.
         height = spot.profile(by_station[s], "t").at(across)
         middle = height[7]
         # Least squares over both sides: z = lift + tilt t - crown |t|.

@@ -1,4 +1,4 @@
-"""Reading OpenDRIVE as a lane model."""
+"""Reading of OpenDRIVE as a lane model."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["ReadMap", "read_opendrive"]
 
-#: Type of road -> class of street in OpenStreetMap's words; all others are unknown.
+#: Type of road -> class of street as in OpenStreetMap; all others are unknown.
 CLASS_OF_TYPE = {
     "motorway": "motorway",
     "rural": "secondary",
@@ -66,12 +66,12 @@ CLASS_OF_TYPE = {
 
 
 class ReadMap(NamedTuple):
-    """A map as it was read.
+    """A map as read.
 
     Attributes:
         model: its lane model, in the map's own coordinates.
-        projection: their CRS, as PROJ or WKT; ``None`` where the map does not say.
-        notes: version, counts, and what was assumed and left out (``remarks``).
+        projection: their CRS, as PROJ or WKT; ``None`` if missing.
+        notes: version, counts, assumptions and omissions (``remarks``).
     """
 
     model: LaneModel
@@ -81,7 +81,7 @@ class ReadMap(NamedTuple):
 
 @dataclass
 class _Content:
-    """The content of a file by its own ids, as it is read."""
+    """The content of a file during reading, by ids in the file."""
 
     header: Header = field(default_factory=Header)
     roads: dict[str, ModelRoad] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class _Content:
     dropped_signals: set[str] = field(default_factory=set)
 
     def drop_road(self, item: etree._Element) -> None:
-        """Note the ids of a road that is not used and of its signals."""
+        """Record the ids of a dropped road and of its signals."""
         self.dropped_roads.add(item.get("id", ""))
         self.dropped_signals |= {e.get("id", "") for e in item.iterfind("signals/signal")}
 
@@ -106,18 +106,18 @@ class _Content:
 def read_opendrive(path: Path) -> ReadMap:
     """Read an OpenDRIVE file, version 1.1 to 1.8.
 
-    Ids are the file's where they are whole numbers, else they are numbered. Coordinates are moved
-    by the header's ``<offset>`` where the file has a georeference.
+    Ids are those of the file if they are whole numbers, else new numbers. If the file has a
+    georeference, the header's ``<offset>`` is applied to coordinates.
 
-    The smallest element that holds a fault is dropped: a link, a lane, a signal, a road. In the
-    notes, ``dropped`` lists each with its id and its place.
+    The smallest element with an error is dropped: a link, a lane, a signal, a road. The notes'
+    ``dropped`` lists each with its id and its place.
 
     Args:
         path: the ``.xodr``.
 
     Raises:
-        InputError: the file cannot be read, is not OpenDRIVE, or holds faults and no road to drive
-            on besides; the line says where.
+        InputError: the file cannot be read, is not OpenDRIVE, or has errors and no other driven
+            road; the message says where.
     """
     log = Log(path)
     content = _Content()
@@ -154,7 +154,7 @@ def read_opendrive(path: Path) -> ReadMap:
 
 
 def _is_driven(model: LaneModel) -> bool:
-    """Return whether a model has a lane of some width that traffic drives on."""
+    """Return whether a model has a driven lane with some width."""
     return any(
         lane.kind in DRIVEN and float(lane.width.at(np.linspace(0.0, end - section.s, 5)).max()) > 0
         for road in model.roads
@@ -204,7 +204,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         spot.remark("level lanes beside a tilted carriageway: they are tilted too")
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")
-    # The road as a whole is valid here; invalid elements of it are dropped one by one.
+    # The road as a whole is valid here; invalid elements of it are dropped individually.
     content.roads[identity] = road
     content.rules[rule] += 1
     content.links[identity] = read_links(item, spot)
@@ -286,7 +286,7 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
 
 
 def _curbed(road: ModelRoad, log: Log) -> ModelRoad:
-    """Return a road of a file without heights, its sidewalks raised as they usually are."""
+    """Return a road with sidewalks raised by the default height, for a file without heights."""
     kinds = ("sidewalk", "curb")
     if not any(lane.kind in kinds for section in road.sections for lane in section.lanes):
         return road

@@ -1,4 +1,4 @@
-"""Signals, signs and their controllers, and the ids that they get in the lane model."""
+"""Signals, signs and their controllers, with their ids in the lane model."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ __all__ = [
     "with_model_ids",
 ]
 
-#: Height and width (m) of a signal whose file gives none.
+#: Default height and width of a signal, metres.
 HEIGHT_M, WIDTH_M = 0.9, 0.3
-#: Turns (rad) and distances (m) below these count as none.
+#: Smaller differences in angle (radians) and position (metres) are ignored.
 SAME_ANGLE, SAME_M = 1e-3, 0.01
 _UNITS = ("m", "km", "ft", "mile", "m/s", "mph", "km/h", "kg", "t", "%")
 
 
 @dataclass(frozen=True)
 class WrittenSignal:
-    """A signal or sign with its ids in the file; those of ``signal`` follow.
+    """A signal or sign with its ids in the file; those of ``signal`` are set later.
 
     ``turned``: rotation from facing the traffic of its orientation, radians.
     """
@@ -64,7 +64,7 @@ class Program:
 
 @dataclass(frozen=True)
 class Reference:
-    """A signal beside one road that governs traffic of another, ``road``."""
+    """A signal beside one road that applies to traffic of another, ``road``."""
 
     id: str
     road: str
@@ -77,7 +77,7 @@ class Reference:
 def read_signals(
     item: etree._Element, name: str, road: ModelRoad, spot: Spot
 ) -> Iterator[WrittenSignal]:
-    """Yield the signals and signs of a ``<road>``; ``road`` is the same as far as it is read."""
+    """Yield the signals and signs of a ``<road>``; ``road`` is the same as read so far."""
     for signal in item.findall("signals/signal"):
         identity = signal.get("id", "")
         here = spot.within(f"signal {identity}")
@@ -146,7 +146,7 @@ def _orientation(item: etree._Element) -> str:
 
 
 def _inertial_pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...]:
-    """Return the pose that a file gives in its own coordinates; empty without one."""
+    """Return the pose that a file gives in its own coordinates; empty if there is none."""
     item = signal.find("positionInertial")
     if item is None:
         return ()
@@ -166,7 +166,7 @@ def _value(signal: etree._Element) -> float:
 
 
 def _valid_lanes(item: etree._Element, road: ModelRoad, s: float, spot: Spot) -> tuple[int, ...]:
-    """Return the lanes of a road that a signal or a reference is valid for; empty for all."""
+    """Return the lanes that a signal or a reference applies to; empty for all."""
     present = sorted(road.section_at(s).by_id)
     lanes: list[int] = []
     for validity in item.findall("validity"):
@@ -188,7 +188,7 @@ def resolve_references(
     references: Iterable[Reference],
     log: Log,
 ) -> list[WrittenSignal]:
-    """Return signals on the roads that they govern, with a pose if they stand beside another road.
+    """Return signals on the roads that they apply to, with a pose if they are beside another road.
 
     A signal without lanes of its own road moves to the first road that refers to it.
     """
@@ -237,7 +237,7 @@ def _pose(road: ModelRoad, signal: RoadSignal, turned: float) -> tuple[float, fl
 
 
 class _Ids:
-    """Numbers for ids: the file's where they are unused whole numbers, else new ones."""
+    """Numbers for ids: those of the file if they are unused whole numbers, else new ones."""
 
     def __init__(self, texts: Iterable[str]) -> None:
         self.free = 1 + max((k for k in map(id_number, texts) if k is not None), default=0)
@@ -264,15 +264,15 @@ def with_model_ids(
 ) -> tuple[tuple[RoadArea, ...], tuple[RoadSignal, ...], tuple[SignalController, ...]]:
     """Return areas, signals and controllers with ids of the lane model.
 
-    Controllers lose signals that do not exist, with a note unless these were ``dropped``.
+    Controllers lose missing signals, with a remark unless these were ``dropped``.
 
     Args:
         roads: id in the file -> road.
         areas: areas as written.
-        signals: signals as written, on the roads that they govern.
+        signals: signals as written, on the roads that they apply to.
         programs: id in the file -> controller.
-        junctions: controller -> the junctions that name it.
-        log: the file.
+        junctions: controller -> junctions that refer to it.
+        log: remarks on the file.
         dropped: ids of signals that were dropped with their roads.
     """
     ids = _Ids([*(s.id for s in signals), *programs, *(a.id for a in areas)])
@@ -304,7 +304,7 @@ def with_model_ids(
         switched = tuple(number[signal] for signal in program.signals if signal in number)
         if program.signals and not switched:
             continue
-        # A program that UrbanTwin wrote for CARLA is cut into stages of one name.
+        # A program written by UrbanTwin for CARLA is split into stages of one name.
         stage: object = (program.name, program.offset, program.phases) if program.phases else key
         if stage in controllers:
             known = controllers[stage]

@@ -1,4 +1,4 @@
-"""A lane model written as OpenDRIVE 1.8, or as 1.4 for CARLA."""
+"""Writing of a lane model as OpenDRIVE 1.8, or as 1.4 for CARLA."""
 
 from urbantwin.roads.opendrive.writing.write import VERSIONS, write_opendrive
 

@@ -1,4 +1,4 @@
-"""A lane model as CARLA reads it: crosswalks by the lane offset, signs by German numbers."""
+"""Adaptations of a lane model to CARLA: crosswalks without lane offsets, German sign numbers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from urbantwin.roads.signals import meaning_of
 
 __all__ = ["CARRIER_M", "PLATES", "carrier", "with_carla_crosswalks", "with_carla_signs"]
 
-#: Length and width of a road that only carries a crosswalk, metres.
+#: Length and width of a road that only carries an object, metres.
 CARRIER_M = 1.0
 CARRIER_WIDTH_M = 0.1
 #: CARLA 0.9.16, ``carla.LandmarkType``: MaximumSpeed, StopSign, YieldSign.
 NUMBERS = {"limit": "274", "stop": "206", "yield": "205"}
-#: Speeds that CARLA has plates of, km/h; it sets up a limit of these subtypes alone, and drives by
-#: the value (``TrafficLightManager.cpp``, ``SpeedLimitModels``).
+#: Speeds with plates in CARLA, km/h; it only creates limits of these subtypes, and applies the
+#: value (``TrafficLightManager.cpp``, ``SpeedLimitModels``).
 PLATES = range(30, 100, 10)
 KM_H = {"mph": 1.609344, "m/s": 3.6}
 
@@ -38,9 +38,9 @@ def with_carla_crosswalks(model: LaneModel) -> LaneModel:
     """Return a lane model whose crosswalks lie on roads without a lane offset.
 
     CARLA 0.9.16 measures crosswalks from the lane offset, the standard from the reference line:
-    both find the same place only where the offset is zero. A crosswalk keeps its place, but is
-    assigned to the nearest such street of its junction; if there is none, on a road of its own, one
-    metre long, on whose lane nothing drives.
+    both agree only for a zero offset. A crosswalk keeps its position, but is assigned to the
+    nearest such street of its junction. If there is none, it gets a road of its own, one metre
+    long, without traffic.
     """
     streets: dict[int, set[int]] = {}
     for junction in model.junctions:
@@ -87,7 +87,7 @@ def _distance(corners: NDArray[np.float64]) -> float:
 
 
 def _local(points: NDArray[np.float64], road: ModelRoad, s: float) -> NDArray[np.float64]:
-    """Return points (N, 3) of the site frame ahead, left and up of a place on a road."""
+    """Return points (N, 3) of the site frame as ahead, left, up of a place on a road."""
     x, y, heading = road.curve.at(s)[0]
     gap = points - [x, y, float(road.elevation.at(s)[0])]
     c, sn = math.cos(heading), math.sin(heading)
@@ -107,7 +107,7 @@ def _placed(area: RoadArea, road: ModelRoad) -> NDArray[np.float64]:
 
 
 def carrier(number: int, level: int, heading: float, points: NDArray[np.float64]) -> ModelRoad:
-    """Return a short road in the middle of some points (N, 3), on whose lane nothing drives."""
+    """Return a short road without traffic, centred on points (N, 3)."""
     x, y, z = points.mean(axis=0)
     back = CARRIER_M / 2
     line = Piece(
@@ -135,7 +135,7 @@ def carrier(number: int, level: int, heading: float, points: NDArray[np.float64]
 
 
 def with_carla_signs(model: LaneModel) -> LaneModel:
-    """Return a lane model whose signs have German numbers, and whose limits are in km/h."""
+    """Return a lane model whose signs have German numbers and limits in km/h."""
     return replace(model, signals=tuple(map(_german, model.signals)))
 
 

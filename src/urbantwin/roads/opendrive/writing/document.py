@@ -1,4 +1,4 @@
-"""Writing the OpenDRIVE document in the element order of ASAM's schema (1.8) or of 1.4H."""
+"""The OpenDRIVE document in the element order of ASAM's schema (1.8) or of 1.4H."""
 
 from __future__ import annotations
 
@@ -31,22 +31,23 @@ from urbantwin.roads.opendrive.writing.objects import (
 
 __all__ = ["document"]
 
-#: The day that the standard's version 1.8 was released: files are the same on every day.
+#: Release date of the standard's version 1.8, as a fixed date: files are reproducible.
 DATE = "2023-11-22T00:00:00"
-#: Lines whose headings differ less are one line (ASAM's rule ``performance.avoid_redundant_info``).
+#: Lines with a smaller difference in heading are merged, radians (ASAM's rule
+#: ``performance.avoid_redundant_info``).
 COLLINEAR = 1e-6
-#: Largest error of a crown that is interpolated between its cross sections, metres.
+#: Maximum error of a crown interpolated between its cross sections, metres.
 CROWN_M = 0.0005
 
 
 def document(model: LaneModel, frame: SiteFrame, *, version: str, name: str) -> bytes:
-    """Return a whole OpenDRIVE file.
+    """Return a complete OpenDRIVE file.
 
     Args:
         model: the lane model; for version 1.4, of right-hand traffic.
         frame: the site frame.
         version: ``1.8`` or ``1.4``.
-        name: the map's name.
+        name: name of the map.
     """
     root = etree.Element("OpenDRIVE")
     _header(root, model, frame, version, name)
@@ -124,13 +125,13 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
     kind = etree.SubElement(item, "type", s="0", type=ROAD_TYPES.get(road.kind, "town"))
     speed = max((lane.speed_limit for s in road.sections for lane in s.lanes), default=0.0)
     if speed > 0:
-        # 1.4H has whole numbers here.
+        # 1.4H requires whole numbers here.
         etree.SubElement(kind, "speed", max=str(round(speed * 3.6)), unit="km/h")
     return item
 
 
 def _notes(item: etree._Element, road: ModelRoad) -> None:
-    """Write what the standard has no element for: class, ways and level of a street."""
+    """Write what the standard has no element for: class, OSM ways and level of a street."""
     if road.kind:
         etree.SubElement(item, "userData", code="class", value=xml_text(road.kind))
     if road.ways:
@@ -144,7 +145,7 @@ def _junction(
 ) -> None:
     roads = model.road_by_id
     through = [roads[c.connecting].junction == junction.id for c in junction.connections]
-    # 1.7 on: roads that are joined without a road between them.
+    # 1.7 on: roads that are linked without a road between them.
     direct = version != "1.4" and bool(through) and not any(through)
     item = etree.SubElement(root, "junction", name=xml_text(junction.name), id=str(junction.id))
     if direct:
@@ -198,8 +199,8 @@ def write_plan(road_item: etree._Element, curve: Curve) -> None:
 def write_profiles(road_item: etree._Element, road: ModelRoad, version: str) -> None:
     """Write the elevation, the superelevation and the crown of a road.
 
-    The crown is the ``crossfall`` of 1.4, and ``shape`` in 1.8: of what 1.8 offers (the other is
-    ``crossSectionSurface``) that is what older readers know too.
+    The crown is the ``crossfall`` of 1.4, and ``shape`` in 1.8, which older readers support, unlike
+    ``crossSectionSurface``.
     """
     elevation = etree.SubElement(road_item, "elevationProfile")
     for start, row in records(road.elevation, road.length):
@@ -214,7 +215,7 @@ def write_profiles(road_item: etree._Element, road: ModelRoad, version: str) -> 
     if not crowned:
         return
     if version == "1.4":
-        # The angle of a fall of 4 % differs from 0.04 by 2e-5: 0.2 mm at 10 m.
+        # The angle of a 4 % fall differs from 0.04 by 2e-5: 0.2 mm at 10 m.
         for start, row in records(road.crown, road.length):
             etree.SubElement(lateral, "crossfall", side="both", s=number(start), **abcd(row))
         return
@@ -226,7 +227,7 @@ def write_profiles(road_item: etree._Element, road: ModelRoad, version: str) -> 
 
 
 def _reach(road: ModelRoad) -> float:
-    """Return how far lanes reach from the reference line, rounded up."""
+    """Return the extent of lanes from the reference line, rounded up, metres."""
     furthest = 1.0
     for section, end in zip(road.sections, road.section_ends, strict=True):
         s = np.linspace(section.s, end, 9)
@@ -237,7 +238,7 @@ def _reach(road: ModelRoad) -> float:
 
 
 def _stations(crown: Profile, length: float, reach: float) -> Iterator[float]:
-    """Return where a crown is written: between, it is interpolated linearly."""
+    """Yield the stations at which a crown is written; it is interpolated linearly between them."""
     ends = np.append(crown.start[1:], length)
     for start, row, end in zip(crown.start, crown.abcd, ends, strict=True):
         extent = min(end, length) - start
@@ -252,7 +253,7 @@ def _stations(crown: Profile, length: float, reach: float) -> Iterator[float]:
 
 
 def _joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """Return pieces, lines that go straight on made one."""
+    """Yield pieces, with collinear consecutive lines merged."""
     held: Piece | None = None
     for piece in pieces:
         straight = not (piece.u or piece.curvature)

@@ -1,4 +1,4 @@
-"""Writing lane sections: links, widths, marks, speeds, access, raised lanes."""
+"""Lane sections: links, widths, marks, speeds, access, raised lanes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ __all__ = ["lane_links", "write_lanes"]
 
 #: Width of painted lines, metres (US MUTCD 3A.06: 4 to 6 inches).
 LINE_M = 0.12
-#: A lane narrower than this at the end of a section is not linked there (ASAM's rules
+#: A narrower lane at the end of a section is not linked there, metres (ASAM's rules
 #: ``road.lane.link.zero_width_at_start`` and ``new_lane_appear``).
 NO_WIDTH_M = 1e-5
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A lane section of a road, and what holds for the whole map."""
+    """A lane section of a road within the map."""
 
     model: LaneModel
     road: ModelRoad
@@ -48,7 +48,7 @@ def write_lanes(road_item: etree._Element, model: LaneModel, road: ModelRoad, ve
 
     Args:
         road_item: the ``<road>``.
-        model: the map, for what the lanes are linked to.
+        model: the map, for links between lanes.
         road: the road.
         version: ``1.8`` or ``1.4``.
     """
@@ -79,12 +79,12 @@ def write_lanes(road_item: etree._Element, model: LaneModel, road: ModelRoad, ve
 def lane_links(
     incoming: ModelRoad, connecting: ModelRoad, contact: str
 ) -> dict[tuple[int, int], bool]:
-    """Return which lanes of two roads that meet at a junction have a width there.
+    """Return which pairs of lanes of two roads at a junction have a width there.
 
     Args:
         incoming: the road that leads to the junction.
         connecting: the road through the junction.
-        contact: the end of the connecting road that meets the incoming one.
+        contact: end of the connecting road at the incoming one.
 
     Returns:
         (lane of the incoming road, lane of the connecting road) -> whether both are open.
@@ -105,7 +105,7 @@ def _is_nothing(profile: Profile) -> bool:
 
 
 def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
-    # "A lane on which cars should not drive": those of a street that is closed to everybody.
+    # "A lane on which cars should not drive": lanes closed to all classes.
     is_closed = lane.kind in DRIVEN and not lane.allowed
     kind = "restricted" if is_closed else LANE_TYPES[place.version][lane.kind]
     item = etree.SubElement(parent, "lane", id=str(lane.id), type=kind, level="false")
@@ -167,7 +167,7 @@ def _links(item: etree._Element, lane: SectionLane, place: _Place) -> None:
 
 
 def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
-    """Return the id of the lane that a lane goes on as, if both have a width and both say so."""
+    """Return the id of the continuing lane if both have a width and both links agree."""
     other = lane.successor if ahead else lane.predecessor
     if other is None:
         return None
@@ -186,7 +186,7 @@ def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
         end = link.contact
         section = there.sections[0 if end == "start" else -1]
         extent = there.section_ends[0 if end == "start" else -1] - section.s
-        # Ends of streets at a junction have no links of their own.
+        # Ends of streets at a junction have no links.
         mutual = road.junction == there.junction
     partner = section.by_id.get(other)
     if partner is None:
@@ -199,7 +199,7 @@ def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
 
 
 def _widths(road: ModelRoad, end: str) -> dict[int, float]:
-    """Return the width of every lane at one end of a road."""
+    """Return the width of each lane at one end of a road, metres."""
     index = 0 if end == "start" else -1
     section = road.sections[index]
     at = 0.0 if end == "start" else road.section_ends[index] - section.s

@@ -1,4 +1,4 @@
-"""Formatting numbers and names, the same on every machine, and cubics as records."""
+"""Platform-independent formatting of numbers and names, and cubics as records."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from urbantwin.roads.model import Profile
 
 __all__ = ["abcd", "number", "numbers", "records", "xml_text"]
 
-#: Coefficients that differ less than this count as equal for ASAM's checker.
+#: Coefficients with a smaller difference are equal for ASAM's checker.
 SAME = 1e-6
-#: How far a profile may move where a record is left out as redundant, metres or radians.
+#: Maximum change of a profile when a redundant record is left out, metres or radians.
 LEFT_OUT = 2e-5
-#: Where along a record two cubics are compared.
+#: Shares of a record's length at which two cubics are compared.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-#: What XML 1.0 cannot hold: control characters and halves of pairs.
+#: Characters invalid in XML 1.0: control characters and single surrogates.
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def xml_text(text: str) -> str:
-    """Return a name without the characters that XML cannot hold."""
+    """Return a text without the characters that are invalid in XML."""
     return _NOT_XML.sub("", text)
 
 
 def number(value: float) -> str:
-    """Return a number with 12 digits, and no minus before zero."""
+    """Return a number with 12 digits, without negative zero."""
     return format(float(value) if abs(value) > 1e-13 else 0.0, ".12g")
 
 
 def numbers(**values: float) -> dict[str, str]:
-    """Return attributes of an element."""
+    """Return numbers as attributes of an element."""
     return {key: number(value) for key, value in values.items()}
 
 
@@ -41,12 +41,12 @@ def abcd(values: Iterable[float]) -> dict[str, str]:
 
 
 def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float]]]:
-    """Return start and coefficients of every record that a profile needs over a length.
+    """Yield start and coefficients of each record that a profile needs over a length.
 
-    Records beyond the end, and those that only go on with the cubic before them, are left out
-    (ASAM's rule ``performance.avoid_redundant_info``). The rule compares coefficients about station
-    0, to 1e-6: cubics that it would merge although they differ by more than rounding are made
-    distinct by two micrometres.
+    Records beyond the end, and those that continue the previous cubic, are left out (ASAM's rule
+    ``performance.avoid_redundant_info``). The rule compares coefficients about station 0, to 1e-6.
+    Cubics that it would merge although they differ by more than rounding are made distinct by two
+    micrometres.
     """
     starts, rows = profile.start.tolist(), profile.abcd.tolist()
     ends = [*starts[1:], max(length, starts[-1] + 1e-3)]
@@ -71,7 +71,7 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float
 
 
 def _moved(row: Sequence[float], by: float) -> list[float]:
-    """Return the coefficients of a cubic about a place that lies ``by`` ahead."""
+    """Return the coefficients of a cubic about a point ``by`` ahead."""
     a, b, c, d = row
     return [
         a + by * (b + by * (c + by * d)),

@@ -1,12 +1,12 @@
-"""Writing objects, signals and controllers of roads.
+"""Objects, signals and controllers of roads.
 
 The standard knows which signals are switched together, not when. Programs are written as
-``userData`` of a controller: ``code="offset"``, the seconds by which the program starts late, and
-``code="phases"``, its phases in order, joined by ``", "``, each as seconds, a space, and one letter
-per link in SUMO's alphabet (``G`` and ``g`` green, ``y`` amber, ``r`` red, ``s`` stop and go,
-``u`` red with amber, ``o`` and ``O`` off). ``userData`` ``code="links"`` of a signal lists which of
-these letters it shows. ``userData`` ``code="marking"`` of a crosswalk says what is painted
-(``CROSSING_MARKINGS``): the standard's ``markings`` know lines along a border alone.
+``userData`` of a controller. ``code="offset"`` is the delay of the program's start in seconds.
+``code="phases"`` lists its phases, separated by ``", "``, each as seconds, a space, and one letter
+per link in SUMO's alphabet: ``G`` and ``g`` green, ``y`` amber, ``r`` red, ``s`` stop and go, ``u``
+red with amber, ``o`` and ``O`` off. ``userData`` ``code="links"`` of a signal lists the indices of
+its letters. ``userData`` ``code="marking"`` of a crosswalk is its marking (``CROSSING_MARKINGS``):
+the standard's ``markings`` only support lines along a border.
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from urbantwin.roads.signals import pose_of
 
 __all__ = ["with_signal_references", "write_controller", "write_objects", "write_signals"]
 
-#: ``validity`` of a signal that is for no lane of its road.
+#: ``validity`` of a signal that applies to no lane of its road.
 NO_LANE = (0,)
-#: A signal is referred to a road this near at most, metres.
+#: Maximum distance of a signal from the road that it is placed beside, metres.
 NEAR_M = 60.0
-#: A signal this near to the stop line is at it, and one further than the latter has none, metres.
+#: A signal within the first of the stop line is at it; one farther than the second has none,
+#: metres.
 LINE_M, LINE_WITHIN_M = 0.5, 15.0
-#: Lane offsets, and ways beyond a road's end, that do not matter, metres.
+#: Smaller lane offsets, and distances beyond a road's end, are ignored, metres.
 EXACT_M = 0.01
 
 
 def write_objects(
     road_item: etree._Element, road: ModelRoad, areas: Sequence[RoadArea], version: str
 ) -> None:
-    """Write ``<objects>`` of a road: areas as outlines, a bridge where it leads over others."""
+    """Write ``<objects>`` of a road: areas as outlines, and a bridge for an elevated road."""
     if not areas and road.level <= 0:
         return
     parent = etree.SubElement(road_item, "objects")
@@ -61,7 +62,7 @@ def write_objects(
             outline = etree.SubElement(item, "outline")
         else:
             outline = etree.SubElement(etree.SubElement(item, "outlines"), "outline", id="0")
-        # CARLA draws outlines that come back to their first corner.
+        # CARLA draws outlines that repeat their first corner.
         for u, v, z in (*area.corners, area.corners[0]):
             etree.SubElement(outline, "cornerLocal", **numbers(u=u, v=v, z=z, height=area.height))
         if area.marking:
@@ -84,7 +85,7 @@ def write_signals(
     references: Sequence[RoadSignal],
     version: str,
 ) -> None:
-    """Write ``<signals>`` of a road: heads and signs, and those for it that stand elsewhere."""
+    """Write ``<signals>`` of a road: its heads and signs, and references to those elsewhere."""
     if not signals and not references:
         return
     parent = etree.SubElement(road_item, "signals")
@@ -145,20 +146,20 @@ def write_controller(root: etree._Element, controller: SignalController) -> None
 
 
 def _runs(lanes: Iterable[int]) -> list[tuple[int, int]]:
-    """Return lanes as runs of ids one after the other: first and last of each."""
+    """Return lanes as runs of consecutive ids: first and last of each."""
     ids = sorted(set(lanes))
     breaks = [k for k, (a, b) in enumerate(pairwise(ids), start=1) if b - a > 1]
     return [(ids[a], ids[b - 1]) for a, b in pairwise([0, *breaks, len(ids)]) if b > a]
 
 
 def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
-    """Return a model with every signal on the road where it stands, and those to refer to.
+    """Return a model with each signal on the road beside it, and the signals to refer to.
 
-    The latter are on the road that they are for, with its lanes, at the stop line: there CARLA
-    stops vehicles, so a signal that stands metres before the line is referred to, too. CARLA
-    measures from the lane offset and the standard from the reference line, so a signal is placed
-    beside a street without an offset there; if there is none, on a road of its own, one metre long,
-    on whose lane nothing drives, which signals of one arm share.
+    References are on the road that the signals apply to, with its lanes, at the stop line: CARLA
+    stops vehicles there, so signals metres before the line are referred to as well. CARLA measures
+    from the lane offset and the standard from the reference line, so a signal is placed beside a
+    street without an offset. If there is none, it gets a road of its own, one metre long, without
+    traffic, which signals of one arm share.
     """
     streets = [road for road in model.roads if road.junction < 0 and road.length > CARRIER_M]
     tree = shapely.STRtree([road.curve.line for road in streets])
@@ -190,7 +191,7 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
 
 
 def _stop_line(model: LaneModel, signal: RoadSignal) -> float:
-    """Return the station of the stop line that a light is for; its own where there is none."""
+    """Return the station of a signal's stop line, metres; its own station if there is none."""
     lines = [
         area.s
         for area in model.areas
@@ -201,7 +202,7 @@ def _stop_line(model: LaneModel, signal: RoadSignal) -> float:
 
 
 def _beside(road: ModelRoad, signal: RoadSignal) -> RoadSignal | None:
-    """Return a signal as it stands beside a road, if both ways to measure it agree there."""
+    """Return a signal as placed beside a road; ``None`` if offset or distance make it ambiguous."""
     s = signal.s
     if signal.pose:
         s, t = (float(v[0]) for v in road.curve.locate([signal.pose[:2]]))
@@ -218,7 +219,7 @@ def _beside(road: ModelRoad, signal: RoadSignal) -> RoadSignal | None:
 
 
 def heading_offset(road: ModelRoad, signal: RoadSignal) -> float:
-    """Return how far a signal is turned from facing the traffic of its orientation, radians."""
+    """Return a signal's rotation from facing the traffic of its orientation, radians."""
     if not signal.pose:
         return 0.0
     facing = float(road.curve.at(signal.s)[0, 2]) + (0.0 if signal.orientation == "-" else math.pi)

@@ -1,4 +1,4 @@
-"""Writing a lane model as OpenDRIVE."""
+"""Writing of a lane model as OpenDRIVE."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from urbantwin.roads.streets.furniture import WALKER_LIGHTS
 
 __all__ = ["VERSIONS", "write_opendrive"]
 
-#: Versions of the standard that are written: the newest, and the one that CARLA reads.
+#: Supported versions: the newest, and the one that CARLA reads.
 VERSIONS = ("1.8", "1.4")
-#: ``validity`` of a signal that is for no lane of its road.
+#: ``validity`` of a signal that applies to no lane of its road.
 NO_LANE = (0,)
 Heads = frozenset[int]
-#: New ids of lanes: (road's old id, section, old lane) -> (road's new id, new lane).
+#: New lane ids: (road's old id, section, old lane) -> (road's new id, new lane).
 _Renamed = Mapping[tuple[int, int, int], tuple[int, int]]
 
 
@@ -45,7 +45,7 @@ class _Part:
     """The lanes of a road that become one road.
 
     Attributes:
-        id: the id of that road.
+        id: id of that road.
         along: whether its traffic runs along the reference line.
         sides: 1 for the lanes to the left of the reference line, -1 for those to the right.
     """
@@ -72,22 +72,22 @@ class _Part:
 def write_opendrive(
     model: LaneModel, frame: SiteFrame, path: Path, *, version: str = "1.8", name: str
 ) -> None:
-    """Write a lane model as an OpenDRIVE file, whole or not at all.
+    """Write a lane model as an OpenDRIVE file, atomically.
 
-    Ids are the model's. In 1.4, which is for CARLA, left-hand traffic takes the form of right-hand
-    traffic (``as_right_hand_traffic``), crosswalks lie where CARLA finds them
-    (``with_carla_crosswalks``), signs have the numbers that it knows (``with_carla_signs``), and
-    controllers are what it takes them for (``with_carla_stages``).
+    Ids are those of the model. In 1.4, which is for CARLA, the model is adapted: left-hand traffic
+    becomes right-hand traffic (``as_right_hand_traffic``), crosswalks avoid lane offsets
+    (``with_carla_crosswalks``), signs get the numbers that CARLA knows (``with_carla_signs``), and
+    controllers become stages (``with_carla_stages``).
 
     Args:
         model: the lane model, with heights.
         frame: the site frame, which becomes the file's ``geoReference``.
         path: the ``.xodr`` to write.
         version: ``1.8``, or ``1.4`` for CARLA.
-        name: the map's name.
+        name: name of the map.
 
     Raises:
-        InputError: the version is not one that we write, or the model has no roads.
+        InputError: the version is not supported, or the model has no roads.
     """
     if version not in VERSIONS:
         raise InputError(
@@ -104,15 +104,15 @@ def write_opendrive(
 
 
 def with_carla_stages(model: LaneModel) -> LaneModel:
-    """Return a lane model with a controller for every stage of every program.
+    """Return a lane model with one controller per stage of each program.
 
-    The heads of a stage are green together in some phase of the program; stages are few, and in
-    the order of those phases. A head for people on foot goes with a stage for vehicles that it is
-    green with. Where no program is known, every road that comes in is a stage.
+    The heads of a stage have green together in some phase of the program. Stages are as few as
+    possible, in the order of those phases. A pedestrian head belongs to a vehicle stage with which
+    it has green. Without a known program, each incoming road is a stage.
 
-    Every signal names its lanes: of one without, CARLA would take lanes of the other direction
-    (``MapBuilder::GenerateDefaultValiditiesForSignalReferences``), and heads for people on foot
-    would stop vehicles.
+    Every signal gets lanes: for one without, CARLA would assume lanes of the opposite direction
+    (``MapBuilder::GenerateDefaultValiditiesForSignalReferences``), and pedestrian heads would stop
+    vehicles.
     """
     model = replace(model, signals=tuple(_with_lanes(model, one) for one in model.signals))
     heads = {signal.id: signal for signal in model.signals if signal.dynamic}
@@ -158,14 +158,14 @@ def _stages(program: SignalController, heads: Iterable[RoadSignal]) -> list[Head
         left -= also
     found += _covered(green, frozenset(left))
     found.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
-    # Never green, or nobody knows when.
+    # Never green, or without a known program.
     rest = [head for head in heads if not any(head.id in stage for stage in found)]
     roads = sorted({head.road for head in rest})
     return found + [frozenset(head.id for head in rest if head.road == road) for road in roads]
 
 
 def _green(program: SignalController, head: RoadSignal) -> list[bool]:
-    """Return in which phases a head is green: all of its links, or the longest of them."""
+    """Return in which phases a head is green: by all its links, else by the longest one."""
     links = [
         [state[link : link + 1] in ("G", "g") for _, state in program.phases] for link in head.links
     ]
@@ -180,7 +180,7 @@ def _seconds(program: SignalController, lit: list[bool]) -> float:
 
 
 def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
-    """Return heads that are green at once, the most of those left first, until all were."""
+    """Return sets of heads that are green at once, largest first, until all are included."""
     left, found = wanted, []
     while most := max((phase & left for phase in green), key=len, default=frozenset()):
         found.append(most)
@@ -191,8 +191,8 @@ def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
 def as_right_hand_traffic(model: LaneModel) -> LaneModel:
     """Return a lane model of left-hand traffic in the form of right-hand traffic.
 
-    A road keeps its id; where it is parted, that goes to the lanes along the reference line, and
-    the others get a new one. A model of right-hand traffic is returned as it is.
+    A road keeps its id. If it is split, the lanes along the reference line keep it, and the others
+    get a new id. A model of right-hand traffic is returned unchanged.
     """
     if model.driving_side == "right":
         return model
@@ -229,7 +229,7 @@ def as_right_hand_traffic(model: LaneModel) -> LaneModel:
 
 
 def _sides(road: ModelRoad) -> list[tuple[bool, tuple[int, ...]]]:
-    """Return what a road is parted into: whether traffic runs along the line, and the sides."""
+    """Return the parts of a road: whether traffic runs along the line, and the sides."""
     driven = {
         1 if lane.id > 0 else -1
         for section in road.sections
@@ -238,7 +238,7 @@ def _sides(road: ModelRoad) -> list[tuple[bool, tuple[int, ...]]]:
     }
     if len(driven) == 2:
         return [(True, (1,)), (False, (-1,))]
-    # One direction only, or none: lanes beside it stay with it.
+    # One direction only, or none: the lanes beside it stay with it.
     return [(driven != {-1}, (1, -1))]
 
 
@@ -261,7 +261,8 @@ def _section(part: _Part, k: int, model: LaneModel, renamed: _Renamed) -> LaneSe
     ordered = sorted(section.lanes, key=lambda lane: -lane.id)
     lanes = []
     for lane in part.lanes(section):
-        # The line on the new outer border, the right one along the reference line, else the left.
+        # The line on the new outer border: the right one along the reference line, else the left
+        # one.
         mark = _line(section, ordered, lane, left=not part.along)
         before = _renumbered(part.road, k, lane.predecessor, model, renamed, ahead=False)
         after = _renumbered(part.road, k, lane.successor, model, renamed, ahead=True)
@@ -286,7 +287,7 @@ def _section(part: _Part, k: int, model: LaneModel, renamed: _Renamed) -> LaneSe
 def _line(
     section: LaneSection, ordered: list[SectionLane], lane: SectionLane, *, left: bool
 ) -> tuple[str, str]:
-    """Return the mark on one border of a lane and who may change lanes over it."""
+    """Return the mark on one border of a lane and the lane changes permitted over it."""
     if (lane.id > 0) == left:
         return lane.mark, lane.change
     inner = section.by_id.get(lane.id + (-1 if lane.id > 0 else 1))
@@ -296,7 +297,7 @@ def _line(
 
 
 def _offset(part: _Part) -> Profile:
-    """Return the lane offset to the border that the lanes of a part are counted from."""
+    """Return the lane offset to the border from which the lanes of a part are counted."""
     road = part.road
     starts, rows = [], []
     for section, end in zip(road.sections, road.section_ends, strict=True):
@@ -341,7 +342,7 @@ def _renumbered(
 def _link(
     part: _Part, link: RoadLink | None, model: LaneModel, renamed: _Renamed, *, ahead: bool
 ) -> RoadLink | None:
-    """Return what a part is joined to: of a parted road, the part that its lanes lead to."""
+    """Return the link of a part; to a split road, it is to the part that its lanes lead to."""
     if link is None or link.element != "road":
         return link
     road = part.road
@@ -368,7 +369,7 @@ def _junction(junction: ModelJunction, model: LaneModel, renamed: _Renamed) -> M
 def _connections(
     connection: Connection, model: LaneModel, renamed: _Renamed
 ) -> Iterable[Connection]:
-    """Return a connection for every pair of parts that its lanes join."""
+    """Yield a connection for each pair of parts that its lanes link."""
     connecting = model.road_by_id[connection.connecting]
     k = 0 if connection.contact == "start" else len(connecting.sections) - 1
     met = _met(connecting, k, model, ahead=connection.contact == "end")
