@@ -1,4 +1,4 @@
-"""Building the lane network of a site from an imported map."""
+"""The lane network of a site from an imported map."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ from urbantwin.site.signals import SignalPlan
 
 __all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]
 
-#: Length by which cut streets go on beyond the border before they turn round, metres.
+#: Extension of cut streets beyond the border before they turn round, metres.
 BEYOND_M = 20.0
 _NOT_LIFTED = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 
 
 @dataclass(frozen=True)
 class PreparedMap:
-    """A map cut to the region, with heights of the site, and the ground that goes with it.
+    """A map cut to the region, with heights of the site, and the corresponding ground.
 
     Attributes:
         model: the lane model, site frame.
         elevation: the ground.
-        notes: what was left out and assumed.
+        notes: assumptions and omissions.
     """
 
     model: LaneModel
@@ -66,19 +66,19 @@ def prepared_map(
 ) -> PreparedMap:
     """Crop a map to a region and to its main component, and determine its heights.
 
-    A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
-    anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.
-    One that has none takes the DEM's, if there is one; so does one that has them at the corners of
-    its lines only, unless one of its roads passes over another.
+    Heights of the map are kept, with one shift for the whole map: the road nearest to the anchor is
+    at zero or, with a DEM, the median of road minus ground is zero. A map without heights takes
+    those of the DEM, if any. So does one with heights only at the corners of its lines, unless one
+    of its roads passes over another.
 
     Args:
         imported: the map, site frame.
-        region: where to build.
+        region: the region to build, site frame.
         elevation: the ground, from a DEM; ``None`` without one.
-        closed_loop: whether outer roads beyond the region lead every way out back to a way in.
+        closed_loop: whether outer roads beyond the region lead each exit back to an entry.
 
     Raises:
-        InputError: the map has no lanes to drive on, or none in the region.
+        InputError: the map has no lanes with traffic, or none in the region.
     """
     check_meets(imported, region)
     whole = imported.model
@@ -126,16 +126,16 @@ def build_imported_roads(
     out: Path,
     plans: Sequence[SignalPlan] = (),
 ) -> BuiltRoads:
-    """Build the lane network of a prepared map and write SUMO's network beside it.
+    """Build the lane network of a prepared map and write SUMO's network.
 
     Args:
         prepared: the map.
         frame: the site frame.
         out: the ``.net.xml`` to write.
-        plans: programs of signals to use instead of the map's or assumed ones.
+        plans: signal programs that replace those of the map or assumed ones.
 
     Raises:
-        InputError: a plan for signals cannot be used.
+        InputError: a signal plan cannot be used.
         StageError: netconvert failed.
     """
     said = [plan.spec.place for plan in plans]
@@ -169,7 +169,7 @@ def check_meets(imported: ImportedMap, region: shapely.Polygon) -> None:
     """Check that a map has a road in a region.
 
     Raises:
-        InputError: it has none; the error says how far away the nearest is.
+        InputError: it has none; the message gives the distance of the nearest road.
     """
     streets = [road for road in imported.model.roads if road.junction < 0]
     if not has_traffic(imported.model):
@@ -194,7 +194,7 @@ def _first_height(model: LaneModel) -> float:
 
 
 def _shift(model: LaneModel, elevation: Elevation | None) -> float:
-    """Return how far a map with heights is moved up."""
+    """Return the upward shift of a map with heights, metres."""
     on_ground = [road for road in model.roads if road.level == 0] or list(model.roads)
     points = np.vstack(
         [

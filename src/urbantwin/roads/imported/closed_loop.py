@@ -1,8 +1,8 @@
-"""The closed loop of an imported map: outer roads lead every exit of the region to an entry.
+"""Closed loop of an imported map: outer roads connect exits of the region to entries.
 
-Where a street is cut, or ends with nothing before it, the lanes that leave lead through a
-turnaround to the lanes that enter; those of a one-way street go over to the nearest one-way street
-that leads in. Outer roads are ordinary one-way streets of as many lanes as lead out.
+Where a street is cut, or has a free end, its outgoing lanes lead through a turnaround to its
+incoming lanes. Those of a one-way street lead to the nearest incoming one-way street. Outer roads
+are ordinary one-way streets with as many lanes as lead out.
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ from urbantwin.roads.model import (
 
 __all__ = ["closed_model"]
 
-#: An end this close to the region's border was cut there, by the crop or in the map itself, metres.
+#: Ends within this distance of the region's border were cut there, by the crop or in the map,
+#: metres.
 CUT_M = 5.0
-#: Nothing else may be this close to the straight way on from an end of a map, metres.
+#: Clearance of the straight extension of a free end, metres.
 ROOM_M = 3.0
-#: One-way ends this close are the two carriageways of one street, metres.
+#: Maximum distance of one-way ends that are the two carriageways of one street, metres.
 NEAR_M = 40.0
-#: Roads round the region: radius of their bends, distance from all streets, and from each other, m.
+#: Roads round the region: bend radius, distance from all streets, and from each other, metres.
 RING_RADIUS_M, RING_GAP_M, RING_STEP_M = 25.0, 30.0, 8.0
-#: Spacing of the points that a road round the region is drawn through, metres.
+#: Spacing of the points of a road round the region, metres.
 STEP_M = 10.0
 FAR_M = 5000.0
 #: Length of the connecting roads between a street and its turnaround, metres.
@@ -55,15 +56,15 @@ MOTOR = ("driving", "bus")
 
 @dataclass(frozen=True)
 class _End:
-    """A loose end of a street.
+    """A free end of a street.
 
     Attributes:
         road: the street.
         end: ``start`` or ``end``.
-        point: (2,) where it is.
+        point: (2,) its position, site frame, metres.
         heading: outwards, radians.
-        leaving: ids of the lanes that lead out, from the middle of the street outwards.
-        entering: ids of the lanes that lead in.
+        leaving: ids of the outgoing lanes, from the middle of the street outwards.
+        entering: ids of the incoming lanes.
     """
 
     road: ModelRoad
@@ -75,24 +76,24 @@ class _End:
 
     @property
     def s(self) -> float:
-        """Station of the end."""
+        """Station of the end, metres."""
         return 0.0 if self.end == "start" else self.road.length
 
     @property
     def section(self) -> LaneSection:
-        """The lanes there."""
+        """The lane section at the end."""
         return self.road.sections[0 if self.end == "start" else -1]
 
     def width(self, lane: int) -> float:
-        """Return a lane's width there, metres."""
+        """Return a lane's width at the end, metres."""
         return float(self.section.by_id[lane].width.at([self.s - self.section.s])[0])
 
     def inner(self, lane: int) -> tuple[Pose2, float, float]:
         """Return the border of a lane towards the middle of the street.
 
         Returns:
-            Its place and the heading of the traffic, its height, and the rise per metre to the left
-            of the traffic.
+            Its position with the heading of the traffic, its height (metres), and the rise per
+                metre to the left of the traffic.
         """
         item = self.section.by_id[lane]
         out = float(self.road.border(self.section, item, self.s, outer=True)[0])
@@ -106,11 +107,11 @@ class _End:
 
 
 def closed_model(model: LaneModel, region: shapely.Polygon) -> tuple[LaneModel, dict[str, int]]:
-    """Return the model with ways that lead from every way out to a way in, and how many there are.
+    """Return the model with roads from each exit to an entry, and their numbers by kind.
 
     Args:
         model: the lane model, cut to the region.
-        region: site frame.
+        region: the region, site frame.
     """
     ends = _loose_ends(model, region)
     two_way = [end for end in ends if end.leaving and end.entering]
@@ -141,7 +142,7 @@ def closed_model(model: LaneModel, region: shapely.Polygon) -> tuple[LaneModel, 
 
 
 def _loose_ends(model: LaneModel, region: shapely.Polygon) -> list[_End]:
-    """Return the ends that are cut, and those of the map that nothing lies before."""
+    """Return the ends that were cut, and the map's ends with free space ahead."""
     streets = [road for road in model.roads if road.junction < 0]
     lines = [road.curve.line.buffer(ROOM_M, cap_style="flat") for road in streets]
     tree = shapely.STRtree(lines)
@@ -181,13 +182,13 @@ def _end(road: ModelRoad, end: str) -> _End:
 
 
 def _wide(road: ModelRoad, section: LaneSection, lane: SectionLane, *, at_end: bool) -> bool:
-    """Whether a lane is wide enough to drive on at a road's end."""
+    """Return whether a lane is wide enough for traffic at a road's end."""
     s = road.length - section.s if at_end else 0.0
     return float(lane.width.at([s])[0]) > 2.0
 
 
 def _near(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _End]]:
-    """Return the carriageways of one street: pairs that are close and point the same way."""
+    """Return pairs of carriageways of one street: close ends with similar headings."""
     found: list[tuple[_End, _End]] = []
     options = sorted(
         (float(np.linalg.norm(a.point - b.point)), i, j)
@@ -204,7 +205,7 @@ def _near(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _E
 
 
 def _round(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _End]]:
-    """Return exits with entries for each other, the nearest first, each used once."""
+    """Return pairs of exits and entries, the nearest first, each used once."""
     options = sorted(
         (float(np.linalg.norm(a.point - b.point)), i, j)
         for i, a in enumerate(exits)
@@ -220,7 +221,7 @@ def _round(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _
 
 
 class _Builder:
-    """Adds outer roads to a model."""
+    """Addition of outer roads to a model."""
 
     def __init__(self, model: LaneModel) -> None:
         self.model = model
@@ -232,7 +233,7 @@ class _Builder:
         self.lanes: dict[tuple[int, str], dict[int, int]] = {}
 
     def turn_round(self, end: _End) -> None:
-        """Let the lanes that leave a two-way street lead back into it, over a junction there."""
+        """Add a turnaround from the outgoing to the incoming lanes of a two-way street."""
         junction, number = self._new(), self._new()
         whole = self._road(end, end, self._drop(end, end), number)
         cut = min(MOUTH_M, whole.length / 4)
@@ -273,7 +274,7 @@ class _Builder:
         self.links[end.road.id, end.end] = here
 
     def lead_over(self, exit_: _End, entry: _End, ring: shapely.Polygon | None) -> None:
-        """Let the lanes that leave one street lead into another."""
+        """Add a road from the outgoing lanes of one street to the incoming lanes of another."""
         number = self._new()
         curve = self._drop(exit_, entry) if ring is None else self._round(exit_, entry, ring)
         road = self._road(exit_, entry, curve, number)
@@ -289,7 +290,7 @@ class _Builder:
         self.links[entry.road.id, entry.end] = RoadLink("road", number, "end")
 
     def result(self) -> LaneModel:
-        """Return the model with everything that was added."""
+        """Return the model with all added roads."""
         roads = [
             dataclasses.replace(
                 road,
@@ -306,7 +307,7 @@ class _Builder:
         )
 
     def _sections(self, road: ModelRoad) -> tuple[LaneSection, ...]:
-        """Return a street's sections, the lanes at its ends joined to outer roads."""
+        """Return a street's sections with the lanes at its ends linked to outer roads."""
         sections = list(road.sections)
         for at, end in ((0, "start"), (-1, "end")):
             links = self.lanes.get((road.id, end), {})
@@ -326,7 +327,7 @@ class _Builder:
         return self.number - 1
 
     def _drop(self, exit_: _End, entry: _End) -> Curve:
-        """Return the turnaround at the inner border of the innermost lane."""
+        """Return the curve of a turnaround at the inner border of the innermost lane."""
         start, end = exit_.inner(exit_.leaving[0])[0], entry.inner(entry.entering[0])[0]
         gap = math.hypot(start[0] - end[0], start[1] - end[1])
         turn = "left" if self.side < 0 else "right"
@@ -337,7 +338,7 @@ class _Builder:
         return _round_curve(start, end, ring)
 
     def _road(self, exit_: _End, entry: _End, curve: Curve, number: int) -> ModelRoad:
-        """Return an outer road from end to end; its lanes lie outside of its reference line."""
+        """Return an outer road between two ends; its lanes lie outside its reference line."""
         _, z0, fall0 = exit_.inner(exit_.leaving[0])
         _, z1, fall1 = entry.inner(entry.entering[0])
         lanes = []
@@ -378,7 +379,7 @@ class _Builder:
 
 
 def _users(end: _End) -> tuple[str, ...]:
-    """Return the classes with lanes of their own beside those that lead out: bicycles, buses."""
+    """Return the classes with outgoing lanes of their own: bicycles, buses."""
     onward = end.end == "end"
     return tuple(
         name
@@ -393,7 +394,7 @@ def _joined(
     before: tuple[RoadLink, Mapping[int, int | None]],
     after: tuple[RoadLink, Mapping[int, int | None]],
 ) -> ModelRoad:
-    """Return a road of one section with other links, of itself and of its lanes."""
+    """Return a road of one section with other links of the road and its lanes."""
     lanes = tuple(
         dataclasses.replace(
             lane, predecessor=before[1].get(lane.id), successor=after[1].get(lane.id)
@@ -405,7 +406,7 @@ def _joined(
 
 
 def _round_curve(start: Pose2, end: Pose2, ring: shapely.Polygon) -> Curve:
-    """Return the shorter way round the region from a lane out to a lane in."""
+    """Return the shorter path round the region from an outgoing lane to an incoming lane."""
     line = ring.exterior
     length = float(line.length)
     a, b = (float(line.project(shapely.Point(pose[:2]))) for pose in (start, end))

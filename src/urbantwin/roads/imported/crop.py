@@ -1,4 +1,4 @@
-"""Cropping a lane model to the region and to its main component."""
+"""Cropping of a lane model to the region and to its main component."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from urbantwin.roads.region_pieces import LeftOut, Part, main_component
 
 __all__ = ["cropped", "main_part", "part_of_road", "with_border"]
 
-#: Stations that are tried for being inside, metres apart; a border is then found to a millimetre.
+#: Spacing of stations tested for being inside, metres; the border is then located to a millimetre.
 STEP_M = 0.5
-#: What a street keeps at the least where it leaves a junction that is kept, metres.
+#: Minimum length of a street that remains at a kept junction, metres.
 STUB_M = 15.0
-#: Shorter pieces that reach no junction are not kept, metres.
+#: Shorter pieces without a junction are dropped, metres.
 LEAST_M = 5.0
-#: What stands this close to a piece of road belongs to it, metres.
+#: Tolerance for assigning objects to a piece of road, metres.
 SLACK_M = 2.0
 Interval = tuple[float, float]
-#: Shorter parts are not kept, metres.
+#: Shorter parts are dropped, metres.
 SHORTEST_CUT_M = 1e-3
 
 
 def cropped(model: LaneModel, region: shapely.Polygon, *, beyond: float = 0.0) -> LaneModel:
     """Return the part of a lane model that lies in a region.
 
-    Streets are cut at the region's border. A junction is kept whole, with a stub of each of its
-    streets, if its middle is in the region.
+    Streets are cut at the region's border. A junction is kept completely, with a stub of each of
+    its streets, if its centre is in the region.
 
     Args:
         model: the lane model.
-        region: site frame.
-        beyond: how far streets go on beyond the border, metres.
+        region: the region, site frame.
+        beyond: extension of streets beyond the border, metres.
     """
     reach = region.buffer(beyond) if beyond else region
     shapely.prepare([region, reach])
@@ -67,7 +67,7 @@ def cropped(model: LaneModel, region: shapely.Polygon, *, beyond: float = 0.0) -
 
 
 def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
-    """Return the main component of a lane model, and what was left out."""
+    """Return the main component of a lane model, and the parts left out."""
     streets = {road.id: road for road in model.roads if road.junction < 0}
     joints: dict[int, set[tuple[int, int]]] = defaultdict(set)
     for road in model.roads:
@@ -102,7 +102,7 @@ def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
 
 
 def middle_of_junction(model: LaneModel, junction: ModelJunction) -> NDArray[np.float64]:
-    """Return a place amid the ways through a junction (2,); nan where it has none."""
+    """Return the centre of the connecting roads of a junction (2,); nan without any."""
     places = [
         road.curve.at([road.length / 2])[0, :2]
         if road.junction >= 0
@@ -128,7 +128,7 @@ def _motor_lanes(road: ModelRoad) -> float:
 
 
 def _intervals(road: ModelRoad, region: shapely.Polygon, kept: set[int]) -> list[Interval]:
-    """Return the stretches of a street that are kept, from start to end."""
+    """Return the intervals of a street that are kept, from start to end, metres."""
     s = np.linspace(0.0, road.length, max(2, int(road.length / STEP_M) + 2))
     inside = _inside(road, region, s)
     turns = np.flatnonzero(inside[1:] != inside[:-1])
@@ -161,7 +161,7 @@ def _inside(road: ModelRoad, region: shapely.Polygon, s: NDArray[np.float64]) ->
 
 
 def _border(road: ModelRoad, region: shapely.Polygon, low: float, high: float) -> float:
-    """Return the station between two where a road crosses the region's border."""
+    """Return the station between two at which a road crosses the region's border, metres."""
     begins_inside = bool(_inside(road, region, np.array([low]))[0])
     for _ in range(10):
         middle = (low + high) / 2
@@ -175,7 +175,7 @@ def _border(road: ModelRoad, region: shapely.Polygon, low: float, high: float) -
 def _of_pieces(
     model: LaneModel, pieces: dict[int, list[tuple[int, Interval]]], kept: set[int]
 ) -> LaneModel:
-    """Return the model of pieces of its streets, and of the junctions that are kept."""
+    """Return the model with the given pieces of its streets and the kept junctions."""
     streets: dict[int, ModelRoad] = {}
     at_end: dict[tuple[int, str], int] = {}
     for identity, found in pieces.items():
@@ -199,7 +199,7 @@ def _of_pieces(
             for link in (road.predecessor, road.successor)
         )
     }
-    # A way through a junction may lead on to another such way.
+    # A connecting road may continue in another one.
     roads = {
         road.id: _relinked(road, at_end, kept, ways) for road in (*streets.values(), *ways.values())
     }
@@ -246,7 +246,7 @@ def _relinked(
 
 
 def _unjoined(road: ModelRoad, junctions: set[int]) -> ModelRoad:
-    """Return a road without links to junctions of which nothing is left."""
+    """Return a road without links to dropped junctions."""
     before, after = (
         None if link and link.element == "junction" and link.id not in junctions else link
         for link in (road.predecessor, road.successor)
@@ -289,7 +289,7 @@ def _of_junction(
 def _furnished(
     old: LaneModel, new: LaneModel, pieces: dict[int, list[tuple[int, Interval]]]
 ) -> LaneModel:
-    """Return the new model with what stood on the old one, where it is left."""
+    """Return the new model with the old one's objects and signals on its remaining roads."""
 
     def place(road: int, s: float) -> tuple[int, float] | None:
         if road not in pieces:
@@ -324,7 +324,7 @@ def _furnished(
 
 
 def has_traffic(model: LaneModel) -> bool:
-    """Whether a lane model has a lane that motor traffic drives on."""
+    """Return whether a lane model has a lane with motor traffic."""
     return any(
         lane.kind in ("driving", "bus") and carries_traffic(road, number, lane)
         for road in model.roads
@@ -335,15 +335,15 @@ def has_traffic(model: LaneModel) -> bool:
 
 
 def part_of_road(road: ModelRoad, first: float, last: float, identity: int) -> ModelRoad:
-    """Return the part of a road between two stations, as a road of its own.
+    """Return the part of a road between two stations as a separate road.
 
-    An end that was cut is joined to nothing; one that was not stays joined as it was.
+    A cut end has no link; other ends keep theirs.
 
     Args:
         road: the road.
-        first: station of the new start.
-        last: station of the new end.
-        identity: the new road's id.
+        first: station of the new start, metres.
+        last: station of the new end, metres.
+        identity: id of the new road.
     """
     whole = (first <= SHORTEST_CUT_M, last >= road.length - SHORTEST_CUT_M)
     first, last = (0.0 if whole[0] else first), (road.length if whole[1] else last)
@@ -374,7 +374,7 @@ def part_of_road(road: ModelRoad, first: float, last: float, identity: int) -> M
 
 
 def with_border(road: ModelRoad, s: float) -> tuple[ModelRoad, int]:
-    """Return a road with a section border at a station, and the index of the section behind it."""
+    """Return a road with a section boundary at a station, and the index of the section after it."""
     number = max(k for k, section in enumerate(road.sections) if section.s < s)
     before = road.sections[number]
     after = _part(before, s, 0.0)

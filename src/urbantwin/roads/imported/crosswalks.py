@@ -1,4 +1,4 @@
-"""Crosswalks of a map matched to the street that they cross, and to its end."""
+"""Crosswalks of a map, assigned to the ends of the streets that they cross."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from urbantwin.roads.model import LaneModel, RoadArea
 
 __all__ = ["Crosswalk", "crosswalks_of_model"]
 
-#: How far from the end of a street its crosswalk may lie: back along it, and into the junction.
+#: Range of a crosswalk before the end of its street and into the junction, metres.
 BACK_M, BEYOND_M = 25.0, 20.0
-#: What reaches farther along a street than across it, and than this, is not across it, metres.
+#: Areas longer along a street than across it, and than this, do not cross it, metres.
 BROAD_M = 6.0
-#: Cosine of the angle between streets that a crosswalk may cross together.
+#: Minimum cosine of the angle between streets that share a crosswalk.
 PARALLEL = 0.7
-#: What is farther from the end of a street than this is not looked at, metres.
+#: Crosswalks farther from the end of a street are ignored for it, metres.
 NEAR_M = 80.0
-#: Share of the carriageway's width that a crosswalk across it covers at least.
+#: Minimum share of the carriageway's width that a crosswalk covers.
 ACROSS = 0.5
 
 
@@ -34,9 +34,9 @@ class Crosswalk:
         area: id of the area in the lane model.
         node: the node beside it.
         edges: ids of the edges that it crosses.
-        line: (2, 2) its middle, from kerb to kerb.
-        width: of the crosswalk, metres.
-        marking: what it is marked with; empty where the map does not tell.
+        line: (2, 2) its centre line from kerb to kerb, site frame.
+        width: width of the crosswalk, metres.
+        marking: its marking; empty if unknown.
     """
 
     area: int
@@ -49,7 +49,7 @@ class Crosswalk:
 
 @dataclass(frozen=True)
 class _Arm:
-    """The end of a street: its edges, and where its carriageway ends, seen from the junction."""
+    """The end of a street: its edges, and its carriageway as seen from the junction."""
 
     node: str
     edges: tuple[str, ...]
@@ -60,7 +60,7 @@ class _Arm:
 
 
 def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes) -> list[Crosswalk]:
-    """Return, for each mapped crosswalk, the streets that it crosses; one item a street."""
+    """Return a crosswalk for each street that a mapped crosswalk crosses."""
     arms = _arms(edges, nodes)
     found: dict[tuple[str, tuple[str, ...]], Crosswalk] = {}
     for area in model.areas:
@@ -77,7 +77,7 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
             key=lambda item: item[:2],
         )
         for _, _, arm, over in candidates:
-            # One crosswalk may lead over the two carriageways of a street: arms side by side.
+            # One crosswalk may cross both carriageways of a street: parallel arms.
             beside = arm.outwards @ candidates[0][2].outwards > PARALLEL
             if over.node == candidates[0][3].node and beside:
                 painted = replace(over, marking=area.marking)
@@ -127,7 +127,7 @@ def _arm(node: str, end: str, edges: list[Edge]) -> _Arm:
 
 
 def _over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | None:
-    """Return the crosswalk over one street's end, if it crosses it."""
+    """Return the crosswalk over a street's end; ``None`` if it does not cross it."""
     normal = np.array([-arm.outwards[1], arm.outwards[0]])
     gap = outline - arm.place
     local = shapely.Polygon(np.column_stack([gap @ arm.outwards, gap @ normal])).buffer(0)
@@ -139,7 +139,7 @@ def _over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | Non
     across = left - right
     if across < ACROSS * (arm.left - arm.right) or high - low > max(across, BROAD_M):
         return None
-    # The middle at either kerb: half way through the outline there.
+    # The centre of the outline at either kerb.
     ends = []
     for t in (arm.right, arm.left):
         inner = np.clip(t, right + 0.05, left - 0.05)

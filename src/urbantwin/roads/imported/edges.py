@@ -1,4 +1,4 @@
-"""SUMO edges of the lane model: one direction, the same lanes all along."""
+"""SUMO edges of the lane model: one direction of a road, with constant lanes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ __all__ = [
     "loops",
 ]
 
-#: Kinds of lanes that traffic follows, pedestrians included, and the least width of a lane of
-#: that kind, metres: a lane that is narrower all along a section is a taper that has not opened
-#: yet.
+#: Kinds of lanes with traffic, including pedestrians, and their minimum width, metres: a lane that
+#: is narrower all along a section is a taper that has not opened yet.
 TRAFFIC_KINDS = {"driving": 1.5, "bus": 1.5, "bicycle": 0.5, "sidewalk": 0.5}
 #: A road and one of its ends (``start`` or ``end``).
 RoadEnd = tuple[int, str]
@@ -28,11 +27,11 @@ RoadEnd = tuple[int, str]
 
 @dataclass(frozen=True)
 class Edge:
-    """A stretch of a road in one direction, along which the lanes stay the same.
+    """A part of a road in one direction with constant lanes.
 
     Attributes:
-        id: ``12`` along the reference line of road 12, ``-12`` against it; ``12#1`` where the road
-            is of several stretches.
+        id: ``12`` along the reference line of road 12, ``-12`` against it; ``12#1`` for one of
+            several parts.
         road: the road.
         sections: indices of its sections, in the order of the reference line.
         lanes: for each lane, from the kerb inwards, its id in each of the sections.
@@ -47,12 +46,12 @@ class Edge:
 
     @property
     def start(self) -> float:
-        """Station where the stretch begins, on the reference line."""
+        """Start station on the reference line, metres."""
         return self.road.sections[self.sections[0]].s
 
     @property
     def end(self) -> float:
-        """Station where the stretch ends."""
+        """End station on the reference line, metres."""
         return self.road.section_ends[self.sections[-1]]
 
     def strip(self, index: int) -> str:
@@ -60,7 +59,7 @@ class Edge:
         return f"{self.id}_{index}"
 
     def lane(self, index: int, position: int = 0) -> SectionLane:
-        """Return a lane as it is in the first (0) or last (-1) of the sections."""
+        """Return a lane in the first (0) or last (-1) of the sections."""
         return self.road.sections[self.sections[position]].by_id[self.lanes[index][position]]
 
 
@@ -72,7 +71,7 @@ class Nodes:
 
     Attributes:
         of_end: the node at each end of each road outside junctions.
-        junctions: node -> junction of the model; not those where roads only meet.
+        junctions: node -> junction of the model; nodes between two roads only have none.
     """
 
     def __init__(self, model: LaneModel) -> None:
@@ -83,7 +82,7 @@ class Nodes:
             for end, link in (("start", road.predecessor), ("end", road.successor)):
                 here = f"{road.id}.{end}"
                 if road.junction >= 0:
-                    # What a way through a junction is joined to ends at that junction.
+                    # Streets linked to a connecting road end at its junction.
                     if link and link.element == "road" and link.id in streets:
                         self._unite(f"J{road.junction}", f"{link.id}.{link.contact}")
                 elif link and link.element == "junction" and link.id in known:
@@ -104,7 +103,7 @@ class Nodes:
                 self.junctions.setdefault(node, junction.id)
 
     def of_edge(self, edge: Edge) -> tuple[str, str]:
-        """Return the nodes where an edge begins and ends, in the order of travel."""
+        """Return the nodes at the start and the end of an edge, in the order of travel."""
         first, last = edge.sections[0], edge.sections[-1] + 1
         road = edge.road
         start = self.of_end[road.id, "start"] if first == 0 else f"{road.id}#{first}"
@@ -113,7 +112,7 @@ class Nodes:
         return (start, end) if edge.forward else (end, start)
 
     def _direct(self, model: LaneModel, streets: set[int]) -> None:
-        """Roads that a direct junction joins end at that junction."""
+        """Let the roads that a direct junction links end at that junction."""
         for junction in model.junctions:
             for connection in junction.connections:
                 if connection.connecting in streets:
@@ -130,7 +129,7 @@ class Nodes:
 
 
 def carries_traffic(road: ModelRoad, number: int, lane: SectionLane) -> bool:
-    """Whether traffic follows a lane of a section: by its kind, and wide enough somewhere."""
+    """Return whether a lane of a section has traffic: by its kind and its largest width."""
     least = TRAFFIC_KINDS.get(lane.kind)
     if least is None:
         return False
@@ -139,11 +138,11 @@ def carries_traffic(road: ModelRoad, number: int, lane: SectionLane) -> bool:
 
 
 def edges_of_model(model: LaneModel, borders: Iterable[tuple[int, int]] = ()) -> tuple[Edge, ...]:
-    """Return the edges of every road outside junctions, in the order of the roads.
+    """Return the edges of all roads outside junctions, in the order of the roads.
 
     Args:
         model: the lane model.
-        borders: (road, section): where a stretch begins although the lanes go on unchanged.
+        borders: (road, section) of further boundaries between edges.
     """
     forced = set(borders)
     found: list[Edge] = []
@@ -159,8 +158,8 @@ def edges_of_road(road: ModelRoad, side: str, cuts: Iterable[int] = ()) -> list[
 
     Args:
         road: a road outside junctions.
-        side: on which side people drive, which is where the kerb is: ``right`` or ``left``.
-        cuts: indices of sections where a stretch begins in any case.
+        side: driving side, which is the side of the kerb: ``right`` or ``left``.
+        cuts: indices of sections at which an edge begins in any case.
     """
     both = [
         tuple(_lanes(road, number, side, forward=forward) for forward in (True, False))
@@ -189,13 +188,13 @@ def edges_of_road(road: ModelRoad, side: str, cuts: Iterable[int] = ()) -> list[
 
 def _lanes(road: ModelRoad, number: int, side: str, *, forward: bool) -> tuple[int, ...]:
     """Return the ids of a section's lanes in one direction, from the kerb inwards."""
-    # The kerb is on the right of the traffic, or on its left where people drive on the left.
+    # The kerb is on the driving side.
     kerb = -1 if (side == "right") == forward else 1
     lanes = [
         lane.id
         for lane in road.sections[number].lanes
         if carries_traffic(road, number, lane)
-        # Pedestrians walk both ways: a sidewalk belongs to the traffic beside it.
+        # Pedestrians use both directions: a sidewalk belongs to the traffic beside it.
         and (lane.id * kerb > 0 if lane.kind == "sidewalk" else lane.forward == forward)
     ]
     return tuple(sorted(lanes, key=lambda identity: -kerb * identity))
@@ -204,7 +203,7 @@ def _lanes(road: ModelRoad, number: int, side: str, *, forward: bool) -> tuple[i
 def _go_on(
     before: LaneSection, first: tuple[int, ...], after: LaneSection, second: tuple[int, ...]
 ) -> bool:
-    """Whether every lane of a section goes on in the next, as it is, and nothing is added."""
+    """Return whether all lanes of a section continue unchanged in the next, without new ones."""
     return len(first) == len(second) and all(
         linked(before.by_id[a], after.by_id[b]) and _alike(before.by_id[a], after.by_id[b])
         for a, b in zip(first, second, strict=True)
@@ -212,7 +211,7 @@ def _go_on(
 
 
 def linked(before: SectionLane, after: SectionLane) -> bool:
-    """Whether a lane goes on as another one in the next section of its road."""
+    """Return whether a lane continues as another one in the next section of its road."""
     return before.successor == after.id or after.predecessor == before.id
 
 
@@ -221,10 +220,10 @@ def _alike(a: SectionLane, b: SectionLane) -> bool:
 
 
 def _rank(name: str) -> tuple[bool, str]:
-    """Junctions name their nodes."""
+    """Sort key that lets junctions name their nodes."""
     return (not name.startswith("J"), name)
 
 
 def loops(edges: Iterable[Edge], nodes: Nodes) -> set[int]:
-    """Return the roads that have an edge from a node to itself, which SUMO does not know."""
+    """Return the ids of roads with an edge from a node to itself, which SUMO does not support."""
     return {edge.road.id for edge in edges if len(set(nodes.of_edge(edge))) == 1}

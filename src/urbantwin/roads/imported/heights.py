@@ -1,4 +1,4 @@
-"""Heights of an imported map: shifted to the site, and interpolated to ground between roads."""
+"""Heights of an imported map: shift to the site, levels, and ground between roads."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ from urbantwin.roads.model import LaneModel, ModelRoad
 
 __all__ = ["ModelSurface", "elevation_of_model", "is_flat", "on_one_level", "raised", "with_levels"]
 
-#: A map whose heights differ by less than this has none, metres.
+#: A map with a smaller range of heights counts as flat, metres.
 FLAT_M = 0.05
 #: Spacing of samples along roads, metres.
 STEP_M = 2.0
-#: Least height of a road above another that it passes over, metres (least clearance that trucks
-#: need is 4 m; maps draw bridges of less).
+#: Minimum height of a road above another that it passes over, metres (trucks need a clearance of 4
+#: m; maps draw bridges of less).
 OVER_M = 2.5
-#: Points so far outside the convex hull of others are beyond it, whatever was rounded, metres.
+#: Tolerance of the convex hull for rounding, metres.
 HULL_RIM_M = 1e-3
-#: The ground is not raised to a bridge this close to the road below it, metres.
+#: The ground is not raised to a bridge within this distance of the road below, metres.
 UNDER_M = 6.0
-#: Cell of the ground's grid, and the most cells that it may have, beyond which cells grow.
+#: Cell size of the ground's grid, metres, and the maximum number of cells, beyond which cells grow.
 GRID_M, MOST_CELLS = 1.0, 1_500_000
-#: Heights on a ring around everything, and how many samples of roads they are means of.
+#: Number of heights on a ring around the map, and the stride of the road samples that they average.
 RING, RING_EVERY = 64, 7
-#: Ground this close to a road is as the triangles have it, and this far it is smoothed, metres.
+#: Ground within the first distance of a road is exact, beyond the second it is smoothed with the
+#: third, metres.
 NEAR_M, FAR_M, SMOOTHING_M = 3.0, 15.0, 5.0
-#: The grid reaches beyond the region by this, metres.
+#: Margin of the grid beyond the region, metres.
 RIM_M = 10.0
 
 
 def is_flat(model: LaneModel) -> bool:
-    """Whether a map has no heights: the same all along every road, but for a crown."""
+    """Return whether a map has no heights: constant elevation of all roads."""
     heights = [road.elevation.at(np.linspace(0.0, road.length, 9)) for road in model.roads]
     return not heights or float(np.ptp(np.concatenate(heights))) < FLAT_M
 
 
 def raised(model: LaneModel, by: float) -> LaneModel:
-    """Return the model with every road higher by some metres."""
+    """Return the model raised by a height, metres."""
     step = np.array([by, 0.0, 0.0, 0.0])
     roads = tuple(
         dataclasses.replace(
@@ -64,7 +65,7 @@ def raised(model: LaneModel, by: float) -> LaneModel:
 
 
 def on_one_level(model: LaneModel) -> LaneModel:
-    """Return the model with every road and junction on the ground."""
+    """Return the model with all roads and junctions on the ground level."""
     return dataclasses.replace(
         model,
         roads=tuple(dataclasses.replace(road, level=0) for road in model.roads),
@@ -75,7 +76,7 @@ def on_one_level(model: LaneModel) -> LaneModel:
 def with_levels(model: LaneModel) -> LaneModel:
     """Return the model with each road's level: one more than that of the roads below it.
 
-    A way through a junction is on its junction's level, which is that of its lowest way.
+    A connecting road is on its junction's level, which is the lowest of its connecting roads.
     """
     samples = {road.id: _samples(road) for road in model.roads}
     over: dict[int, set[int]] = {road.id: set() for road in model.roads}
@@ -92,7 +93,7 @@ def with_levels(model: LaneModel) -> LaneModel:
         if bool(((gap < STEP_M) & (rise > OVER_M)).any()):
             over[upper.id].add(lower.id)
     level = dict.fromkeys(over, 0)
-    for _ in range(8):  # no place has more roads than this above each other
+    for _ in range(8):  # sufficient number of stacked levels
         before = dict(level)
         for upper, lowers in over.items():
             level[upper] = max([level[upper], *(level[lower] + 1 for lower in lowers)])
@@ -116,7 +117,7 @@ def with_levels(model: LaneModel) -> LaneModel:
 
 
 class ModelSurface:
-    """Heights of the roads' surface everywhere: between roads interpolated, beyond them as nearest.
+    """Heights of the road surface, interpolated between roads and extended beyond them.
 
     Args:
         model: the lane model, with levels.
@@ -127,7 +128,7 @@ class ModelSurface:
         self._levels: dict[int, _Sheet] = {}
 
     def __call__(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        """Return heights (N,) at points (N, 2) on a level."""
+        """Return heights (N,) at points (N, 2) on a level, metres."""
         if level not in self._levels:
             mine = [points for road, points in self._samples if road.level == level]
             points = mine or [points for _, points in self._samples]
@@ -136,7 +137,7 @@ class ModelSurface:
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """Points (N, 3) on roads that lie on the ground: all but what passes over others."""
+        """Points (N, 3) on roads on the ground: all except those that pass over others."""
         low = [points for road, points in self._samples if road.level == 0]
         high = [points for road, points in self._samples if road.level > 0]
         if not low:
@@ -150,7 +151,7 @@ class ModelSurface:
 
 
 class _Sheet:
-    """A surface through points (N, 3): linear between them, as the nearest beyond them."""
+    """A surface through points (N, 3): linear between them, constant from the nearest beyond."""
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         places = np.unique(np.round(points[:, :2], 2), axis=0, return_index=True)[1]
@@ -159,10 +160,10 @@ class _Sheet:
         self._tree = cKDTree(points[:, :2])
         self._planes = None
         if float(np.ptp(points[:, 2])) > 1e-9:
-            # All on one line: there are no triangles, and the nearest point is as good.
+            # Collinear points have no triangulation; the nearest point is as good.
             with contextlib.suppress(QhullError):
                 self._planes = LinearNDInterpolator(points[:, :2], points[:, 2])
-                # Beyond it every triangle would be tried in turn.
+                # Beyond the hull the search would try all triangles.
                 self._hull = shapely.MultiPoint(points[:, :2]).convex_hull.buffer(HULL_RIM_M)
                 shapely.prepare(self._hull)
 
@@ -179,11 +180,11 @@ class _Sheet:
 
 
 def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
-    """Return the ground that a map's roads imply: on them their own height, between them a slope.
+    """Return the ground that a map's roads imply.
 
-    Heights are interpolated linearly over the Delaunay triangulation of points on the roads and of
-    a ring far outside of them, whose heights are means of the roads' by inverse squared distance.
-    Away from the roads the creases of the triangles are smoothed.
+    Heights on roads are exact. Between them they are linear over the Delaunay triangulation of
+    points on the roads and on a ring far outside. Heights on the ring are averages of the roads' by
+    inverse squared distance. Away from roads the creases of the triangles are smoothed.
 
     Args:
         model: the lane model, with heights and levels.
@@ -220,7 +221,7 @@ def _samples(road: ModelRoad) -> NDArray[np.float64]:
 
 
 def _joined(model: LaneModel) -> dict[int, set[int]]:
-    """Return each road's neighbours: linked roads, and the ways of its own junction."""
+    """Return each road's neighbours: linked roads, and the connecting roads of its junction."""
     found: dict[int, set[int]] = {road.id: set() for road in model.roads}
     for road in model.roads:
         for link in (road.predecessor, road.successor):

@@ -1,4 +1,4 @@
-"""A first ``site.yaml`` for an imported map of the roads."""
+"""A first ``site.yaml`` for an imported road map."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ from urbantwin.site.region import circle
 
 __all__ = ["init_site_of_map"]
 
-#: From x, y (N, 2) of a map to longitude and latitude (N, 2), degrees.
+#: Function from x, y (N, 2) of a map to longitude and latitude (N, 2), degrees.
 ToDegrees = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-#: Kerbs are rounded where streets meet: corners closer than this to both are paved, metres.
+#: Radius of paved corners where streets meet, metres.
 CORNER_M = 6.0
-#: What is farther from the anchor than this does not affect the pole, metres.
+#: Roads farther from the anchor do not affect the pole, metres.
 AROUND_M = 110.0
-#: Decimals of an anchor in degrees, and of one in metres: a centimetre.
+#: Decimals of an anchor in degrees and in metres: one centimetre.
 DEGREES, METRES = 7, 2
 
 
@@ -66,27 +66,27 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
     choose_pole: PoleChoice = nearest_place,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a commented ``site.yaml`` for a map of the roads and return its path.
+    """Write a commented ``site.yaml`` for a road map and return its path.
 
-    Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
+    Files outside ``folder`` are copied into it, so that the folder is self-contained.
 
     Args:
-        folder: where to write; made if it is not there.
+        folder: folder to write; created if missing.
         roads: the map.
-        osm: an OpenStreetMap extract with what is beside the roads.
-        latitude: of the anchor, degrees. Without it the busiest junction is proposed. Where the map
-            does not say where on earth it lies, that junction is the anchor in any case, and this
-            gives its position; 0 by default.
-        longitude: of the anchor, degrees.
-        region: a GeoJSON polygon; without it a circle.
-        radius_m: radius of the circle; without it 150 m.
-        force: replace a ``site.yaml`` that is there.
-        choose_pole: where the sensor stands on the ground of the junction.
-        progress: called with the share done (0..1) and the current task.
+        osm: an OpenStreetMap extract for the surroundings of the roads.
+        latitude: latitude of the anchor, degrees. By default the busiest junction is proposed. For
+            a map without georeference that junction is always the anchor, and this gives its
+            position; 0 by default.
+        longitude: longitude of the anchor, degrees.
+        region: a GeoJSON polygon; by default a circle.
+        radius_m: radius of the circle; 150 m by default.
+        force: replace an existing ``site.yaml``.
+        choose_pole: function that places the sensor's pole at the junction.
+        progress: called with the completed share (0..1) and the current task.
 
     Raises:
-        InputError: a file or the region is wrong, the place is not on the map, or there is a
-            ``site.yaml`` already.
+        InputError: a file or the region is invalid, the place is not on the map, or there already
+            is a ``site.yaml``.
     """
     check_target(folder, force=force)
     given = GivenPlace.checked(latitude, longitude, region, radius_m)
@@ -130,7 +130,7 @@ def _anchor(
     read: ReadMap | None,
     given: GivenPlace,
 ) -> tuple[SiteFrame, tuple[float, float] | None, MapJunction]:
-    """Return the site frame, the map's x, y of the anchor if it needs them, and the junction."""
+    """Return the site frame, the anchor in the map's x, y if needed, and the junction."""
     model, degrees = _on_earth(path, read, given.point)
     if not has_traffic(model):
         raise InputError(
@@ -153,7 +153,7 @@ def _anchor(
 def _on_earth(
     path: Path, read: ReadMap | None, given: tuple[float, float] | None
 ) -> tuple[LaneModel, ToDegrees | None]:
-    """Return a map in its own coordinates, and what takes these to degrees, if it says so."""
+    """Return a map in its own coordinates, and their conversion to degrees if georeferenced."""
     if read is None:
         there = is_placed(path)
         frame = SiteFrame(*(anchor_of(path) if there else given or (0.0, 0.0)))

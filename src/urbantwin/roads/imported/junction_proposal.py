@@ -1,4 +1,4 @@
-"""Proposing the junction of an imported map to twin, and the traffic there."""
+"""Proposal of a junction of an imported map for a twin, and of its traffic."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from urbantwin.site.usual_traffic import usual_per_hour
 
 __all__ = ["MapJunction", "busiest_junction", "paved_area", "volumes"]
 
-#: Weight of a street of unknown class; other roads count little.
+#: Weight of a street of unknown class, and of other roads.
 UNKNOWN_WEIGHT, OTHER_WEIGHT = 3.0, 0.3
-#: The class whose traffic such a street has, and how many walk where there are sidewalks, per hour.
+#: Assumed class of such a street for its traffic, and pedestrians per hour if there are sidewalks.
 UNKNOWN_KIND, WALKERS = "secondary", 300.0
-#: Signals belong to a junction when they are on its ways, or on a street this near to its end, m.
+#: Signals belong to a junction if they are on its connecting roads or within this distance of it on
+#: a street, metres.
 SIGNAL_M = 40.0
-#: Junctions of fewer arms than three are where streets fork or merge.
+#: Weights of junctions with fewer than three arms, where streets only fork or merge.
 FEW_ARMS = {0: 0.02, 1: 0.05, 2: 0.2}
-#: A region about a junction looks empty where the map ends closer than this, metres.
+#: Junctions within this distance of the map's border get a lower score, metres.
 RIM_M = 100.0
 MOTOR = ("driving", "bus")
 
 
 @dataclass(frozen=True)
 class MapJunction:
-    """A junction worth twinning.
+    """A candidate junction for a twin.
 
     Attributes:
-        place: its middle, in the coordinates of the model, metres.
-        names: its streets, the widest first; empty where they have no names.
+        place: its centre, in the coordinates of the model, metres.
+        names: names of its streets, the most important first; empty if unnamed.
         arms: number of streets that meet there.
-        signals: traffic lights that belong to it.
+        signals: number of its traffic lights.
     """
 
     place: tuple[float, float]
@@ -51,16 +52,16 @@ class MapJunction:
 def busiest_junction(
     model: LaneModel, within: Callable[[NDArray[np.float64]], bool] | None = None
 ) -> MapJunction | None:
-    """Return the junction with the most lanes of important streets, signalised ones before others.
+    """Return the junction with the most lanes of important streets; signals increase its score.
 
-    Without junctions, the middle of the longest street.
+    Without junctions, it is the middle of the longest street.
 
     Args:
         model: the lane model, in any plane coordinates.
-        within: whether a junction with its middle at x, y is considered.
+        within: whether a junction with its centre at x, y is considered.
 
     Returns:
-        The junction; ``None`` where none is considered.
+        The junction; ``None`` if none is considered.
     """
     border = _covered(model)
     signals = _signals_at(model)
@@ -76,7 +77,7 @@ def busiest_junction(
         lights = signals.get(junction.id, 0)
         score = busy * FEW_ARMS.get(len(arms), 1.0) * (1.0 + 0.1 * min(lights, 8))
         score *= 2.0 if lights else 1.0
-        # At the map's rim the surroundings are missing.
+        # At the map's border the surroundings are missing.
         score *= 0.5 + 0.5 * min(1.0, _depth(place, border) / RIM_M)
         ranked = sorted(arms, key=lambda road: (-_weight(road) * _lanes(road), road.name))
         names = tuple(dict.fromkeys(road.name for road in ranked if road.name))
@@ -88,7 +89,7 @@ def busiest_junction(
 
 
 def paved_area(model: LaneModel) -> shapely.Geometry:
-    """Return what vehicles run on, in plan."""
+    """Return the paved area of the roads in plan."""
     areas = []
     for road in model.roads:
         for section, end in zip(road.sections, road.section_ends, strict=True):
@@ -105,9 +106,9 @@ def paved_area(model: LaneModel) -> shapely.Geometry:
 
 
 def volumes(model: LaneModel, region: shapely.Polygon, country: str = "") -> dict[str, int]:
-    """Return plausible volumes of traffic: by the lanes that lead into a region.
+    """Return plausible traffic volumes per hour, by the lanes that lead into a region.
 
-    Nobody walks where there are no sidewalks.
+    There are no pedestrians without sidewalks.
 
     Args:
         model: the lane model, in the site frame.
@@ -131,7 +132,7 @@ def volumes(model: LaneModel, region: shapely.Polygon, country: str = "") -> dic
 
 
 def _arms(junction: ModelJunction, model: LaneModel) -> set[int]:
-    """Return the streets that meet at a junction."""
+    """Return the ids of the streets that meet at a junction."""
     arms = {c.incoming for c in junction.connections}
     for connection in junction.connections:
         road = model.road_by_id.get(connection.connecting)
@@ -176,7 +177,7 @@ def _signals_at(model: LaneModel) -> dict[int, int]:
 
 
 def _covered(model: LaneModel) -> shapely.Geometry:
-    """Return the area that the map covers."""
+    """Return the convex hull of the map's roads."""
     return shapely.convex_hull(shapely.union_all([road.curve.line for road in model.roads]))
 
 

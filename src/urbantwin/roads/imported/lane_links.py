@@ -1,4 +1,4 @@
-"""Lane links: across section borders, from road to road, and through junctions."""
+"""Lane links: between sections, between roads, and through junctions."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadLink,
 
 __all__ = ["VEHICLE_CLASSES", "LaneLink", "Lanes", "allowed", "lane_links", "speed"]
 
-#: Ends of lanes that are this close meet, where the map does not say what a lane leads to, metres.
+#: Maximum distance between the ends of lanes that are linked without a link in the map, metres.
 MEET_M = 1.0
-#: Road, index of the section, id of the lane.
+#: Road id, index of the section, lane id.
 Place = tuple[int, int, int]
-#: SUMO's vehicle classes of each of our classes of actors, with those that drive where it does.
+#: Vehicle classes of SUMO per class of actors, including similar ones.
 VEHICLE_CLASSES = {
     "car": "passenger private emergency authority army vip hov taxi custom1 custom2 evehicle",
     "truck": "truck trailer delivery",
@@ -26,28 +26,28 @@ VEHICLE_CLASSES = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
-#: Who uses a lane where the map does not say, by the lane's kind.
+#: Default users of a lane, by its kind.
 USUAL = {
     "driving": ("car", "truck", "bus", "motorcycle", "bicycle"),
     "bus": ("bus", "bicycle"),
     "bicycle": ("bicycle",),
     "sidewalk": ("pedestrian",),
 }
-#: Where the map states no speed limit: the usual one in towns, and of bicycles, m/s.
+#: Default speed limits in towns, of bicycles and of pedestrians, m/s.
 TOWN_MS, BICYCLE_MS, WALKING_MS = 50 / 3.6, 25 / 3.6, 1.39
-#: Largest speed limit of streets with bicycles on the carriageway, m/s.
+#: Maximum speed limit of streets with bicycles on the carriageway, m/s.
 FAST_MS = 75 / 3.6
 
 
 @dataclass(frozen=True)
 class LaneLink:
-    """A way from the end of one lane to the start of another.
+    """A link from the end of one lane to the start of another.
 
     Attributes:
         start: edge and index of the lane that it leaves.
         end: edge and index of the lane that it leads to.
-        path: the lanes in between, inside a junction, in the order of travel; empty where the two
-            lanes meet.
+        path: the lanes in between, inside a junction, in the order of travel; empty if the two
+            lanes are adjacent.
     """
 
     start: tuple[Edge, int]
@@ -56,7 +56,7 @@ class LaneLink:
 
 
 class Lanes:
-    """The lanes of all edges, found by their place in the model."""
+    """The lanes of all edges, by their place in the model."""
 
     def __init__(self, model: LaneModel, edges: tuple[Edge, ...]) -> None:
         self.model, self.edges = model, edges
@@ -68,16 +68,16 @@ class Lanes:
         }
 
     def at_end(self, road: int, end: str, lane: int) -> tuple[Edge, int] | None:
-        """Return the edge lane that is a lane of a road at its start or end."""
+        """Return the edge and lane index of a road's lane at its start or end; ``None`` if none."""
         found = self.model.road_by_id.get(road)
         number = 0 if end == "start" or found is None else len(found.sections) - 1
         return self.at.get((road, number, lane))
 
 
 def lane_links(lanes: Lanes) -> list[LaneLink]:
-    """Return every way from one edge lane to the next, each pair once; not those on foot.
+    """Return all links between edge lanes, one per pair, except those of pedestrians.
 
-    Pedestrians go from sidewalk to sidewalk over corners and crossings, which netconvert makes.
+    Pedestrians use walking areas and crossings, which netconvert makes.
     """
     found: dict[tuple[str, str], LaneLink] = {}
     model = lanes.model
@@ -97,9 +97,9 @@ def lane_links(lanes: Lanes) -> list[LaneLink]:
 
 
 def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
-    """Links for bicycle lanes that lead nowhere, as maps draw them: up to a junction, not through.
+    """Yield links for bicycle lanes without any: maps draw them up to a junction, not through it.
 
-    Bicycles go on as the traffic beside them does, on a bicycle lane where there is one.
+    Bicycles follow the adjacent traffic, onto a bicycle lane if there is one.
     """
     onward: dict[str, list[LaneLink]] = defaultdict(list)
     for link in links:
@@ -117,7 +117,7 @@ def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[Lan
 
 
 def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
-    """Links to bicycle lanes that begin behind a junction: from the lane that bicycles come on."""
+    """Yield links to bicycle lanes that begin after a junction, from lanes open to bicycles."""
     reached = {link.end[0].strip(link.end[1]) for link in links}
     into: dict[str, list[LaneLink]] = defaultdict(list)
     for link in links:
@@ -136,7 +136,7 @@ def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[Lan
 
 
 def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
-    """Links between the stretches of one road."""
+    """Yield links between the edges of one road."""
     for number in range(1, len(road.sections)):
         for before in road.sections[number - 1].lanes:
             for after in road.sections[number].lanes:
@@ -150,7 +150,7 @@ def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
 
 
 def _between(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
-    """Links from a road to the roads that it joins without a junction."""
+    """Yield links from a road to the roads linked to it without a junction."""
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is None or link.element != "road":
             continue
@@ -176,7 +176,7 @@ def _joined(lane: SectionLane, end: str, following: SectionLane, contact: str) -
 
 
 def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
-    """Links through a junction."""
+    """Yield links through a junction."""
     roads = lanes.model.road_by_id
     for connection in junction.connections:
         incoming, road = roads.get(connection.incoming), roads.get(connection.connecting)
@@ -187,7 +187,7 @@ def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
             start = lanes.at_end(incoming.id, at, first)
             if start is None or start[0].lane(start[1]).forward != (at == "end"):
                 continue
-            if road.junction < 0:  # a direct junction: the roads meet without a way between
+            if road.junction < 0:  # a direct junction: no road in between
                 end = lanes.at_end(road.id, connection.contact, second)
                 if end and end[0].lane(end[1]).forward == (connection.contact == "start"):
                     yield LaneLink(start, end)
@@ -204,7 +204,7 @@ def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
 
 
 def _onward(model: LaneModel, road: ModelRoad, contact: str) -> tuple[ModelRoad, str] | None:
-    """Return the road through the same junction that a connecting road leads on to, and its end."""
+    """Return the next connecting road in the same junction with its end; ``None`` if none."""
     link = road.successor if contact == "start" else road.predecessor
     if link is None or link.element != "road":
         return None
@@ -213,7 +213,7 @@ def _onward(model: LaneModel, road: ModelRoad, contact: str) -> tuple[ModelRoad,
 
 
 def _end_at(incoming: ModelRoad, road: ModelRoad, contact: str, junction: int) -> str:
-    """Return the end of the incoming road that a way through a junction begins at."""
+    """Return the end of the incoming road at which a connecting road begins."""
     link = road.predecessor if contact == "start" else road.successor
     if link and link.element == "road" and link.id == incoming.id and link.contact:
         return link.contact
@@ -222,7 +222,7 @@ def _end_at(incoming: ModelRoad, road: ModelRoad, contact: str, junction: int) -
 
 
 def _path(road: ModelRoad, contact: str, lane: int) -> tuple[list[Place], int | None]:
-    """Follow a lane along a connecting road; return the lanes and what the last one leads to."""
+    """Follow a lane along a connecting road; return its lanes and the last one's link."""
     numbers = range(len(road.sections))
     onward = contact == "start"
     path: list[Place] = []
@@ -247,7 +247,7 @@ def _path(road: ModelRoad, contact: str, lane: int) -> tuple[list[Place], int | 
 def _ends(
     lanes: Lanes, road: ModelRoad, contact: str, path: list[Place], last: int | None
 ) -> Iterator[tuple[Edge, int]]:
-    """Return the lane that a way through a junction leads to, if there is one."""
+    """Yield the lane that a connecting road leads to, if there is one."""
     link: RoadLink | None = road.successor if contact == "start" else road.predecessor
     if not path or link is None or link.element != "road":
         return
@@ -282,7 +282,7 @@ def _nearest(
 
 
 def allowed(lane: SectionLane) -> tuple[str, ...]:
-    """Return the classes of actors that use a lane: as the map says, else as usual."""
+    """Return the classes of actors that may use a lane, by default those usual for its kind."""
     if lane.allowed:
         return lane.allowed
     usual = USUAL.get(lane.kind, ())
@@ -290,6 +290,6 @@ def allowed(lane: SectionLane) -> tuple[str, ...]:
 
 
 def speed(lane: SectionLane) -> float:
-    """Return a lane's speed limit: as the map says, else as usual."""
+    """Return a lane's speed limit, by default the usual one for its kind, m/s."""
     usual = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
     return lane.speed_limit or usual

@@ -1,4 +1,4 @@
-"""The network that netconvert makes from a lane model: lanes exactly as in the map."""
+"""Input of netconvert from a lane model, with lanes exactly as in the map."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
 __all__ = ["OUTER", "MapTopology", "junction_outline", "origin_of", "plain_network"]
 
-#: ``ways`` of outer roads, which the map does not have, until they are named.
+#: ``ways`` of outer roads, which are not in the map, until lanes are named.
 OUTER = (0,)
-#: What stands for a road whose id is 0, as many maps' first road is.
+#: Substitute for the road id 0, which many maps use for their first road.
 NUMBER_OF_ZERO = 2**31 - 1
-#: Right of way by class of the street; netconvert compares these numbers.
+#: Right of way by class of street, as netconvert's priority.
 PRIORITY = {
     "motorway": 14, "motorway_link": 13, "trunk": 12, "trunk_link": 11, "primary": 10,
     "primary_link": 9, "secondary": 8, "secondary_link": 7, "tertiary": 6, "tertiary_link": 5,
     "unclassified": 4, "residential": 3, "living_street": 2, "service": 1,
 }  # fmt: skip
-#: Length of a mere border between two lanes, the least that SUMO knows, metres.
+#: Length of a transition between two adjacent lanes, the minimum in SUMO, metres.
 BORDER_M = 0.1
-#: Lanes that are linked and no farther apart than this meet, metres.
+#: Maximum distance between linked lanes that are adjacent, metres.
 MEET_M = 2.0
-#: Acceleration to the side that drivers accept in turns, m/s^2 (netconvert's own default).
+#: Lateral acceleration in turns, m/s^2 (netconvert's own default).
 TURN_MS2 = 5.5
-#: Fewer streets only follow each other.
+#: Minimum number of streets at a junction.
 JUNCTION_ARMS = 3
-#: Largest distance of a chord from a lane's middle, metres, and step where it is curved.
+#: Maximum distance of a chord from a lane's centre line, and sampling step in curves, metres.
 CHORD_M, STEP_M = 0.01, 0.5
 
 
 @dataclass(frozen=True)
 class MapTopology:
-    """The edges of a lane model and where they meet.
+    """The edges of a lane model and their nodes.
 
     Attributes:
         model: the lane model.
         edges: its edges.
-        nodes: the nodes where they meet.
-        links: links from lane to lane.
-        lights: node -> id of the traffic light there.
+        nodes: the nodes of the edges.
+        links: lane-to-lane links.
+        lights: node -> id of its traffic light.
         crosswalks: crosswalks of the map.
         outlines: junction -> its outline (M, 2), empty if unknown.
     """
@@ -73,8 +73,8 @@ class MapTopology:
 
 
 def plain_network(topology: MapTopology) -> PlainNetwork:
-    """Return the network that netconvert makes from a map, lanes exactly as in the map."""
-    # netconvert wants crossings counter-clockwise about the node where traffic keeps to the right.
+    """Return netconvert's input for a map, with lanes exactly as in the map."""
+    # netconvert requires crossings counter-clockwise around the node in right-hand traffic.
     order = 1 if topology.model.driving_side == "right" else -1
     crossings = tuple(
         PlainCrossing(
@@ -98,7 +98,7 @@ def plain_network(topology: MapTopology) -> PlainNetwork:
 
 
 def lane_line(road: ModelRoad, number: int, lane: SectionLane) -> NDArray[np.float64]:
-    """Return the middle of a lane in one section (N, 2), in the order of the reference line."""
+    """Return a lane's centre line in one section (N, 2), in the order of the reference line."""
     start, end = road.sections[number].s, road.section_ends[number]
     s = np.linspace(start, end, max(2, int((end - start) / STEP_M) + 2))
     xy = road.place(s, road.middle(road.sections[number], lane, s))[:, :2]
@@ -107,7 +107,7 @@ def lane_line(road: ModelRoad, number: int, lane: SectionLane) -> NDArray[np.flo
 
 
 def edge_lane_line(edge: Edge, index: int) -> NDArray[np.float64]:
-    """Return the middle of an edge's lane (N, 2), in the order of travel."""
+    """Return the centre line of an edge's lane (N, 2), in the order of travel."""
     parts = [
         lane_line(edge.road, number, edge.road.sections[number].by_id[lane])
         for number, lane in zip(edge.sections, edge.lanes[index], strict=True)
@@ -117,7 +117,7 @@ def edge_lane_line(edge: Edge, index: int) -> NDArray[np.float64]:
 
 
 def path_line(model: LaneModel, path: tuple[Place, ...]) -> NDArray[np.float64]:
-    """Return the middle of a way through a junction (N, 2), in the order of travel."""
+    """Return the centre line of a path through a junction (N, 2), in the order of travel."""
     parts = []
     for identity, number, lane in path:
         road = model.road_by_id[identity]
@@ -134,7 +134,7 @@ def _chained(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _nodes(topology: MapTopology) -> Iterator[PlainNode]:
-    """Yield nodes amid the ends of their lanes; a junction's outline is what its paths cover."""
+    """Yield nodes at the centre of their lanes' ends, with outlines."""
     ends: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     meeting: dict[str, list[tuple[Edge, int]]] = defaultdict(list)
     for edge in topology.edges:
@@ -158,7 +158,7 @@ def _nodes(topology: MapTopology) -> Iterator[PlainNode]:
 
 
 def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
-    """Return a junction's outline (M, 2): as the map has it, else what its roads cover."""
+    """Return a junction's outline (M, 2): the map's, else the area of its connecting roads."""
     junction = model.junction_by_id[identity]
     if len(junction.outline) > 2:
         return np.asarray(junction.outline)
@@ -168,7 +168,7 @@ def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
         if road is not None and road.junction >= 0:
             areas += [_covered(road, number) for number in range(len(road.sections))]
     whole = area_union(areas)
-    # A sliver between two turns does not belong to the outside.
+    # A sliver between two turns is part of the junction.
     whole = whole.buffer(0.5, join_style="mitre").buffer(-0.5, join_style="mitre")
     if whole.geom_type != "Polygon":
         whole = shapely.convex_hull(whole)
@@ -216,7 +216,7 @@ def _edge(edge: Edge, start: str, end: str) -> PlainEdge:
 
 
 def origin_of(road: ModelRoad) -> int:
-    """Return what a road is known by in ``Road.ways``: 0 is kept for outer roads."""
+    """Return the number that identifies a road in ``Road.ways``: 0 is reserved for outer roads."""
     return 0 if road.ways == OUTER else road.id or NUMBER_OF_ZERO
 
 
@@ -224,12 +224,12 @@ def _priority(edge: Edge, lanes: list[SectionLane]) -> int:
     if edge.road.kind in PRIORITY:
         return PRIORITY[edge.road.kind]
     driven = [lane for lane in lanes if lane.kind in ("driving", "bus")]
-    # Without classes, more lanes and more speed go before fewer and less.
+    # Without classes, more lanes and higher speeds have priority.
     return len(driven) + round(max((speed(lane) for lane in driven), default=0.0) / 5.0)
 
 
 def _width(edge: Edge, index: int) -> float:
-    """Return a lane's usual width, metres: the median along it."""
+    """Return the median width of a lane along an edge, metres."""
     widths = []
     for number, identity in zip(edge.sections, edge.lanes[index], strict=True):
         length = edge.road.section_ends[number] - edge.road.sections[number].s
@@ -239,7 +239,7 @@ def _width(edge: Edge, index: int) -> float:
 
 
 def _middle(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the line amid lanes side by side."""
+    """Return the line midway between the outer lanes of several."""
     share = np.linspace(0.0, 1.0, max(len(line) for line in lines) * 2)
     first, last = (
         shapely.get_coordinates(
@@ -260,7 +260,8 @@ def _link(model: LaneModel, link: LaneLink) -> PlainLink:
         road, number, lane = link.path[0]
         limit = model.road_by_id[road].sections[number].by_id[lane].speed_limit
         if 0.0 < limit < speed(start.lane(i, -1)):
-            # Without a speed, netconvert slows turns down; with one, it takes it as it is.
+            # Without a speed, netconvert reduces the speed of turns; a given speed is used
+            # unchanged.
             attributes["speed"] = f"{min(limit, _turn_speed(line)):.2f}"
     elif (border := _border_line(start, i, end, j)) is not None:
         attributes["shape"] = shape_text(border)
@@ -268,7 +269,7 @@ def _link(model: LaneModel, link: LaneLink) -> PlainLink:
 
 
 def _joints(topology: MapTopology) -> list[str]:
-    """Return nodes without a traffic light where fewer than three streets meet: no junctions."""
+    """Return nodes that are no junctions: without traffic light, with fewer than three streets."""
     arms: dict[str, set[tuple[int, str]]] = defaultdict(set)
     found = {node for edge in topology.edges for node in topology.nodes.of_edge(edge)}
     roads = {edge.road.id for edge in topology.edges}
@@ -279,10 +280,10 @@ def _joints(topology: MapTopology) -> list[str]:
 
 
 def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] | None:
-    """Return the way over a mere border between two lanes (2, 2): as short as SUMO's lanes may be.
+    """Return the path between two adjacent lanes (2, 2), as short as SUMO permits.
 
-    Left to itself, netconvert makes a junction of some metres there, over the ends of the lanes.
-    ``None`` where the lanes do not meet.
+    By default netconvert makes a junction of some metres there, over the ends of the lanes.
+    ``None`` if the lanes are not adjacent.
     """
     before, after = edge_lane_line(start, i), edge_lane_line(end, j)
     a, b = before[-1], after[0]
@@ -295,7 +296,7 @@ def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] 
 
 
 def _across(edges: list[tuple[Edge, int]]) -> NDArray[np.float64]:
-    """Return the outline of a border across some edges (M, 2), at their first or last points."""
+    """Return the outline (M, 2) of a transition across edges, at their first or last points."""
     corners = []
     for edge, at in edges:
         for index in range(len(edge.lanes)):
@@ -310,7 +311,7 @@ def _across(edges: list[tuple[Edge, int]]) -> NDArray[np.float64]:
 
 
 def _turn_speed(line: NDArray[np.float64]) -> float:
-    """Return the speed at which a way through a junction is driven comfortably, m/s."""
+    """Return the speed of comfortable driving on a path through a junction, m/s."""
     leg = np.diff(line, axis=0)
     heading = np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))
     length = float(np.linalg.norm(leg, axis=1).sum())

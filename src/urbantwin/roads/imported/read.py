@@ -1,4 +1,4 @@
-"""Reading an imported map, in any of the formats, into the site frame."""
+"""Reading of an imported map, in any of the formats, into the site frame."""
 
 from __future__ import annotations
 
@@ -42,13 +42,14 @@ __all__ = [
     "read_map",
 ]
 
-#: File name extensions and their formats.
+#: Formats by file name extension.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2", ".json": "Argoverse 2"}
 _LANELET = re.compile(rb"""v=["']lanelet["']""")
 EXPECTED = "an OpenDRIVE map (.xodr), a Lanelet2 map (.osm) or one of Argoverse 2 (.json)"
-#: Length of such a street, metres, and the largest share of a connecting road that it takes.
+#: Length of a street between two directly linked junctions, metres, and its maximum share of a
+#: connecting road.
 STREET_M, SHARE = 2.0, 0.25
-#: Ends of connecting roads this close are one place, metres.
+#: Maximum distance between the ends of connecting roads at one place, metres.
 MEET_M = 1.0
 #: A road and one of its ends (``start`` or ``end``).
 _End = tuple[int, str]
@@ -61,11 +62,10 @@ class ImportedMap:
     Attributes:
         path: the file.
         model: the lane model.
-        notes: what the reader found and assumed.
-        heights_at_corners: whether the map has heights at the corners of its lines only, so that
-            nothing is known of the road between them, as far apart as a straight street is long.
-        drivable: where the map says that vehicles can drive, lanes or not, in plan; empty where
-            it does not say.
+        notes: findings and assumptions of the reader.
+        heights_at_corners: whether the map has heights only at the corners of its lines, which may
+            be as far apart as a straight street is long.
+        drivable: mapped drivable area in plan, with or without lanes; empty if unknown.
     """
 
     path: Path
@@ -77,11 +77,11 @@ class ImportedMap:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where connecting roads of two junctions meet.
+    """A place where connecting roads of two junctions are linked directly.
 
     Attributes:
         ends: junction -> ends of its roads there.
-        host: the end whose road gives its last metres to the street.
+        host: the end of the road whose last metres become a street.
     """
 
     ends: Mapping[int, tuple[_End, ...]]
@@ -89,10 +89,10 @@ class _Place:
 
 
 def map_format(path: Path) -> str:
-    """Return ``OpenDRIVE``, ``Lanelet2`` or ``Argoverse 2`` by a file's ending.
+    """Return ``OpenDRIVE``, ``Lanelet2`` or ``Argoverse 2`` by a file's extension.
 
     Raises:
-        InputError: it has another ending.
+        InputError: the extension is unknown.
     """
     found = FORMATS.get(path.suffix.lower())
     if found is None:
@@ -101,7 +101,7 @@ def map_format(path: Path) -> str:
 
 
 def is_map_of_roads(path: Path) -> bool:
-    """Whether a file is a map that we read, and not an OpenStreetMap extract, by a first look.
+    """Return whether a file is a supported road map, not an OpenStreetMap extract.
 
     Both kinds of ``.osm`` are the same XML; only Lanelet2 has relations of the type ``lanelet``.
     """
@@ -124,12 +124,11 @@ def read_map(
     Args:
         path: the file.
         frame: the site frame.
-        anchor_m: for a map without georeference: its own x, y of the anchor; x runs east and y
-            north. Without it, the map's origin is the anchor.
+        anchor_m: for a map without georeference: its x, y of the anchor, metres, x east and y
+            north. By default the map's origin is the anchor.
 
     Raises:
-        InputError: the file cannot be read, or ``anchor_m`` is given for a map that says where
-            on earth it is.
+        InputError: the file cannot be read, or ``anchor_m`` is given for a georeferenced map.
     """
     kind = map_format(path)
     if kind == "OpenDRIVE":
@@ -149,7 +148,7 @@ def read_map(
 def placed_map(
     path: Path, read: ReadMap, frame: SiteFrame, anchor_m: tuple[float, float] | None = None
 ) -> ImportedMap:
-    """Return an OpenDRIVE map that was read, in the site frame; see ``read_map``."""
+    """Return an OpenDRIVE map in the site frame; see ``read_map``."""
     notes: dict[str, object] = {"format": "OpenDRIVE", **read.notes}
     model, between, unfollowed = with_streets_between(read.model)
     if between:
@@ -167,7 +166,7 @@ def placed_map(
 
 @contextmanager
 def naming_file(path: Path) -> Iterator[None]:
-    """Name the file in errors that do not."""
+    """Add the file's name to errors without one."""
     try:
         yield
     except InputError as error:
@@ -179,10 +178,10 @@ def naming_file(path: Path) -> Iterator[None]:
 
 
 def anchor_of(path: Path) -> tuple[float, float]:
-    """Return latitude and longitude of the middle of a map of lanelets, degrees.
+    """Return latitude and longitude of the centre of a Lanelet2 or Argoverse 2 map, degrees.
 
     Raises:
-        InputError: it cannot be read, or does not say where on earth it lies.
+        InputError: it cannot be read or is not georeferenced.
     """
     if map_format(path) == "Argoverse 2":
         return argoverse.anchor_of(path)
@@ -190,7 +189,7 @@ def anchor_of(path: Path) -> tuple[float, float]:
 
 
 def is_placed(path: Path) -> bool:
-    """Whether a map of lanelets says where on earth it lies: a Lanelet2 map by its degrees."""
+    """Return whether a Lanelet2 or Argoverse 2 map is georeferenced."""
     if map_format(path) == "Argoverse 2":
         return argoverse.is_placed(path)
     try:
@@ -210,14 +209,13 @@ def _placed_twice(path: Path) -> InputError:
 
 
 def with_streets_between(model: LaneModel) -> tuple[LaneModel, list[str], list[str]]:
-    """Return a model with a street between every two junctions that are joined directly.
+    """Return a model with a street between each two junctions that are linked directly.
 
     Args:
         model: the lane model of a map.
 
     Returns:
-        The model, one line for each street that was made, and one for each link of a road through
-        a junction that is not followed.
+        The model, one line per new street, and one per ignored link of a connecting road.
     """
     notes, unfollowed = [], []
     for place in _places(model):
@@ -244,7 +242,7 @@ def with_streets_between(model: LaneModel) -> tuple[LaneModel, list[str], list[s
 
 
 def _places(model: LaneModel) -> list[_Place]:
-    """Return where connecting roads of exactly two junctions meet."""
+    """Return the places where connecting roads of exactly two junctions are linked."""
     roads = model.road_by_id
     ends: dict[_End, RoadLink] = {}
     for road in model.roads:
@@ -295,7 +293,7 @@ def _with_street(model: LaneModel, place: _Place) -> tuple[LaneModel, ModelRoad]
     moved: dict[int, float] = {}
     connections: dict[int, list[Connection]] = {key: [] for key in place.ends}
     for junction, ends in place.ends.items():
-        # The street's end that lies at this junction.
+        # The street's end at this junction.
         near = ("end" if at_start else "start") if junction == host.junction else end
         for identity, contact in ends:
             road = roads[identity]
@@ -341,7 +339,7 @@ def _with_street(model: LaneModel, place: _Place) -> tuple[LaneModel, ModelRoad]
 def _with_connections(
     junction: ModelJunction, made: Iterable[Connection], there: set[int]
 ) -> ModelJunction:
-    """Return a junction with new connections in place of those from other connecting roads."""
+    """Return a junction with new connections that replace those from other connecting roads."""
     kept = [e for e in junction.connections if e.incoming not in there]
     return replace(junction, connections=(*kept, *made))
 
@@ -356,7 +354,7 @@ def _moved(
 
 
 def _unlinked(section: LaneSection, street: ModelRoad) -> LaneSection:
-    """Return a section of a street whose lanes lead on within the street only."""
+    """Return a section of a street whose lanes have links within the street only."""
     first, last = section is street.sections[0], section is street.sections[-1]
     lanes = tuple(
         replace(
@@ -370,7 +368,7 @@ def _unlinked(section: LaneSection, street: ModelRoad) -> LaneSection:
 
 
 def _linked(road: ModelRoad, contact: str, link: RoadLink, pairs: Mapping[int, int]) -> ModelRoad:
-    """Return a road whose end, and the lanes there, lead to a street."""
+    """Return a road whose end, with its lanes, is linked to a street."""
     sections = list(road.sections)
     k = 0 if contact == "start" else -1
     lanes = tuple(
@@ -386,7 +384,7 @@ def _linked(road: ModelRoad, contact: str, link: RoadLink, pairs: Mapping[int, i
 
 
 def _pairs(road: ModelRoad, contact: str, street: ModelRoad, near: str) -> dict[int, int]:
-    """Return lane of a road -> lane of a street that it meets: the nearest of its direction."""
+    """Return lane of a road -> adjacent lane of a street: the nearest of its direction and kind."""
     theirs = _middles(street, near)
     found = {}
     for lane, place in _middles(road, contact).items():
@@ -415,7 +413,7 @@ def _section(road: ModelRoad, end: str) -> LaneSection:
 
 
 def _point(road: ModelRoad, end: str) -> NDArray[np.float64]:
-    """Return the middle of the lanes at an end of a road in plan (2,)."""
+    """Return the end of a road's reference line in plan (2,)."""
     x, y, _ = road.curve.at([0.0 if end == "start" else road.length])[0]
     return np.array([x, y])
 
@@ -425,7 +423,7 @@ def _driven(road: ModelRoad, end: str) -> int:
 
 
 def describe_map(path: Path) -> dict[str, object]:
-    """Return a map's format, georeference, size and counts, and its reader's remarks.
+    """Return a map's format, georeference, size and counts, with its reader's remarks.
 
     Raises:
         InputError: it cannot be read.
@@ -437,7 +435,7 @@ def describe_map(path: Path) -> dict[str, object]:
         where = "none" if place is None else f"latitude {place[0]:.6f}, longitude {place[1]:.6f}"
     else:
         read = read_opendrive(path)
-        # Where it lies matters to none of the counts.
+        # Counts do not depend on the position.
         imported = placed_map(path, read._replace(projection=None), SiteFrame(0.0, 0.0))
         model, notes = read.model, dict(imported.notes)
         where = read.projection or "none"

@@ -1,4 +1,4 @@
-"""Signal programs of an imported map, put into SUMO's network and assigned to its signals."""
+"""Signal programs of an imported map in SUMO's network, and their assignment to signals."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 
 __all__ = ["lights_of_model", "lights_of_places", "with_programs"]
 
-#: Lights for pedestrians (ASAM OpenDRIVE 1.8, signal catalogue of the country ``OpenDRIVE``).
+#: Pedestrian signals (ASAM OpenDRIVE 1.8, signal catalogue of the country ``OpenDRIVE``).
 ON_FOOT = ("1000002",)
-#: A light for pedestrians stands at most this far from the crossing that it is for, metres.
+#: Maximum distance of a pedestrian signal from its crossing, metres.
 BESIDE_M = 15.0
-#: Signals stand at most this far before the end of the street that they are for, metres.
+#: Maximum distance of a signal from the end of its street, metres.
 FARTHEST_M = 40.0
-#: A place that a person gives may be this far from its junction, metres.
+#: Maximum distance of a place in a plan from its junction, metres.
 NEAREST_M = 40.0
 
 
@@ -33,10 +33,10 @@ class _Light:
     """A traffic light of the network.
 
     Attributes:
-        of_lane, of_way, of_crossing: which links each lane, way and crossing has.
-        places: crossing -> its middle line (N, 2).
+        of_lane, of_way, of_crossing: link indices of each lane, internal lane and crossing.
+        places: crossing -> its centre line (N, 2).
         crossed: crossing -> edges that it leads over.
-        from_edge, to_edge: link of vehicles -> the edges that it joins.
+        from_edge, to_edge: vehicle link -> its incoming and outgoing edge.
     """
 
     of_lane: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
@@ -60,20 +60,20 @@ class _Light:
 def with_programs(
     model: LaneModel, nodes: Nodes, lights: Mapping[str, str], net: Path
 ) -> tuple[LaneModel, dict[str, object]]:
-    """Put the map's signal programs into a network, and assign its links to each signal.
+    """Write the map's signal programs into a network, and assign links to each signal.
 
-    A map's program fits where every link of the network's light is found among its signals' links:
-    links of one lane pair by pair, lights for pedestrians with the nearest crossing. Where
-    one does not fit, an assumed one stays.
+    A map's program fits if the links of its signals include all links of the network's light: links
+    of a lane pairwise, pedestrian signals by the nearest crossing. Otherwise an assumed program
+    stays.
 
     Args:
-        model: the lane model, its lanes named.
+        model: the lane model, with named lanes.
         nodes: its nodes.
-        lights: node -> id of the traffic light there.
-        net: the ``.net.xml``, rewritten where programs are set.
+        lights: node -> id of its traffic light.
+        net: the ``.net.xml``, rewritten if programs are set.
 
     Returns:
-        The model with programs, links and strips of its signals, and what was counted.
+        The model with programs, links and strips of its signals, and counts.
     """
     tree = etree.parse(net)
     found = _lights(tree.getroot())
@@ -140,7 +140,7 @@ def _lights(root: etree._Element) -> dict[str, _Light]:
 
 
 def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str, list[int]]:
-    """Return the strips that a signal governs, with blanks between, and the links it shows."""
+    """Return the strips of a signal, separated by spaces, and its links."""
     road = model.road_by_id[signal.road]
     if signal.type.replace(".", "") in ON_FOOT:
         place = road.curve.beside([signal.s], [signal.t])[0]
@@ -181,9 +181,9 @@ def _set(
     pairs: Mapping[int, int],
     light: _Light,
 ) -> bool:
-    """Write a program of the map for a light; say whether it fits.
+    """Write a program of the map for a light and return whether it fits.
 
-    Crossings that the map has no lights for are green while the street that they cross has red.
+    Crossings without signals in the map have green while the crossed street has red.
     """
     logic = next((x for x in tree.getroot().iterfind("tlLogic") if x.get("id") == name), None)
     if logic is None:
@@ -212,7 +212,7 @@ def _set(
 def _walk(
     light: _Light, crossing: str, link: int, shown: Mapping[int, str], *, clearing: bool
 ) -> dict[int, str]:
-    """Return the states of a crossing and of turns over it: these give way where it is green."""
+    """Return the states of a crossing and of turns over it, which yield while it has green."""
     crossed = light.crossed[crossing]
     before = [k for k in light.of_vehicles if light.from_edge[k] in crossed]
     over = [k for k in light.of_vehicles if light.to_edge[k] in crossed]
@@ -228,10 +228,10 @@ def _controllers(
     lights: Mapping[str, str],
     nodes: Nodes,
 ) -> tuple[SignalController, ...]:
-    """Return a controller for each traffic light, with the program that it has in the network.
+    """Return a controller for each traffic light, with its program in the network.
 
-    A controller of the map without a program is a group of signals that switch together; it goes,
-    for its light's program says more.
+    A controller of the map without a program is only a group of signals; the light's program
+    replaces it.
     """
     of_light: dict[str, list[int]] = defaultdict(list)
     for signal in signals:
@@ -268,8 +268,8 @@ def _controllers(
 def lights_of_model(model: LaneModel, nodes: Nodes) -> dict[str, str]:
     """Return node -> id of its traffic light.
 
-    Nodes of one signal program, as a program of our own maps may span, are one light; else each
-    node has a light of its own, named as the node is.
+    Nodes of one signal program, as in maps written by UrbanTwin, are one light. Other nodes have
+    their own light with the node's name.
     """
     found: dict[str, str] = {}
     at_junction = {junction: node for node, junction in nodes.junctions.items()}
@@ -293,13 +293,12 @@ def lights_of_places(
 ) -> dict[str, str]:
     """Return node -> id of a traffic light for the junctions nearest to places.
 
-    Some maps have no signals where there are some: who plans a program for a place says that there
-    is a light.
+    Some maps lack signals that exist: a planned program for a place implies a traffic light.
 
     Args:
-        nodes: of the lane model.
+        nodes: the nodes of the lane model.
         outlines: junction -> its outline (M, 2).
-        places: (2,) each, site frame, metres; those without a junction nearby are left alone.
+        places: (2,) each, site frame, metres; those without a junction nearby are ignored.
     """
     areas = {
         node: shapely.Polygon(outlines[junction])
@@ -316,7 +315,7 @@ def lights_of_places(
 
 
 def node_of_signal(model: LaneModel, nodes: Nodes, signal: RoadSignal) -> str | None:
-    """Return the node whose traffic a signal governs; ``None`` where it stands at none."""
+    """Return the node whose traffic a signal applies to; ``None`` if there is none."""
     road = model.road_by_id.get(signal.road)
     if road is None:
         return None

@@ -1,4 +1,4 @@
-"""SUMO's network of a lane model, made by netconvert, and its names of the lanes."""
+"""SUMO's network of a lane model, made by netconvert, with its lane names."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class SumoNetwork:
-    """What netconvert made of a lane model.
+    """Result of netconvert for a lane model.
 
     Attributes:
         model: the lane model, with the names of lanes, junctions and crossings in the network.
-        warnings: what netconvert said.
-        notes: what was counted.
+        warnings: netconvert's warnings.
+        notes: counts.
     """
 
     model: LaneModel
@@ -65,7 +65,7 @@ def sumo_network_of_model(
     Args:
         model: the lane model, site frame.
         out: the ``.net.xml`` to write.
-        lit: places (2,) of junctions with signals that the map does not have.
+        lit: places (2,) of signalised junctions that have no signals in the map.
 
     Raises:
         StageError: netconvert failed.
@@ -105,10 +105,10 @@ def sumo_network_of_model(
 
 
 def _without_outlines(net: Path) -> None:
-    """Take the outlines of crossings of a given shape away: netconvert mixes them up.
+    """Remove the outlines of crossings with a given shape, which netconvert gets wrong.
 
-    On the left side of the road they lie on the wrong side of the x axis (SUMO 1.24). Without an
-    outline, SUMO takes the crossing's line and width.
+    In left-hand traffic they lie on the wrong side of the x axis (SUMO 1.24). Without an outline,
+    SUMO uses the crossing's line and width.
     """
     tree = etree.parse(net)
     for edge in tree.getroot().iterfind("edge"):
@@ -119,7 +119,7 @@ def _without_outlines(net: Path) -> None:
 
 
 def _named(topology: MapTopology, root: etree._Element) -> LaneModel:
-    """Return the model with the names that netconvert gave."""
+    """Return the model with netconvert's names."""
     strips: dict[Place, str] = {
         (edge.road.id, number, lane): edge.strip(index)
         for edge in topology.edges
@@ -169,7 +169,7 @@ def _with_strips(road: ModelRoad, strips: Mapping[Place, str]) -> ModelRoad:
 
 
 def _ways(root: etree._Element) -> dict[tuple[str, str], str]:
-    """Return (lane, following lane) -> the lanes in between, in order, with blanks between them."""
+    """Return (lane, following lane) -> the lanes in between, in order, separated by spaces."""
     onward = {
         f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
         for item in root.iterfind("connection")
@@ -188,7 +188,7 @@ def _ways(root: etree._Element) -> dict[tuple[str, str], str]:
 
 
 def _crossings(root: etree._Element) -> dict[tuple[str, frozenset[str]], str]:
-    """Return (node, edges crossed) -> the crossing's lane."""
+    """Return (node, crossed edges) -> the crossing's lane."""
     found = {}
     for edge in root.iterfind("edge"):
         if edge.get("function") == "crossing":
@@ -207,9 +207,9 @@ def _crossing(
 
 
 def _without_loops(model: LaneModel) -> tuple[LaneModel, set[tuple[int, int]]]:
-    """Return the model with a section border in the middle of every road that ends where it begins.
+    """Return the model with a section boundary in the middle of each loop road.
 
-    SUMO has no edge from a node to itself. The borders are returned too: (road, section).
+    SUMO has no edge from a node to itself. The boundaries are returned too: (road, section).
     """
     wanted = loops(edges_of_model(model), Nodes(model))
     roads, borders = [], set()
