@@ -1,4 +1,4 @@
-"""Traffic: demand, SUMO in a process of its own, actors that stand on the ground, the motion."""
+"""Traffic: demand, simulation in SUMO, actors on the ground, and the resulting motion."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Rows of the table of actors: their postures, standing on the ground, in the order of time."""
+"""Rows of the table of actors: postures and poses on the ground, in order of time."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from urbantwin.traffic.paths.track_box import track_size
 
 __all__ = ["KeptRows", "actor_rows"]
 
-#: So many rows become those of a motion at a time.
+#: Number of rows renumbered at a time.
 _ROWS = 1 << 16
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first gait phases of actors that depart together
 
 
 def actor_rows(
@@ -42,17 +42,17 @@ def actor_rows(
     step_s: float,
     asset: Callable[[str], Asset],
 ) -> tuple[pa.Table, NDArray[np.float64]]:
-    """Return the rows of poses on the ground, and the places (M, 2) of poses beside it.
+    """Return the rows of poses on the ground, and the positions (M, 2) of poses beside it.
 
-    Tracks are numbers of trips. Poses beside the ground have no row.
+    Poses beside the ground have no row.
 
     Args:
         columns: poses by trip and step, from step 0 on.
-        trips: whose they are.
-        lanes: their names.
-        ground: what they stand on.
-        step_s: time between steps.
-        asset: an asset's dimensions and contacts by name.
+        trips: the trips; a row's track is the index of its trip.
+        lanes: names of the lanes that ``columns["lane"]`` refers to.
+        ground: ground that the actors are placed on.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions and contacts by name.
     """
     names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
@@ -103,10 +103,10 @@ def actor_rows(
 
 
 class KeptRows:
-    """Rows of actors stretch by stretch, kept on disk where there are many.
+    """Rows of actors, stretch by stretch; on disk for long motions.
 
     Args:
-        folder: where they are kept; in memory, where not given.
+        folder: folder of the rows; ``None`` keeps them in memory.
         region: the recorded region, site frame.
     """
 
@@ -115,7 +115,7 @@ class KeptRows:
         self._region = region
         self._tables: list[pa.Table] = []
         self._files: list[Path] = []
-        #: How many poses `stood` has taken.
+        #: Number of poses that `stood` has processed.
         self.taken = 0
 
     def stood(
@@ -123,13 +123,13 @@ class KeptRows:
         columns: dict[str, NDArray[Any]],
         rows_of: Callable[[dict[str, NDArray[Any]]], tuple[pa.Table, NDArray[np.float64]]],
     ) -> int:
-        """Keep the rows of poses that follow; return how many the region lacks, beside the ground.
+        """Add the rows of further poses; return the number of those in the region without ground.
 
-        Outside the region the ground is narrow: a bus that turns around leaves it with its front.
+        Outside the region the ground is narrow: the front of a turning bus leaves it.
 
         Args:
-            columns: poses, as `actor_rows` takes them.
-            rows_of: makes the rows of them: `actor_rows` with all else that it takes.
+            columns: poses, as in `actor_rows`.
+            rows_of: makes rows of poses: `actor_rows` with its other arguments bound.
         """
         left_out = 0
         for part in _some_steps(columns):
@@ -140,7 +140,7 @@ class KeptRows:
         return left_out
 
     def add(self, rows: pa.Table) -> None:
-        """Keep the rows that follow, of `actor_rows`."""
+        """Add further rows, as made by `actor_rows`."""
         if self._folder is None:
             self._tables.append(rows)
             return
@@ -150,7 +150,7 @@ class KeptRows:
         self._files.append(path)
 
     def __iter__(self) -> Iterator[pa.Table]:
-        """Yield the rows that were added, as often as is asked for."""
+        """Yield the tables in the order in which they were added; may be called repeatedly."""
         yield from self._tables
         for path in self._files:
             with pa.OSFile(str(path)) as file:
@@ -168,14 +168,13 @@ class KeptRows:
         number: NDArray[np.integer] | None,
         file: Path | None,
     ) -> ActorRows:
-        """Return the rows (N,) that are kept as those of a motion.
+        """Return the selected rows (N,) as those of a motion.
 
         Args:
-            trip: of each row.
-            kept: which rows.
-            number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
-                not given.
-            file: where they are written to; in memory, where not given.
+            trip: trip of each row.
+            kept: mask of the rows to keep.
+            number: track id of each trip; ``None`` numbers the trips that remain 1, 2, 3, ...
+            file: file to write; ``None`` keeps the rows in memory.
         """
         if number is None:
             driven = np.unique(trip[kept])
@@ -188,7 +187,7 @@ class KeptRows:
         return RowsInFile(file)
 
     def _numbered(self, track: NDArray[np.integer], kept: NDArray[np.bool_]) -> Iterator[pa.Table]:
-        """Yield the rows that are kept, with their tracks, part by part."""
+        """Yield the selected rows with their track ids, part by part."""
         begin = 0
         some = (rows.slice(k, _ROWS) for rows in self for k in range(0, rows.num_rows, _ROWS))
         for rows in some:
@@ -202,7 +201,7 @@ class KeptRows:
 
 
 def _some_steps(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield the poses of some steps after the other: all of a stretch would take much at once."""
+    """Yield the poses in groups of consecutive steps, to limit memory."""
     step = columns["step"]
     count = max(round(len(step) / _ROWS), 1)
     first = int(step.min(initial=0))

@@ -1,4 +1,4 @@
-"""The table of actors from SUMO's output: smoothed, with gait, standing on our ground."""
+"""The table of actors from SUMO's output: smoothed paths, conflicts resolved, on the ground."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Place", "Tabled", "actor_table"]
 
-#: A motion of more poses is on disk while it is made.
+#: Motions with more poses are kept on disk while they are made.
 _MANY = 600_000
-#: Shares of the table's time after which paths are smoothed, everybody is parted, and stands.
+#: Progress after which paths are smoothed, conflicts resolved, and actors placed on the ground.
 _SMOOTHED, _PARTED, _STOOD = 0.1, 0.82, 0.93
-#: What the table of actors is made from.
+#: Columns that the table of actors is made from.
 _SHOWN = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
 
 
@@ -53,15 +53,15 @@ Columns = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What actors go between and stand on.
+    """The static surroundings of the actors.
 
     Attributes:
         roads: the lanes.
-        ground: what they stand on.
-        blocks: what stands in their way all the time, in plan.
-        obstacles: the static of it, as it is.
-        parked: the rest.
-        region: that is recorded.
+        ground: ground that actors are placed on.
+        blocks: static obstacles in plan, parked vehicles included.
+        obstacles: static obstacles of the scene, in 3D.
+        parked: rows of the parked vehicles.
+        region: the recorded region.
     """
 
     roads: RoadNetwork
@@ -80,7 +80,7 @@ class Place:
         parked: pa.Table,
         region: shapely.Geometry,
     ) -> Place:
-        """Return the place with what of a scene, and which parked vehicles, stand in the way."""
+        """Return the surroundings made of a scene's obstacles and the parked vehicles."""
         x, y, yaw, length, width = (
             parked[name].to_numpy() for name in ("x", "y", "yaw", "length", "width")
         )
@@ -93,16 +93,17 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Tabled:
-    """What became of what SUMO saw.
+    """The table of actors of a simulation, and what was changed or left out.
 
     Attributes:
-        actors: their rows.
-        outside: number of poses in the region that were left out because there is no ground.
-        rigid: who does not bend though its trip says so, by the numbers of their trips.
-        poses: how far each trip is behind at each step, stretch by stretch, see `yielding.Before`;
-            where tracks are numbers of trips.
-        absent: who is left out, as it would pass through somebody; of rows before it was.
-        overlaps: who overlaps whom or what even so.
+        actors: rows of the actors.
+        outside: number of poses in the region left out because there is no ground below them.
+        rigid: numbers of the trips whose vehicle is rigid although its trip has an articulated one.
+        poses: delay of each trip at each step, stretch by stretch, as in `yielding.Before`; empty
+            unless tracks are numbers of trips.
+        absent: actors left out because they would overlap others; its rows are those before the
+            removal.
+        overlaps: remaining overlaps between actors, and with the scene.
     """
 
     actors: ActorRows
@@ -113,7 +114,7 @@ class Tabled:
     overlaps: dict[str, Any]
 
 
-def actor_table(  # noqa: PLR0913 - of a drive there is much to say
+def actor_table(  # noqa: PLR0913 - all inputs of a drive
     simulated: Simulated,
     demand: Demand,
     place: Place,
@@ -128,23 +129,23 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     file: Path | None = None,
     tell: Progress = untold,
 ) -> Tabled:
-    """Return the table of actors, and who of them is not as its trip says.
+    """Return the table of actors of a simulation.
 
-    Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
-    that bend.
+    Tracks are numbered in the order of departure, followed by the further bodies of articulated
+    vehicles.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         demand: the trips that it refers to.
-        place: what they go between and stand on.
-        steps: how many steps the motion has; steps before and after them only shape the paths.
-        step_s: time between steps.
-        asset: an asset's dimensions and contacts by name.
-        by_trip: let a track's number be that of its trip, whoever else is there.
-        before: how the same traffic went until something changed.
-        beside: who is there, or not, whomever it comes into.
-        scratch: a folder for what takes memory of long motions; the system's when not given.
-        file: where the rows of a long motion are written to; in memory, where not given.
+        place: the static surroundings.
+        steps: number of steps of the motion; steps before and after only shape the paths.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions and contacts by name.
+        by_trip: number tracks by trip, whichever other actors are present.
+        before: the same traffic up to the moment at which an event changes it.
+        beside: actors whose presence or absence is fixed, whatever they overlap.
+        scratch: folder for temporary files of long motions; ``None``: the system's.
+        file: file for the rows of a long motion; ``None`` keeps them in memory.
         tell: called with the fraction done (0..1) and what is being done.
     """
     solids = _solids(simulated, demand, place)
@@ -156,7 +157,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             step_s=step_s, asset=asset, rigid=before.rigid if before else None, folder=folder,
             tell=between(tell, 0.0, _SMOOTHED),
         )  # fmt: skip
-        del simulated  # of an hour it takes hundreds of megabytes
+        del simulated  # takes hundreds of megabytes for an hour of traffic
         hand_back_freed_memory()
         tell(_SMOOTHED, "past each other")
         parting = Parted(
@@ -170,7 +171,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         rows_of = partial(
             actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
         )
-        # Rows of one stretch are made while the next one is parted.
+        # Rows of one stretch are made while conflicts of the next are resolved.
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
             for n, stretch in enumerate(every):
@@ -214,7 +215,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
 
 @contextmanager
 def _folder_for(rows: int, scratch: Path | None) -> Iterator[Path | None]:
-    """Yield a folder for a motion of so many rows; few are kept in memory."""
+    """Yield a temporary folder for a motion of many rows, ``None`` for one of few."""
     if rows <= _MANY:
         yield None
         return
@@ -223,7 +224,7 @@ def _folder_for(rows: int, scratch: Path | None) -> Iterator[Path | None]:
 
 
 def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
-    """Return what stands near people's ways."""
+    """Return the outlines of obstacles near pedestrians' paths."""
     walks = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
     walked = simulated.front[walks[simulated.trip]] if len(walks) else np.zeros((0, 2))
     return Solids(place.blocks.low, walked, place.roads.footway(0))

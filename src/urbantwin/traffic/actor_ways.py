@@ -1,6 +1,6 @@
-"""Ways of actors from SUMO's output: smoothed, round what stands, with all bodies that bend.
+"""Paths of actors from SUMO's output: smoothed, around obstacles, with all bodies of each vehicle.
 
-Each is made from what SUMO saw of one actor alone, so that those of a long motion are made some
+Each path depends on the output of one actor alone, so that those of a long motion are made for some
 actors at a time, and kept on disk.
 """
 
@@ -38,9 +38,9 @@ from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["actor_ways"]
 
-#: Room that who is led needs beyond that of people, metres.
+#: Extra clearance of accompanying animals, beyond that of pedestrians, metres.
 _LED_M = 0.2
-#: So many steps are looked at together for who cuts corners.
+#: Number of steps checked together for corner cutting.
 _STEPS = 2000
 
 Columns = dict[str, NDArray[Any]]
@@ -48,7 +48,7 @@ Columns = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class _Between:
-    """What ways lead between, and how they are made."""
+    """The surroundings of the paths, and how paths are made from SUMO's output."""
 
     roads: RoadNetwork
     ground: Ground
@@ -59,25 +59,25 @@ class _Between:
     asset: Callable[[str], Asset]
 
     def ways(self, simulated: Simulated, demand: Demand, tell: Progress) -> Columns:
-        """Return the poses of whatever SUMO saw, round what stands."""
+        """Return the smoothed poses of all actors, with pedestrians around obstacles."""
         columns = self.smooth(simulated, demand, tell)
         return self.round(columns, demand.trips)
 
     def bent(
         self, columns: Columns, demand: Demand, simulated: Simulated
     ) -> tuple[Columns, tuple[Trip, ...], NDArray[np.int64]]:
-        """Return the poses of all bodies."""
+        """Return the poses of all bodies, their trips, and the trip that each belongs to."""
         return with_bodies(columns, demand, simulated, self.roads.tracks, asset=self.asset)
 
     def cutters(
         self, columns: Columns, trips: Sequence[Trip], who: NDArray[np.int64]
     ) -> frozenset[int]:
-        """Return whose further bodies run into anybody."""
+        """Return the trips of vehicles whose further bodies overlap an actor or an obstacle."""
         level = self.ground.levels(self.lanes)[columns["lane"]]
         return corner_cutters(columns, trips, who, self.low, level, self.asset)
 
     def round(self, columns: Columns, trips: Sequence[Trip], *, led: bool = False) -> Columns:
-        """Return poses in which people on the ground, or whom they lead, go round what stands."""
+        """Return poses in which pedestrians (or accompanying animals) avoid obstacles."""
         kind = "animal" if led else "pedestrian"
         afoot = np.array([trip.actor_class == kind for trip in trips], np.bool_)
         level = self.ground.levels(self.lanes)[columns["lane"]]
@@ -89,7 +89,7 @@ class _Between:
         return round_blocks(columns, walks, cells, self.step_s)
 
     def smooth(self, simulated: Simulated, demand: Demand, tell: Progress) -> Columns:
-        """Return smoothed poses, trip by trip, as columns."""
+        """Return smoothed poses as columns, sorted by trip and step."""
         order = simulated.by_trip()
         trip, step = simulated.trip[order], simulated.step[order]
         breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
@@ -120,7 +120,7 @@ class _Between:
         }
 
 
-def actor_ways(  # noqa: PLR0913 - all that they go between
+def actor_ways(  # noqa: PLR0913 - all surroundings of a path
     simulated: Simulated,
     demand: Demand,
     roads: RoadNetwork,
@@ -134,19 +134,19 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
     folder: Path | None,
     tell: Progress,
 ) -> KeptWays:
-    """Return everybody's way.
+    """Return the paths of all actors.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         demand: the trips that it refers to.
         roads: the lanes.
-        ground: the levels that they are on.
-        low: what stands in the way, in plan.
-        solids: outlines of what stands in people's way.
-        step_s: time between steps.
-        asset: an asset's dimensions and contacts by name.
-        rigid: who does not bend; found here, where not given.
-        folder: where long ways are kept; in memory, where not given.
+        ground: ground, for the level of each lane.
+        low: obstacles near the ground, in plan.
+        solids: outlines of obstacles near pedestrians' paths.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions and contacts by name.
+        rigid: trips of vehicles that are rigid; ``None`` determines them here.
+        folder: folder for long paths; ``None`` keeps them in memory.
         tell: called with the fraction done (0..1) and what is being done.
     """
     way = _Between(roads, ground, low, solids, simulated.lanes, step_s, asset)
@@ -161,7 +161,7 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
             demand = with_rigid(demand, rigid, asset)
             again = way.smooth(_of_trips(simulated, rigid), demand, untold)
             bent, trips, who = way.bent(_exchanged(columns, again), demand, simulated)
-        # Who is led beside somebody goes round what stands there, too, and is longer.
+        # An animal beside its owner avoids obstacles, too, and is longer.
         kept.add(way.round(bent, trips, led=True))
         return KeptWays(kept, trips, who, rigid, frozenset(), 0, steps)
     every, number = list(demand.trips), list(range(len(demand.trips)))
@@ -198,21 +198,21 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
 
 
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:
-    """Yield the rows of some steps after the other."""
+    """Yield rows in groups of consecutive steps."""
     step = kept.opened()["step"]
     for first in range(*steps, _STEPS):
         yield kept.rows(np.flatnonzero((step >= first) & (step < first + _STEPS)))
 
 
 def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
-    """Return what SUMO saw of some trips."""
+    """Return SUMO's output of some trips."""
     return simulated.only(np.isin(simulated.trip, list(numbers)))
 
 
 def _exchanged(
     columns: dict[str, NDArray[Any]], again: dict[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
-    """Return poses in which some trips have other ones, sorted as before."""
+    """Return poses in which those of some trips are replaced, sorted as before."""
     stays = ~np.isin(columns["trip"], again["trip"])
     joined = {name: np.concatenate([columns[name][stays], again[name]]) for name in columns}
     order = np.lexsort([joined["step"], joined["trip"]])

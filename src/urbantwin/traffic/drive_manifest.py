@@ -1,4 +1,4 @@
-"""What ``motion.json`` says of a drive: who was asked for, who drove, what went wrong."""
+"""The manifest of a drive (``motion.json``): traffic requested, driven and seen, and problems."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["manifest_of_drive"]
 
-#: So many are told one by one.
+#: Maximum number of collisions listed individually.
 _TOLD = 20
 
 
@@ -35,16 +35,16 @@ def manifest_of_drive(
     *,
     steps: int,
 ) -> dict[str, Any]:
-    """Return a motion's manifest as far as it tells of the drive.
+    """Return the part of a motion's manifest that describes the drive.
 
     Args:
-        twin: where.
-        asked: ``traffic`` of the site, as it was asked for.
-        demand: who set out.
-        simulated: what SUMO did.
-        actors: who is seen.
-        roads: the lanes, with the programs that were shown.
-        steps: how many steps the motion has.
+        twin: the twin.
+        asked: ``traffic`` of the site, as requested.
+        demand: the planned trips.
+        simulated: SUMO's output.
+        actors: rows of the motion.
+        roads: the lanes, with the signal programs used.
+        steps: number of steps of the motion.
     """
     step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
     manifest: dict[str, Any] = {
@@ -89,7 +89,7 @@ def manifest_of_drive(
 
 
 def _passengers(demand: Demand, simulated: Simulated, duration_s: float) -> list[dict[str, Any]]:
-    """Return what happened at each stop at which people wait."""
+    """Return the passengers of each stop with waiting people: waiting, boarding and alighting."""
     rows = []
     for place in demand.passengers.places:
         own = [row for row in simulated.boarded if row[3] == place.stop]
@@ -113,7 +113,7 @@ def _passengers(demand: Demand, simulated: Simulated, duration_s: float) -> list
 def _counts(
     per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: ActorRows
 ) -> dict[str, dict[str, float | int]]:
-    """Return, for each class, how many were asked for, came in, and are seen in the motion."""
+    """Return, for each class, the numbers of actors requested, driven, and seen in the motion."""
     tracks = actors.distinct(["track", "class", "asset"])
     behind = {
         body.asset
@@ -144,7 +144,7 @@ def _counts(
 def _collided(
     time_s: float, x: float, y: float, lane: str, *pair: str, demand: Demand
 ) -> dict[str, Any]:
-    """Return which bodies SUMO saw overlap, when and where first."""
+    """Return an entry of a collision that SUMO reported: assets, first time, place and lane."""
     known = {str(number): trip.asset for number, trip in enumerate(demand.trips)}
     who = [known.get(name, name) for name in pair]
     place = {"x": round(x, 1), "y": round(y, 1), "lane": lane}

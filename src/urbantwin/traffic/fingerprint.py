@@ -1,4 +1,4 @@
-"""Fingerprints of a motion: hashes of its values, whatever the files' compression."""
+"""Hashes of a motion's values, independent of the compression of its files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["mesh_sha256", "meshes_sha256", "table_sha256"]
 
 
 def mesh_sha256(mesh: LabelledMesh) -> str:
-    """Return the SHA-256 of a mesh's arrays, which does not depend on how a file packs them."""
+    """Return the SHA-256 of a mesh's arrays, independent of how a file packs them."""
     digest = hashlib.sha256()
     for field in dataclasses.fields(mesh):
         array = np.ascontiguousarray(getattr(mesh, field.name))
@@ -33,7 +33,7 @@ def meshes_sha256(meshes: Mapping[tuple[str, int], LabelledMesh]) -> str:
 
 
 def table_sha256(table: pa.Table | ActorRows) -> str:
-    """Return the SHA-256 of a table's values, which does not depend on how a file packs them."""
+    """Return the SHA-256 of a table's values, independent of how a file packs them."""
     digest = hashlib.sha256()
     for field in table.schema:
         digest.update(f"{field.name} {field.type} {table.num_rows}".encode())
@@ -49,13 +49,13 @@ def table_sha256(table: pa.Table | ActorRows) -> str:
 
 
 def _parts(table: pa.Table | ActorRows, name: str) -> Iterator[pa.ChunkedArray]:
-    """Yield a column part by part: of an hour it would take tens or hundreds of megabytes whole."""
+    """Yield a column part by part, to limit memory."""
     for part in table.parts([name]) if isinstance(table, ActorRows) else [table]:
         yield part[name]
 
 
 def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
-    """Return the texts of a column in the order in which they come, and their numbers in it."""
+    """Return the distinct texts of a column in order of appearance, and the column as indices."""
     parts = _parts(table, name)
     found = [one for part in parts for one in part.dictionary_encode().chunks]
     chunks = pa.chunked_array(found, pa.dictionary(pa.int32(), pa.string()))

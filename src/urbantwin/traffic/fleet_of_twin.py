@@ -1,4 +1,4 @@
-"""The bodies that actors of a twin have: its own, and those usual in its country."""
+"""Assets of a twin's actors: those of its site and those usual in its country."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ __all__ = ["fleet_of", "own_bodies"]
 
 
 def fleet_of(twin: Twin, seed: int) -> Fleet:
-    """Return the fleet of a twin's country, with the bodies that its site brings along."""
+    """Return the fleet of a twin's country, with the assets that its site defines."""
     anchor = twin.manifest["anchor"]
     country = country_of(float(anchor["latitude"]), float(anchor["longitude"]))
     return Fleet(country, seed, own_bodies(twin))
 
 
 def own_bodies(twin: Twin) -> OwnBodies:
-    """Return the bodies that a twin's site brings along."""
+    """Return the assets that a twin's site defines."""
     told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
     return OwnBodies(
         {one.name: one.actor_class for one in told},

@@ -1,7 +1,7 @@
-"""Freed memory, handed back to the system.
+"""Return of freed memory to the operating system.
 
-glibc keeps what is free between arrays that live (malloc_trim(3)): of an hour of traffic hundreds
-of megabytes by the time that its rows are written.
+glibc keeps freed memory between live arrays (malloc_trim(3)); after an hour of traffic that is
+hundreds of megabytes.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ __all__ = ["hand_back_freed_memory"]
 
 
 def hand_back_freed_memory() -> None:
-    """Hand back what nobody uses, where the system's C library can."""
+    """Return unused memory to the operating system, if its C library supports that."""
     pa.default_memory_pool().release_unused()
-    # Windows has no library of that name, and others no such function.
+    # Windows has no such library, other systems may lack the function.
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)

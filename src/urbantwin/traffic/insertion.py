@@ -1,4 +1,4 @@
-"""Insertion: actors added to a motion, in which everybody else stays exactly as they were."""
+"""Insertion of actors into a motion; all existing rows stay unchanged."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["Insertion", "inserted"]
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """Actors who may be added to a motion.
+    """Actors to add to a motion.
 
     Attributes:
-        paths: who is added.
-        first: number of the first one's track.
-        rows: of the table of actors.
-        outside: how many poses are beside the ground, and left out.
+        paths: their paths.
+        first: track id of the first.
+        rows: their rows of the table of actors.
+        outside: number of poses beside the ground, which are left out.
     """
 
     paths: tuple[PrescribedPath, ...]
@@ -35,7 +35,7 @@ class Insertion:
 
     @classmethod
     def of(cls, motion: Motion, paths: Sequence[PrescribedPath], surface: TwinSurface) -> Insertion:
-        """Return actors as they would be in a motion; see `inserted`."""
+        """Return the actors with their rows and track ids for a motion; see `inserted`."""
         tracks = motion.rows.distinct(["track"])["track"].to_numpy()
         before = [row["track"] for row in motion.manifest.get("inserted", [])]
         first = max([int(tracks.max(initial=0)), *before]) + 1
@@ -47,11 +47,11 @@ class Insertion:
 
     @property
     def tracks(self) -> tuple[int, ...]:
-        """The numbers of their tracks."""
+        """Their track ids."""
         return tuple(range(self.first, self.first + len(self.paths)))
 
     def into(self, motion: Motion) -> Motion:
-        """Return the motion that they were made for with them."""
+        """Return the motion that they were made for, with them added."""
         both = pa.concat_tables([motion.actors, self.rows]).combine_chunks()
         order = np.lexsort([both["track"].to_numpy(), both["time_s"].to_numpy()])
         manifest = dict(motion.manifest)
@@ -83,20 +83,20 @@ def inserted(
     *,
     through_walls: bool = False,
 ) -> tuple[Motion, tuple[int, ...]]:
-    """Return a motion with further actors, and the numbers of their tracks.
+    """Return a motion with further actors, and their track ids.
 
-    The rows of everybody else are those of ``motion``, to the byte, and so are the signals and the
-    meshes. Nobody reacts to those who are added. Their tracks follow the highest number in
-    ``motion`` in the order of ``paths``; ``motion.json`` names them under ``inserted``.
+    All other rows, the signals and the meshes stay byte-identical to those of ``motion``. No actor
+    reacts to the added ones. Track ids continue after the highest of ``motion``, in the order of
+    ``paths``; ``motion.json`` lists them under ``inserted``.
 
     Args:
         motion: the motion.
-        paths: who is added; moments before and after the motion are of no account.
-        surface: of the twin that the motion is on.
-        through_walls: let them come into whatever stands in the scene.
+        paths: the actors to add; times before and after the motion are ignored.
+        surface: surface of the motion's twin.
+        through_walls: allow overlaps with the static scene.
 
     Raises:
-        StageError: one comes into something that stands: a wall, a post, furniture.
+        StageError: an actor overlaps a static object: a wall, a post, furniture.
 
     Example:
         >>> path = PrescribedPath("car", "car-sedan_black", np.array([0.0, 9.0]),
@@ -110,7 +110,7 @@ def inserted(
 
 
 def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, dict[str, float]]:
-    """Return the counts of a manifest with those who are seen besides."""
+    """Return a manifest's counts per class, increased by the added actors."""
     tracks = rows.group_by(["track", "class"]).aggregate([])
     counted = {name: dict(row) for name, row in classes.items()}
     known = next(iter(classes.values()), {"seen": 0})

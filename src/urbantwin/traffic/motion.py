@@ -1,4 +1,4 @@
-"""Motion: the pose of every actor at every step, and what the signals showed."""
+"""Motion: the pose of every actor at every step, and the states of the signals."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 
 MOTION_VERSION = 1
 
-#: So many steps are read together: they are asked for one after the other.
+#: Number of steps read together, since they are usually requested in sequence.
 _TOGETHER = 16
 
 _TABLE, _PARKED = "a table of the motion", "parked.parquet"
@@ -60,18 +60,18 @@ _ROW = np.dtype(
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What moves in a twin, and how.
+    """The motion of all actors in a twin.
 
     Attributes:
         manifest: ``motion.json``: seed, step, duration, counts per class, teleports, collisions.
         rows: ``actors.parquet``, columns of ``ACTOR_SCHEMA``, sorted by time, then track: a table,
             or the `ActorRows` of a file, of which a long motion reads a part at a time.
         signals: ``signals.parquet``, columns of ``signals.SIGNAL_SCHEMA``.
-        meshes: ``meshes.npz``: mesh of each asset and phase that the actors show. With them a
-            motion stays what it is when the catalogue of actors changes, and recording need not
-            make them again.
-        parked: ``parked.parquet``, the same columns, one row for each vehicle that is parked: it
-            stands there at every step.
+        meshes: ``meshes.npz``: mesh of each asset and phase that the actors use. Stored with the
+            motion, they keep it independent of later changes of the catalogue and spare making them
+            again.
+        parked: ``parked.parquet``, the same columns, one row for each parked vehicle, which is
+            there at every step.
     """
 
     manifest: dict[str, Any]
@@ -81,26 +81,26 @@ class Motion:
     parked: pa.Table = field(default_factory=ACTOR_SCHEMA.empty_table, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Take a table for its rows."""
+        """Accept a table as rows."""
         object.__setattr__(self, "rows", as_rows(self.rows))
 
     @cached_property
     def actors(self) -> pa.Table:
-        """All rows as one table: of an hour with a hundred actors half a gigabyte."""
+        """All rows as one table: half a gigabyte for an hour with a hundred actors."""
         return self.rows.table()
 
     @property
     def step_s(self) -> float:
-        """Time between steps."""
+        """Time between steps, seconds."""
         return float(self.manifest["step_s"])
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it."""
+        """The warnings of its manifest."""
         return warnings_of(self.manifest)
 
     def times(self) -> NDArray[np.float64]:
-        """Return the times (T,) of the steps, seconds; a step may be without actors."""
+        """Return the times (T,) of all steps, seconds, including steps without actors."""
         return self._times.copy()
 
     @cached_property
@@ -144,7 +144,7 @@ class Motion:
 
     @cached_property
     def _read(self) -> dict[int, NDArray[np.void]]:
-        """Steps that were read last, by the number of the first."""
+        """The steps read last, by the number of the first."""
         return {}
 
     @cached_property
@@ -152,7 +152,7 @@ class Motion:
         return _structured(self.parked)
 
     def sha256(self) -> str:
-        """Return a hash of everything that the motion holds, in hexadecimal."""
+        """Return the SHA-256 of all contents of the motion, in hexadecimal."""
         digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
         stream = pa.BufferOutputStream()
         self.rows.write(stream)
@@ -168,7 +168,7 @@ class Motion:
         return digest.hexdigest()
 
     def mesh(self, asset: str, phase: int) -> LabelledMesh:
-        """Return the mesh of an asset in a phase: of the motion's own bodies, else the catalogue's.
+        """Return the mesh of an asset in a phase: that of the motion, else that of the catalogue.
 
         Raises:
             InputError: neither has it.
@@ -176,7 +176,7 @@ class Motion:
         return mesh_among(self.meshes, asset, phase, asset_mesh)
 
     def with_meshes(self, tell: Progress = untold) -> Motion:
-        """Return the motion with the mesh of every body and phase that its actors show.
+        """Return the motion with the mesh of every asset and phase that its actors use.
 
         Args:
             tell: called with the fraction done (0..1) and what is being done.
@@ -186,13 +186,13 @@ class Motion:
             shown = rows.distinct(["asset", "phase"])
             pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
             keys |= {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
-        # Phase 0 sizes the others.
+        # Meshes of other phases are scaled by the size of phase 0.
         keys |= {(asset, 0) for asset, _ in keys}
         meshes = {key: self.mesh(*key) for key in each(sorted(keys), tell, "meshes of the actors")}
         return replace(self, meshes=meshes)
 
     def save(self, folder: Path) -> None:
-        """Write the folder, whole or not at all; the same motion gives the same bytes.
+        """Write the folder atomically; the same motion gives the same bytes.
 
         Raises:
             InputError: the folder holds something else.
@@ -201,7 +201,7 @@ class Motion:
             self.write(scratch)
 
     def write(self, folder: Path) -> None:
-        """Write the files of a motion into a folder that is there."""
+        """Write the files of a motion into an existing folder."""
         self.rows.write(folder / "actors.parquet")
         write_rows([self.signals], folder / "signals.parquet", SIGNAL_SCHEMA)
         if self.parked.num_rows:
@@ -243,7 +243,7 @@ class Motion:
 
 
 def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
-    """Return the times (steps,) of a motion, free of the dust of binary fractions."""
+    """Return the times (steps,) of a motion, seconds, rounded to nanoseconds."""
     return np.round(np.arange(steps) * step_s, 9)
 
 

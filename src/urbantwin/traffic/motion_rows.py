@@ -1,4 +1,4 @@
-"""Rows of a motion's actors: in memory, or, of a long motion, in its file, read part by part."""
+"""Rows of a motion's actors: in memory or, for a long motion, read from its file in parts."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ ACTOR_SCHEMA = pa.schema(
     ]
 )
 
-#: So many rows are written, and read, together: all of an hour would take hundreds of megabytes.
+#: Number of rows written and read together, to limit memory.
 _GROUP = 1 << 16
-#: A file of more rows is read part by part.
+#: Files with more rows are read in parts.
 _MANY = 1 << 20
-#: So many groups that were read are kept: a frame needs the steps on both sides of its time.
+#: Number of row groups kept after reading: a frame needs the steps on both sides of its time.
 _KEPT = 4
 _EXPECTED = "a table of the motion"
 
 
 class ActorRows(ABC):
-    """Rows of a motion's actors, columns of ``ACTOR_SCHEMA``, by time, then track.
+    """Rows of a motion's actors, columns of ``ACTOR_SCHEMA``, sorted by time, then track.
 
     Attributes:
-        num_rows: how many.
+        num_rows: number of rows.
         schema: ``ACTOR_SCHEMA``.
     """
 
@@ -69,35 +69,35 @@ class ActorRows(ABC):
 
     @abstractmethod
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return all rows; of some columns alone where they are given."""
+        """Return all rows, with all columns or those given."""
 
     @abstractmethod
     def between(self, from_s: float, until_s: float) -> pa.Table:
-        """Return the rows of the steps from a time to another, both included."""
+        """Return the rows of the steps between two times, both included, seconds."""
 
     @abstractmethod
     def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
-        """Yield some rows after the other."""
+        """Yield the rows in groups."""
 
     def __getitem__(self, column: str) -> pa.ChunkedArray:
         """Return a column of all rows."""
         return self.table([column])[column]
 
     def parts(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield some rows after the other, each time those of whole steps."""
+        """Yield the rows in groups of whole steps."""
         wanted = None if columns is None else list(dict.fromkeys([*columns, "time_s"]))
         for part in _whole_steps(self._groups(wanted)):
             yield part if columns is None else part.select(list(columns))
 
     def distinct(self, columns: Sequence[str]) -> pa.Table:
-        """Return which values of some columns go together, each once, in no order."""
+        """Return the distinct combinations of values of some columns, unordered."""
         names = list(columns)
         every = [one.group_by(names).aggregate([]) for one in self._groups(names)]
         empty = pa.schema([ACTOR_SCHEMA.field(name) for name in names]).empty_table()
         return pa.concat_tables([empty, *every]).group_by(names).aggregate([])
 
     def where(self, column: str, values: Sequence[Any]) -> pa.Table:
-        """Return the rows whose column has one of some values."""
+        """Return the rows whose column has one of the given values."""
         some = pa.array(list(values), ACTOR_SCHEMA.field(column).type)
         found = [one.filter(pc.is_in(one[column], some)) for one in self._groups(None)]
         return pa.concat_tables([ACTOR_SCHEMA.empty_table(), *found])
@@ -111,7 +111,7 @@ class RowsInMemory(ActorRows):
     """Rows of actors in memory.
 
     Args:
-        table: of ``ACTOR_SCHEMA``, by time, then track.
+        table: columns of ``ACTOR_SCHEMA``, sorted by time, then track.
     """
 
     def __init__(self, table: pa.Table) -> None:
@@ -119,11 +119,11 @@ class RowsInMemory(ActorRows):
         self.num_rows = int(table.num_rows)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return all rows; of some columns alone where they are given."""
+        """Return all rows, with all columns or those given."""
         return self._table if columns is None else self._table.select(list(columns))
 
     def between(self, from_s: float, until_s: float) -> pa.Table:
-        """Return the rows of the steps from a time to another, both included."""
+        """Return the rows of the steps between two times, both included, seconds."""
         return _between(self._table, from_s, until_s)
 
     def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
@@ -133,9 +133,9 @@ class RowsInMemory(ActorRows):
 
 
 class RowsInFile(ActorRows):
-    """Rows of actors in a Parquet file, of which a group of rows at a time is in memory.
+    """Rows of actors in a Parquet file, read by row groups.
 
-    The file stays open: one that is moved or deleted meanwhile is read all the same.
+    The file stays open, so that it can be read even after it is moved or deleted.
 
     Args:
         path: the file.
@@ -153,11 +153,11 @@ class RowsInFile(ActorRows):
         self._ends = np.array(ends, np.float64).reshape(-1, 2)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return all rows; of some columns alone where they are given."""
+        """Return all rows, with all columns or those given."""
         return self._file.read(columns)
 
     def between(self, from_s: float, until_s: float) -> pa.Table:
-        """Return the rows of the steps from a time to another, both included."""
+        """Return the rows of the steps between two times, both included, seconds."""
         meets = (self._ends[:, 1] >= from_s) & (self._ends[:, 0] <= until_s)
         parts = [ACTOR_SCHEMA.empty_table()]
         for number in np.flatnonzero(meets).tolist():
@@ -169,7 +169,7 @@ class RowsInFile(ActorRows):
         return pa.concat_tables(parts)
 
     def write(self, to: Path | pa.NativeFile) -> None:
-        """Write a Parquet file, unless it is their own; the same rows give the same bytes."""
+        """Write a Parquet file, unless it is the source; the same rows give the same bytes."""
         own = isinstance(to, Path) and to.exists() and os.path.samestat(to.stat(), self._stat)
         if not own:
             super().write(to)
@@ -180,17 +180,17 @@ class RowsInFile(ActorRows):
 
 
 def _ends(time_s: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the first and the last of some times; of none such that nothing is between."""
+    """Return the first and last of some times; (inf, -inf) if there are none."""
     return (float(time_s[0]), float(time_s[-1])) if len(time_s) else (np.inf, -np.inf)
 
 
 def as_rows(table: pa.Table | ActorRows) -> ActorRows:
-    """Return the rows of a table."""
+    """Return the rows of a table; rows are returned as they are."""
     return RowsInMemory(table) if isinstance(table, pa.Table) else table
 
 
 def read_rows(path: Path) -> ActorRows:
-    """Read the rows of a file: at once, or, of a long motion, whenever they are asked for.
+    """Read the rows of a file: at once or, for a long motion, on demand.
 
     Raises:
         InputError: it is missing, damaged, or has other columns.
@@ -202,7 +202,7 @@ def read_rows(path: Path) -> ActorRows:
 def write_rows(
     parts: Iterable[pa.Table], to: Path | pa.NativeFile, schema: pa.Schema = ACTOR_SCHEMA
 ) -> None:
-    """Write the rows of tables that follow each other as Parquet, group of rows by group."""
+    """Write consecutive tables as one Parquet file, row group by row group."""
     with pq.ParquetWriter(to, schema, **PARQUET) as writer:
         left, written = schema.empty_table(), 0
         for part in parts:
@@ -215,7 +215,7 @@ def write_rows(
 
 
 def _whole_steps(groups: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    """Yield the rows of groups that follow each other, cut between steps."""
+    """Yield the rows of consecutive groups, cut between steps."""
     left = None
     for group in groups:
         both = group if left is None else pa.concat_tables([left, group])

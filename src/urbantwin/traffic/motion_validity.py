@@ -1,4 +1,4 @@
-"""Validity of a motion's folder, so that whatever records from it can rely on it."""
+"""Checks of a motion's folder, on which recording relies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 #: Name of an asset and its phase.
 MeshKey = tuple[str, int]
 
-#: Columns of numbers -> the largest there is, metres, radians or m/s: what leaves it is no actor.
+#: Largest absolute values of numeric columns: metres, radians or m/s.
 _MOST = {
     **dict.fromkeys(("x", "y", "z"), 1e6),
     **dict.fromkeys(("yaw", "pitch", "roll"), 1e3),
@@ -64,7 +64,7 @@ class _Absent(Part):
 
 
 class MotionManifest(Part):
-    """What of ``motion.json`` everything that uses a motion relies on."""
+    """Fields of ``motion.json`` that all users of a motion need."""
 
     twin_sha256: str
     seed: Annotated[int, Field(ge=0, lt=2**63)]
@@ -77,7 +77,7 @@ class MotionManifest(Part):
 
 
 class MotionReport(MotionManifest):
-    """What ``motion.json`` says to people besides."""
+    """Further fields of ``motion.json``, for reports."""
 
     duration_s: Annotated[float, Field(ge=0, le=1e6)]
     left_out: list[dict[str, Any]]
@@ -86,16 +86,16 @@ class MotionReport(MotionManifest):
 
 
 def check_motion(actors: ActorRows, signals: pa.Table, until_s: float, folder: Path) -> None:
-    """Refuse tables that are not sorted, or with actors that cannot be.
+    """Raise an error for unsorted tables or impossible actors.
 
     Args:
-        actors: nothing missing, all finite.
-        signals: the same.
-        until_s: no step is later, seconds.
-        folder: the motion's, for errors.
+        actors: rows without missing values, all finite.
+        signals: rows without missing values, all finite.
+        until_s: latest possible time of a step, seconds.
+        folder: the motion's folder, for errors.
 
     Raises:
-        InputError: a row is wrong; the file and the column are named.
+        InputError: a row is wrong; the message names the file and the column.
     """
     _check_times([signals], until_s, folder / "signals.parquet")
     file = folder / "actors.parquet"
@@ -105,7 +105,7 @@ def check_motion(actors: ActorRows, signals: pa.Table, until_s: float, folder: P
 
 
 def _check_times(parts: Iterable[pa.Table], until_s: float, file: Path) -> None:
-    """Refuse tables that follow each other whose times go back, or leave the motion."""
+    """Raise an error if the times of consecutive tables decrease or leave the motion."""
     ends: list[float] = []
     for part in parts:
         times = part["time_s"].to_numpy()
@@ -119,14 +119,14 @@ def _check_times(parts: Iterable[pa.Table], until_s: float, file: Path) -> None:
 
 
 def check_actors(actors: pa.Table, file: Path) -> None:
-    """Refuse rows of actors that cannot be.
+    """Raise an error for impossible rows of actors.
 
     Args:
-        actors: by their schema, nothing missing, all finite.
-        file: where they are from, for errors.
+        actors: rows by ``ACTOR_SCHEMA`` without missing values, all finite.
+        file: their file, for errors.
 
     Raises:
-        InputError: a row is wrong; the column is named.
+        InputError: a row is wrong; the message names the column.
     """
     for name, most in _MOST.items():
         values = actors[name].to_numpy()
@@ -148,10 +148,10 @@ def check_actors(actors: pa.Table, file: Path) -> None:
 
 
 def read_meshes(path: Path) -> dict[MeshKey, LabelledMesh]:
-    """Read the meshes of a motion's actors, by asset and phase.
+    """Return the meshes of a motion's actors, by asset and phase.
 
     Raises:
-        InputError: missing, damaged, or no meshes.
+        InputError: the file is missing, damaged, or holds other data.
     """
     parts: dict[MeshKey, dict[str, Any]] = {}
     for name, array in read_arrays(path, _MESHES).items():

@@ -1,4 +1,4 @@
-"""Prescribed actors: their way is given, not simulated; they stand on the twin's ground."""
+"""Actors with prescribed paths, which are not simulated, placed on the twin's ground."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from urbantwin.twin import Twin
 
 __all__ = ["PrescribedPath", "TwinSurface", "prescribed_table", "usual_asset"]
 
-_STANDING_MS = 0.15  # who is slower than this stands, m/s
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures
-_SHORT_M = 0.3  # who moved less than this has no direction of travel
+_STANDING_MS = 0.15  # below this speed, m/s, an actor counts as standing
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first gait phases
+_SHORT_M = 0.3  # a path with a smaller extent has no direction of travel
 _SLACK_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PrescribedPath:
-    """Where one actor is, at N moments. Between them it moves evenly.
+    """Positions of an actor at N times, linear in between.
 
     Attributes:
         actor_class: one of ``taxonomy.BOX_SEMANTICS``.
-        asset: name of its mesh, with a coat and a size where it has them.
-        time_s: (N,) ascending moments, seconds from the motion's start. It is there from the first
-            to the last of them.
-        xy: (N, 2) middle of its bounds, site frame, metres.
-        yaw: (N,) heading, rad; ``None`` to face where it goes.
-        speed: (N,) m/s along the heading; ``None`` for that of the path.
-        z: (N,) about how high it is, metres, which tells a bridge from the road below; ``None`` for
-            the level of the lane that it is on.
-        absent: spans (from, to), seconds, between which it is not there.
+        asset: name of its mesh, including colour and size if any.
+        time_s: (N,) ascending times, seconds from the motion's start. The actor is present from the
+            first to the last.
+        xy: (N, 2) centre of its bounds, site frame, metres.
+        yaw: (N,) heading, rad; ``None``: the direction of travel.
+        speed: (N,) m/s along the heading; ``None``: derived from the path.
+        z: (N,) approximate height, metres, which distinguishes a bridge from the road below;
+            ``None``: the level of its lane.
+        absent: intervals (from, to), seconds, during which it is absent.
     """
 
     actor_class: str
@@ -54,10 +54,11 @@ class PrescribedPath:
     absent: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what is no path.
+        """Check the values.
 
         Raises:
-            InputError: an unknown class or mesh; times that do not ascend; numbers that are none.
+            InputError: unknown class or mesh, times that do not ascend, or values that are not
+                finite.
         """
         if self.actor_class not in BOX_SEMANTICS:
             raise InputError(
@@ -78,7 +79,7 @@ class PrescribedPath:
             raise InputError("a path with values that are not finite")
 
     def heading(self) -> NDArray[np.float64]:
-        """Return the heading (N,), rad, without leaps of a turn."""
+        """Return the heading (N,), rad, unwrapped."""
         if self.yaw is not None:
             return np.unwrap(self.yaw)
         moved = np.zeros_like(self.xy) if len(self.xy) < 2 else np.gradient(self.xy, axis=0)
@@ -99,7 +100,7 @@ class PrescribedPath:
 
 
 class TwinSurface:
-    """What prescribed actors stand on: the ground of a twin, its lanes, and what stands beside.
+    """Surface of a twin for prescribed actors: its ground, lanes and static obstacles.
 
     Args:
         twin: the twin.
@@ -112,9 +113,9 @@ class TwinSurface:
 
 
 def usual_asset(actor_class: str, number: int) -> str:
-    """Return the mesh, with its coat, of the n-th actor of a class, where nothing is known of it.
+    """Return the asset, with its colour, of the n-th actor of a class without further information.
 
-    It does not bend: nobody prescribes how its bodies go.
+    The asset is rigid, since no motion of further bodies is prescribed.
 
     Raises:
         InputError: there is no such class.
@@ -132,17 +133,16 @@ def prescribed_table(
     first_track: int = 1,
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
-    """Return the rows of actors whose paths are given, and how many poses are beside the ground.
+    """Return the rows of actors with given paths, and the number of poses beside the ground.
 
-    Poses beside the ground are left out. A track's number tells the place of its path, and does not
-    depend on the other paths.
+    Poses beside the ground are left out. The track id follows from the index of the path alone.
 
     Args:
-        paths: who comes, and how.
-        surface: what they stand on.
-        steps: how many steps the motion has.
-        step_s: time between them.
-        first_track: number of the first path's track.
+        paths: the paths.
+        surface: the twin's surface.
+        steps: number of steps of the motion.
+        step_s: time between steps, seconds.
+        first_track: track id of the first path.
         tell: called with the fraction done (0..1) and what is being done.
     """
     times = step_times(steps, step_s)
@@ -167,7 +167,7 @@ def prescribed_table(
 def _rows(
     path: PrescribedPath, times: NDArray[np.float64], track: int, surface: TwinSurface
 ) -> dict[str, NDArray[np.generic]]:
-    """Return the columns of one actor at the steps at which it is there."""
+    """Return the columns of one actor at the steps at which it is present."""
     mesh, heading = asset(path.asset), path.heading()
     x, y, yaw, speed = (
         np.interp(times, path.time_s, values)
@@ -207,7 +207,7 @@ def _phases(
     speed: NDArray[np.float64],
     track: int,
 ) -> NDArray[np.int16]:
-    """Return the posture at each step: by the distance gone, or halted."""
+    """Return the gait phase at each step: by distance travelled, or standing."""
     moving = np.zeros(len(times))
     if mesh.phases > 1:
         gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])

@@ -1,4 +1,4 @@
-"""Recorded signals as a motion's: what each stop line was shown."""
+"""Recorded signals as those of a motion: the state shown at each stop line."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Row = tuple[float, str, int, str, float, float]
 def recorded_signal_table(
     signals: RecordedSignals | None, twin: Twin, tracks: Sequence[SeenTrack], until_s: float
 ) -> tuple[pa.Table, list[str]]:
-    """Return the table of what recorded groups showed, and the groups whose place is not known.
+    """Return the table of recorded signal groups, and the groups whose place is unknown.
 
-    A group whose stop lines are told is a link of the program ``recorded``. The others govern those
-    links of the twin's own signals whose traffic passed while they were green. Groups that were
-    dark all the time are left out.
+    A group with given stop lines is a link of the program ``recorded``. Any other is assigned to
+    the links of the twin's own signals whose traffic passed while it was green. Groups that are
+    always dark are left out.
 
     Args:
-        signals: what was recorded.
-        twin: whose signals stand where stop lines are.
-        tracks: who passed.
-        until_s: the motion's end, seconds.
+        signals: the recorded signals.
+        twin: the twin, whose signals give the stop lines of the other groups.
+        tracks: the recorded tracks.
+        until_s: end of the motion, seconds.
     """
     if signals is None:
         return SIGNAL_SCHEMA.empty_table(), []
@@ -71,7 +71,7 @@ def _rows(
     places: Iterable[tuple[float, float]],
     until_s: float,
 ) -> list[Row]:
-    """Return the rows of a link: what it shows at 0 s, and where that changes."""
+    """Return the rows of a link: its state at 0 s, and each change."""
     first = max((at for at, _ in shown if at <= 0), default=shown[0][0])
     return [
         (max(at, 0.0), program, link, letter, x, y)

@@ -34,14 +34,14 @@ from urbantwin.twin import Twin
 __all__ = ["replay"]
 
 _LONGEST_S = 86400.0
-#: Sizes beyond these shares of the smallest and the largest mesh of the class are no measurement.
+#: Sizes beyond these multiples of the smallest and largest mesh of the class are not trusted.
 _LEAST, _MOST = 0.7, 1.4
-#: Who is as long from front to back is in a step, metres, and walks as fast as people do, m/s.
+#: Length of a pedestrian in stride, metres, and usual walking speed, m/s.
 _STRIDES_M, _WALKS_M_S = 0.7, 1.2
 _SIDES = ("length", "width", "height")
-#: What says nothing of anybody, as a licence plate or a person's name in a name's place would.
+#: Names of tracks that identify nobody, unlike a licence plate or a person's name.
 _NUMBER = re.compile(r"[0-9]{1,9}").fullmatch
-_SHARE = 0.02  # poses beside the ground that are worth a warning
+_SHARE = 0.02  # share of poses beside the ground above which there is a warning
 
 
 def replay(  # noqa: PLR0913 - the options of the command
@@ -59,14 +59,14 @@ def replay(  # noqa: PLR0913 - the options of the command
     """Write a motion of recorded tracks.
 
     Args:
-        twin: what they move on.
+        twin: the twin that they move on.
         tracks: a description of tracks (YAML), or a file of tracks.
         out: the folder to write.
-        step_s: time between two steps; the site's ``traffic.step_s`` when not given.
-        smooth: take the noise off their paths.
-        keep_clock: note what the recording's clock said at 0 s, which is a time of day.
-        keep_names: note what the recording calls each actor, numbers or not.
-        also: given the motion and its folder before it appears, for what else belongs into it.
+        step_s: time between two steps, seconds; ``None``: the site's ``traffic.step_s``.
+        smooth: smooth the paths.
+        keep_clock: store the recording's clock at 0 s, which is a time of day.
+        keep_names: store all names of the recording's tracks, not only numbers.
+        also: called with the motion and its folder before the folder appears, to add files.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -182,7 +182,7 @@ def _replayed(
 
 
 def _speed_of(track: RecordedTrack, one: SmoothTrack) -> NDArray[np.float64]:
-    """Return the speed (N,), m/s: a walk's of a person of whom one moment, in a step, is known."""
+    """Return the speed (N,), m/s; walking speed for a striding pedestrian with one sample."""
     strides = track.actor_class == "pedestrian" and track.size[0] >= _STRIDES_M
     if len(track.time_s) == 1 and strides:
         return np.full_like(one.speed, _WALKS_M_S)
@@ -190,9 +190,9 @@ def _speed_of(track: RecordedTrack, one: SmoothTrack) -> NDArray[np.float64]:
 
 
 def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[str]]) -> str:
-    """Return the mesh of a track: the class's that is nearest to its size, stretched to it.
+    """Return the asset of a track: that of its class nearest in size, scaled to the recorded size.
 
-    People keep their proportions: they are as tall as recorded.
+    Pedestrians keep their proportions and are scaled to the recorded height.
     """
     names = asset_names(track.actor_class)
     sizes = np.array([[getattr(asset(name), side) for side in _SIDES] for name in names])
@@ -209,7 +209,8 @@ def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[s
     chosen = int(np.argmin(away))
     size = np.where(known, track.size, sizes[chosen])
     if track.actor_class == "pedestrian" and known[2]:
-        # A figure is as long as its step: shortened to a recorded box, its trunk would be flat.
+        # A figure's length depends on its stride: scaled to the recorded length, its trunk would be
+        # flat.
         size = sizes[chosen] * (track.size[2] / sizes[chosen][2])
     name = names[chosen]
     if track.actor_class in COATED_CLASSES:
@@ -224,7 +225,7 @@ def _recorded(
     *,
     smooth: bool,
 ) -> dict[str, Any]:
-    """Return what the manifest says of the recording."""
+    """Return the manifest's entry about the recording."""
     moved: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
     for track, one in zip(tracks, smoothed, strict=True):
         moved[track.actor_class].append(one.moved_m)
@@ -257,7 +258,7 @@ def _warnings(
     poses: int,
     without_place: list[str],
 ) -> list[ResultWarning]:
-    """Return what is wrong with a replayed motion."""
+    """Return the warnings of a replayed motion."""
     found = [ResultWarning("tracks", one) for one in recording.assumed]
     for name, sizes in strange.items():
         (size, count), total = sizes.most_common(1)[0], sum(sizes.values())

@@ -18,13 +18,13 @@ _AXES = ("length", "width", "height")
 
 
 def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
-    """Return a motion with actors of other sizes; where they go stays.
+    """Return a motion with scaled actors on unchanged paths.
 
-    Sizes are whole centimetres.
+    Sizes are rounded to whole centimetres.
 
     Args:
-        motion: with the meshes of its actors.
-        size: by class, factors of ``length``, ``width`` and ``height``; 1 where not given.
+        motion: a motion with the meshes of its actors.
+        size: factors of ``length``, ``width`` and ``height`` by class; 1 if not given.
     """
     if not size:
         return motion
@@ -39,7 +39,7 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
 
 
 def _stretched(table: pa.Table, factors: Mapping[str, list[float]]) -> pa.Table:
-    """Return a table of actors with the sides, and the names, of other sizes."""
+    """Return a table of actors with scaled sizes and the matching names of assets."""
     if not table.num_rows:
         return table
     assets = table["asset"].combine_chunks().dictionary_encode()

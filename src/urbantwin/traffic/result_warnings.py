@@ -1,4 +1,4 @@
-"""What is wrong with a motion that was driven, from its manifest."""
+"""Warnings about a driven motion, derived from its manifest."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["PAST_SENSORS", "place_of_count", "warnings_of_drive"]
 
-#: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
-#: where nothing is said.
+#: Share of the requested motor traffic that is driven, or of a guess that is requested, below which
+#: there is a warning.
 ENOUGH = 0.9
-#: Share of the motor traffic asked for above which there is too much, beyond chance.
+#: Share of the requested motor traffic above which there is a warning, beyond chance.
 TOO_MUCH = 1.25
 _MOTOR = ("car", "van", "truck", "bus", "motorcycle")
-#: Most of those who come that may be left out, lest they pass through others, share.
+#: Share of visits left out to avoid overlaps, above which there is a warning.
 MANY_ABSENT = 0.02
-#: What warnings about too little traffic at the sensors are about.
+#: Subject of warnings about too little traffic at the sensors.
 PAST_SENSORS = "traffic past the sensors"
-#: Of so many vehicles expected at least one comes, but for chance (e^-3 = 5 %).
+#: Expected number of vehicles from which seeing none is no chance (e^-3 = 5 %).
 _SURE = 3.0
-#: So many collisions are told one by one.
+#: Maximum number of collisions listed individually.
 _COLLISIONS = 3
 
 
 def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
-    """Yield what is wrong with a motion.
+    """Yield the warnings about a motion.
 
     Args:
         manifest: ``motion.json``.
@@ -35,7 +35,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     yield from _of_volumes(manifest.get("circulation", {}))
     for row in manifest.get("counts", []):
         asked, driven = row["asked_per_hour"], row["driven_per_hour"]
-        # A count is a random number, too: by chance alone it is off by its root.
+        # Tolerates the standard deviation of a random count, its square root.
         if (
             row["has_way"]
             and driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5
@@ -110,7 +110,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def _of_absent(absent: Mapping[str, Any]) -> Iterator[ResultWarning]:
-    """Yield that many are left out of a motion, and where most of them would have met somebody."""
+    """Yield a warning if many visits are left out, with the place of most conflicts."""
     if absent["visits"] <= MANY_ABSENT * absent["of"]:
         return
     who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
@@ -129,7 +129,7 @@ def _of_absent(absent: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
-    """Yield which events are not where they were asked for, or touch somebody."""
+    """Yield warnings about events that were moved, or whose actor touches another."""
     for row in rows:
         if "moved_m" in row:
             yield ResultWarning(
@@ -149,7 +149,7 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
 
 
 def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
-    """Yield that the streets at the sensors have no motor traffic, or less than was planned."""
+    """Yield a warning if the streets at the sensors have no or too little motor traffic."""
     there = manifest.get("past_sensors", {})
     wanted = sum(row.get("per_hour", 0.0) for n, row in manifest["classes"].items() if n in _MOTOR)
     if not (there.get("lanes_m") and wanted):
@@ -173,7 +173,7 @@ def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             _why_fewer(manifest),
             "look at motion.json (absent, circulation) and at plan.png there",
         )
-    # What passes is a random number: by chance alone it is off by its root.
+    # Tolerates the standard deviation of a random count, its square root.
     elif driven < ENOUGH * asked - asked * expected**-0.5:
         yield ResultWarning(
             about,
@@ -184,7 +184,7 @@ def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def _why_fewer(manifest: Mapping[str, Any]) -> str:
-    """Return why fewer vehicles pass the sensors than planned."""
+    """Return the reason why fewer vehicles pass the sensors than planned."""
     absent = manifest.get("absent", {"visits": 0, "of": 0})
     if absent["visits"] > MANY_ABSENT * absent["of"]:
         return f"{absent['visits']} of {absent['of']} visits are left out of the motion"
@@ -193,12 +193,12 @@ def _why_fewer(manifest: Mapping[str, Any]) -> str:
 
 
 def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
-    """Yield what of the motor traffic of a closed loop does not drive."""
+    """Yield warnings about the motor traffic of a closed loop that differs from the request."""
     carried = circulation.get("carried_share_of_motor_traffic")
     passages = circulation.get("passages_per_hour", {})
     hours = circulation.get("counted_for_s", 0) / 3600
     passed = hours * sum(row["asked"] for name, row in passages.items() if name in _MOTOR)
-    # What passes is a random number: by chance alone it is off by its root.
+    # Tolerates the standard deviation of a random count, its square root.
     if carried is not None and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
         yield ResultWarning(
             "traffic",
@@ -227,7 +227,7 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def place_of_count(row: Mapping[str, Any]) -> str:
-    """Return where a row of counts was counted."""
+    """Return the place of a row of counts as text."""
     where = ("junction", "approach", "turn", "road", "crossing")
     return " ".join(str(row[name]) for name in where if row.get(name))
 

@@ -59,7 +59,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["run_traffic", "with_more"]
 
-#: Shares of the time after which trips are planned, SUMO has driven, and the table is made.
+#: Progress after which trips are planned, SUMO has finished, and the table is made.
 _PLANNED, _DRIVEN, _TABLED = 0.1, 0.42, 0.88
 
 
@@ -78,12 +78,12 @@ def run_traffic(
     The same twin, duration and seed give the same bytes.
 
     Args:
-        twin: the twin; its site says how much traffic of each class.
+        twin: the twin; its site gives the traffic of each class.
         out: the folder to write.
-        seconds: how long the motion is; ``None`` for the site's ``traffic.duration_s``.
-        seed: of every random choice; ``None`` for the site's ``traffic.seed``.
-        changes: fields of the site's ``traffic`` that are to be others.
-        also: given the motion and its folder before it appears, for what else belongs into it:
+        seconds: duration of the motion; ``None``: the site's ``traffic.duration_s``.
+        seed: random seed; ``None``: the site's ``traffic.seed``.
+        changes: fields that replace those of the site's ``traffic``.
+        also: called with the motion and its folder before the folder appears, to add files such as
             pictures.
         progress: called with the fraction done and what is being done.
 
@@ -116,7 +116,7 @@ def _driven(
     scratch: Path,
     told: Callable[[float, str], None],
 ) -> Motion:
-    """Return the motion of ``steps`` steps that a twin's traffic makes."""
+    """Return the motion of a twin's traffic over ``steps`` steps."""
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
@@ -135,7 +135,7 @@ def _driven(
 
     hand_back_freed_memory()
     tell = between(told, _DRIVEN, _TABLED, "actors")
-    # SUMO drives in a process of its own: what stands in the way is found meanwhile.
+    # SUMO runs in its own process: the static surroundings are prepared meanwhile.
     with ThreadPoolExecutor(1) as beside_it:
         stands = beside_it.submit(_standing, twin, asked)
         beside_it.submit(_measured, demand, streets.own)
@@ -148,7 +148,7 @@ def _driven(
         told(_TABLED, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
     for made in scratch.glob("*.net.xml"):
-        made.unlink()  # the folder is the motion's
+        made.unlink()  # not part of the motion's folder
     step_s = float(asked["step_s"])
     shown = drive.simulated.signals
     signals = signal_table(shown, twin.roads.signals, steps=steps, step_s=step_s)
@@ -168,7 +168,7 @@ def _driven(
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=place.parked)
     size = asked.get("size", {})
     staged, overlaps = drive.staged, None if size or scenario else drive.overlaps
-    del drive  # an hour of it takes hundreds of megabytes
+    del drive  # takes hundreds of megabytes for an hour of traffic
     motion = resized(driven.with_meshes(between(told, _TABLED, 0.91)), size)
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
@@ -177,12 +177,12 @@ def _driven(
 
 
 def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> Motion:
-    """Return a motion with events that only put actors in: what driving it with them would make.
+    """Return a motion with events that only insert actors, as if driven with them.
 
     Args:
-        twin: that the motion was driven on.
-        motion: without events.
-        told: the events, as ``traffic.scenario`` has them, all of ``events.PUT_IN``.
+        twin: the motion's twin.
+        motion: a motion without events.
+        told: the events, in the form of ``traffic.scenario``, all of ``events.PUT_IN``.
 
     Raises:
         StageError: an event cannot be staged.
@@ -197,17 +197,18 @@ def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """What became of a demand.
+    """The result of driving a demand.
 
     Attributes:
-        demand: who set out.
-        simulated: what SUMO did, but of where everybody was the `arrivals` alone.
-        actors: their rows.
-        outside: number of poses in the region that were left out because there is no ground.
-        rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
-        poses: everybody's, as ``yielding`` has them.
-        absent: who is left out, as it would pass through somebody.
-        overlaps: who overlaps whom or what even so; not counted where anything came of it later.
+        demand: the planned trips.
+        simulated: SUMO's output; of its positions only the `arrivals`.
+        actors: rows of the actors.
+        outside: number of poses in the region left out because there is no ground below them.
+        rigid: trips with a rigid vehicle in place of an articulated one that would cut a corner
+            into another actor.
+        poses: delays of all trips, as in ``yielding.Before``.
+        absent: actors left out because they would overlap others.
+        overlaps: remaining overlaps; ``None`` if events changed the actors afterwards.
         staged: events that others reacted to.
     """
 
@@ -224,7 +225,7 @@ class _Drive:
 
 @dataclass(frozen=True, eq=False)
 class _Streets:
-    """Where, how long and with which bodies is driven."""
+    """The inputs of a drive: twin, network, duration and assets."""
 
     twin: Twin
     asked: Mapping[str, Any]
@@ -243,8 +244,8 @@ class _Streets:
         progress: Callable[[float, str], None] | None = None,
         staged: tuple[dict[str, Any], ...] = (),
     ) -> Simulated:
-        """Let SUMO drive a demand."""
-        # No name keeps what SUMO saw: it is let go as soon as the parties are added.
+        """Simulate a demand in SUMO."""
+        # Not bound to a name, so that SUMO's output is freed once parties are added.
         return with_parties(
             simulate(
                 self.net,
@@ -265,7 +266,7 @@ class _Streets:
         )
 
     def _on_the_map(self, simulated: Simulated) -> Simulated:
-        """Return what was simulated, without roads that are longer than the map's."""
+        """Return SUMO's output without the extensions of roads beyond the map."""
         if self.net == self.twin.net_path:
             return simulated
         return without_run_ups(simulated, self.net, self.twin.roads)
@@ -281,7 +282,7 @@ class _Streets:
         before: Before | None = None,
         beside: Bystanders = NOBODY,
     ) -> _Drive:
-        """Make the table of what SUMO did."""
+        """Make the table of actors from SUMO's output."""
         hand_back_freed_memory()
         told = arrivals(simulated, demand)
         rows = [on_footways(self._on_the_map(simulated), demand, self.twin.roads)]
@@ -310,10 +311,10 @@ class _Streets:
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
     ) -> _Drive:
-        """Drive the same once more with events that others react to, each where it can be.
+        """Drive the same demand again with events that others react to, each at a feasible place.
 
         Raises:
-            NotStagedError: one cannot be staged at any of the places that are tried.
+            NotStagedError: an event cannot be staged at any of the places tried.
         """
         places = {n: places_that_serve(one, self.twin, without.actors.table()) for n, one in events}
         taken = dict.fromkeys(places, 0)
@@ -335,7 +336,7 @@ class _Streets:
         events: list[tuple[int, PlacedEvent]],
         place: Place,
     ) -> _Drive:
-        """Drive the same once more with events at places that were chosen for them."""
+        """Drive the same demand again with events at given places."""
         step_ms = round(self.step_s * 1000)
         start_s = math.ceil(float(self.asked["warmup_s"]) * 1000 / step_ms) * self.step_s
         there = [(n, moved(one, chosen[n][0]) if chosen[n][1] else one) for n, one in events]
@@ -364,13 +365,13 @@ class _Streets:
 
 
 def _measured(demand: Demand, own: OwnBodies) -> None:
-    """Find the sizes of all actors: they are kept, and looked up when paths are made."""
+    """Compute and cache the sizes of all assets, which paths need later."""
     for name in {trip.asset for trip in demand.trips}:
         track_size(own.asset(name))
 
 
 def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:
-    """Return who is parked, and the place with them."""
+    """Return the parked vehicles, and the surroundings including them."""
     ground = Ground(twin.ground_mesh, twin.roads)
     fleet = fleet_of(twin, asked["seed"])
     spaces = asked.get("parked", {})
@@ -381,7 +382,7 @@ def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Pla
 
 
 def _told(motion: Motion, twin: Twin, overlaps: dict[str, Any] | None) -> Motion:
-    """Return a motion whose manifest says what is wrong with it, and what it was made to."""
+    """Return a motion whose manifest has overlaps, warnings and hashes of the results."""
     if overlaps is None:
         overlaps = overlaps_of(motion.rows, motion.parked, motion.step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
@@ -394,7 +395,7 @@ def _told(motion: Motion, twin: Twin, overlaps: dict[str, Any] | None) -> Motion
 
 
 def _steps(duration_s: float, step_s: float) -> int:
-    """Return how many steps a motion of a duration has, one at least."""
+    """Return the number of steps of a duration, at least one."""
     if not (np.isfinite(duration_s) and 0 < duration_s <= 86400):
         raise InputError(
             f"a duration of {duration_s:g} s", place="seconds", expected="0 to 86400 seconds"

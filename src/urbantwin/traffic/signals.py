@@ -1,4 +1,4 @@
-"""Signals: what each link of each program showed, and where it stops traffic."""
+"""Signals: the states of each link of each program, and its stop lines."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ def signal_table(
 ) -> pa.Table:
     """Return one row per link and change of state, sorted by time, program and link.
 
-    A link that several lanes share has a row for each of their stop lines. The first rows, at
-    time 0, say what every link shows when the motion starts.
+    A link that several lanes share has a row for each of their stop lines. The first rows, at time
+    0, give the state of every link when the motion starts.
 
     Args:
-        shown: (step, program, one letter per link) where a program's state changed, in order;
-            steps before 0 belong to the time before the motion.
-        heads: where each link stops traffic. A link without a head is not in use.
-        steps: how many steps the motion has.
-        step_s: time between them.
+        shown: (step, program, one letter per link) at each change of a program's state, in order;
+            steps before 0 precede the motion.
+        heads: stop line of each link. A link without a head is not in use.
+        steps: number of steps of the motion.
+        step_s: time between steps, seconds.
     """
     stop_lines: dict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
     for head in sorted(heads, key=lambda head: head.lane):

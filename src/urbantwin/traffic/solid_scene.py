@@ -1,4 +1,4 @@
-"""What stands in the way of who is put in: walls, posts, furniture of the scene."""
+"""Static obstacles for inserted actors: walls, posts, furniture of the scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Solid"]
 
 
 class Solid:
-    """What stands in a twin, and the ground beside it.
+    """The static obstacles of a twin, and its ground.
 
     Args:
         twin: the twin.
@@ -36,7 +36,7 @@ class Solid:
         return DownwardProbe(self.twin.ground_mesh)
 
     def ground(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the height (N,) of the highest ground at places (N, 2); nan where is none."""
+        """Return the height (N,) of the highest ground at points (N, 2); nan if there is none."""
         top = float(self.twin.mesh.vertices[:, 2].max()) + 1.0
         return self._ground.height_below(np.column_stack([xy, np.full(len(xy), top)]))
 
@@ -46,11 +46,11 @@ class Solid:
         yaw: NDArray[np.float64],
         size: tuple[float, float, float],
     ) -> NDArray[np.bool_]:
-        """Return whether a body comes into anything that stands, at places (N, 2).
+        """Return whether a body at given poses overlaps a static obstacle (N,).
 
         Args:
-            xy: its middle, metres.
-            yaw: (N,) its headings, rad.
+            xy: (N, 2) centres of the body, metres.
+            yaw: (N,) headings, rad.
             size: length, width and height, metres.
         """
         half = np.maximum(np.array(size[:2]) / 2 - TOUCH_M, 0.01)
@@ -61,11 +61,11 @@ class Solid:
         return found
 
     def met_by(self, rows: pa.Table, step_s: float) -> str:
-        """Return who of some actors comes into what, when and where first; nothing: an empty text.
+        """Describe the first overlap of actors with the scene; return an empty text without one.
 
         Args:
-            rows: of the table of actors, by time.
-            step_s: time between its steps.
+            rows: rows of the table of actors, by time.
+            step_s: time between steps, seconds.
         """
         tracks = rows["track"].to_numpy()
         found = rows_that_overlap([rows], rows.slice(0, 0), step_s, self._obstacles, tracks)

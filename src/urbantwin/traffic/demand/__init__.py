@@ -1,3 +1,3 @@
-"""Demand: who sets out, when, by which way and with what manners, from what a site asks for."""
+"""Demand: the trips of all actors, with departure times, routes and vehicle types, of a site."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Events: rare things that happen on cue, and what became of them."""
+"""Events: rare situations staged at a requested time and place, and their outcomes."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What moves and what waits in frames of sensors that stand still: objects, and their tracks."""
+"""Objects and tracks from frames of stationary sensors."""
 
 from urbantwin.traffic.observed.frame_times import FrameTimes, read_frame_times
 from urbantwin.traffic.observed.observe import Observation, observe

@@ -1,3 +1,3 @@
-"""SUMO: its input, its process, and what is steered within it."""
+"""SUMO: its input, its process, and the control of actors within it."""
 
 __all__: list[str] = []
