@@ -1,9 +1,9 @@
-"""Boxes as the annotators of a data set draw them: each of their habits, measured.
+"""Boxes as the annotators of a data set draw them, by measured habits.
 
-A side is drawn by a monotone map from true sides to drawn ones, which is known at some places; how
-far one object is from another of its side tells its place on the map, so no two of the same size
-need the same box. An object keeps its box for its whole track. ``annotators.yaml`` says of each
-map what it was fitted to.
+A side is mapped by a monotone function from true to drawn sides, known at some points. A random
+offset per object shifts its position on the function, so that objects of the same size have
+different boxes. An object keeps its box for its whole track. ``annotators.yaml`` documents the data
+that each function was fitted to.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from urbantwin.traffic.assets.asset_name import Size
 
 __all__ = ["drawn_side", "drawn_size"]
 
-#: Nobody's box is farther from the usual one than this, standard deviations.
+#: Maximum offset of an object, standard deviations.
 _FARTHEST = 2.3
-#: A box is at least so large a part of the object: annotators miss ends, not the object.
+#: Least size of a box as a share of the object: annotators miss ends, not the object.
 _LEAST = 0.3
-#: What annotators write down, metres.
+#: Rounding of annotated sides, metres.
 _ROUNDED_M = 0.01
 _STREAM = 7_100_000_000
 
 
 class Habit(TypedDict):
-    """How a side is drawn.
+    """The mapping of a side from true to drawn.
 
     Attributes:
-        actual: sides as they are, ascending, metres.
-        drawn: what is drawn of each, metres.
-        scatter: standard deviation of what is added to a true side before it is looked up, metres.
+        actual: true sides, ascending, metres.
+        drawn: drawn side of each, metres.
+        scatter: standard deviation of the offset that is added to a true side, metres.
     """
 
     actual: Sequence[float]
@@ -49,11 +49,11 @@ def drawn_size(annotators: str, actor_class: str, size: Size, track: int, seed: 
 
     Args:
         annotators: ``kitti`` or ``tumtraf``.
-        actor_class: one of ``taxonomy.BOX_SEMANTICS``; a class that was not measured, or a side of
-            it, stays as it is.
+        actor_class: one of ``taxonomy.BOX_SEMANTICS``; classes and sides that were not measured
+            stay unchanged.
         size: length, width and height, metres.
-        track: of the object: the same for the same track and seed, whatever else there is.
-        seed: of what is drawn.
+        track: track id; the same track and seed give the same box.
+        seed: random seed.
     """
     habits = _tables()[annotators].get(actor_class)
     if habits is None:
@@ -70,12 +70,12 @@ def drawn_size(annotators: str, actor_class: str, size: Size, track: int, seed: 
 def drawn_side(
     habit: Habit, true: NDArray[np.float64] | float, away: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """Return sides as they are drawn, metres; beyond the ends of the map they are shifted.
+    """Return drawn sides, metres; beyond the ends of the mapping they are shifted.
 
     Args:
-        habit: of the side.
-        true: sides, metres.
-        away: how far each object is from the usual one, standard deviations.
+        habit: mapping of the side.
+        true: true sides, metres.
+        away: offset of each object, standard deviations.
     """
     place = true + habit["scatter"] * np.clip(away, -_FARTHEST, _FARTHEST)
     known, drawn = np.asarray(habit["actual"]), np.asarray(habit["drawn"])

@@ -1,6 +1,6 @@
-"""Names of assets: a body, a coat, and a size of its own: ``car-sedan_black@4.70x1.85x1.45``.
+"""Names of assets: body, colour and individual size, as in ``car-sedan_black@4.70x1.85x1.45``.
 
-The size is length, width and height in metres, in centimetres' steps, so that actors of the same
+The size is length, width and height in metres, rounded to centimetres, so that actors of the same
 size share a mesh.
 """
 
@@ -33,17 +33,17 @@ __all__ = [
 Size = tuple[float, float, float]
 
 _SIZED = re.compile(r"(.+)@(\d+\.\d\d)x(\d+\.\d\d)x(\d+\.\d\d)")
-#: Nothing is smaller than this, metres.
+#: Least size, metres.
 _LEAST_M = 0.01
 
 
 class AssetName(NamedTuple):
-    """What the name of an asset says.
+    """The parts of an asset's name.
 
     Attributes:
         body: name in the catalogue.
         coat: paint of a vehicle; empty for none.
-        size: of this actor; ``None`` for the body's own.
+        size: size of the actor; ``None``: that of the body.
     """
 
     body: str
@@ -52,7 +52,7 @@ class AssetName(NamedTuple):
 
     @classmethod
     def of(cls, text: str) -> AssetName:
-        """Read a name."""
+        """Parse a name."""
         found = _SIZED.fullmatch(text)
         size = None if found is None else (float(found[2]), float(found[3]), float(found[4]))
         bare = text if found is None else found[1]
@@ -66,25 +66,25 @@ class AssetName(NamedTuple):
 
     @property
     def unsized(self) -> str:
-        """The name of the same in the body's own size."""
+        """The name without a size."""
         return str(self._replace(size=None))
 
 
 def sized_name(name: str, length: float, width: float, height: float) -> str:
-    """Return the name of an asset with another size, metres; at least a centimetre each way."""
+    """Return the name of an asset with another size, metres, of at least a centimetre."""
     sides = (max(side, _LEAST_M) for side in (length, width, height))
     return f"{name}@{'x'.join(f'{side:.2f}' for side in sides)}"
 
 
-#: What comes so near to the ground stands on it, metres.
+#: Height below which a solid counts as standing on the ground, metres.
 _ON_GROUND_M = 1e-3
 
 
 def scaled_mesh(mesh: LabelledMesh, factors: tuple[float, float, float]) -> LabelledMesh:
-    """Return a mesh stretched along x, y and z.
+    """Return a mesh scaled along x, y and z.
 
-    Solids that stand on the ground are wheels and shoes: along x they are stretched as much as in
-    height, about their middle.
+    Solids on the ground are wheels and shoes: along x they are scaled by the factor of z, about
+    their middle.
     """
     if factors == (1.0, 1.0, 1.0):
         return mesh
@@ -105,13 +105,13 @@ def mesh_among(
     phase: int,
     otherwise: Callable[[str, int], LabelledMesh],
 ) -> LabelledMesh:
-    """Return the mesh of an asset among those by name and phase: itself, or its body to scale.
+    """Return the mesh of an asset and phase: the asset's own, or that of its body, scaled.
 
     Args:
-        meshes: by name and phase.
-        name: of the asset.
-        phase: of its movement.
-        otherwise: gives the mesh where neither is there.
+        meshes: meshes by name and phase.
+        name: name of the asset.
+        phase: phase of its movement.
+        otherwise: returns the mesh if neither is available.
     """
     own = meshes.get((name, phase))
     if own is not None:
@@ -125,32 +125,33 @@ def mesh_among(
     return scaled_mesh(body, (float(x), float(y), float(z)))
 
 
-#: Coat -> share of vehicles but vans.
+#: Colour -> share of vehicles, except vans.
 COATS: dict[str, float] = {"white": 4 / 19, "grey": 6 / 19, "black": 9 / 19}
 _OF_VANS = {"white": 0.57, "grey": 0.10, "black": 0.33}
-#: Classes of actors that have a coat.
+#: Classes of actors with colours.
 COATED_CLASSES = ("car", "truck", "bus", "van")
-#: Panes lie higher than this share of a car's height, lamps below; of a long vehicle, other shares.
+#: Glass above this share of a car's height is a window, below a lamp; share for long vehicles, and
+#: their least length, metres.
 _PANES, _LONG_PANES, _LONG_M = 0.58, 0.25, 6.5
-#: Of a long vehicle, what is farther ahead than this share of its half length is its windscreen.
+#: Windows of a long vehicle beyond this share of its half length are its windscreen.
 _WINDSCREEN = 0.85
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the coats evenly over few vehicles too
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the colours evenly over few vehicles, too
 
 
 def coated_name(name: str, number: int, actor_class: str) -> str:
-    """Return the name of an asset in the coat of the n-th vehicle of a class."""
+    """Return the name of an asset in the colour of the n-th vehicle of a class."""
     return f"{name}_{coat_at((number + 0.5) * _GOLDEN % 1.0, actor_class)}"
 
 
 def coat_at(place: float, actor_class: str) -> str:
-    """Return the coat of the vehicle at a place, 0..1, among all of its class."""
+    """Return the colour at a quantile, 0..1, of the vehicles of a class."""
     shares = _OF_VANS if actor_class == "van" else COATS
     ends = np.cumsum(list(shares.values()))
     return list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
 
 
 def coated_mesh(mesh: LabelledMesh, coat: str) -> LabelledMesh:
-    """Return a vehicle's mesh with a coat on all that is painted, and its panes tinted."""
+    """Return a vehicle's mesh with coloured paint and tinted windows."""
     material = mesh.material.copy()
     material[material == material_id("metal-painted")] = material_id(f"paint-{coat}")
     middle = mesh.triangles().mean(axis=1)

@@ -31,13 +31,13 @@ def wheel(
     dish: float = 0.15,
     sides: int = 20,
 ) -> Solid:
-    """Return a wheel that stands on z = 0, its axle along y through x = y = 0, outside at +y.
+    """Return a wheel on z = 0, its axle along y through x = y = 0, its outer face at +y.
 
     Args:
-        diameter: of the tyre, metres.
-        width: of the tyre, metres.
-        rim: the rim's diameter as part of the tyre's.
-        dish: depth of the rim's face behind the sidewall, as part of the width.
+        diameter: diameter of the tyre, metres.
+        width: width of the tyre, metres.
+        rim: diameter of the rim as a share of the tyre's.
+        dish: depth of the rim's face behind the sidewall, as a share of the width.
         sides: corners of the circle, a multiple of 4, so that one of them touches the ground.
     """
     r, half = diameter / 2, width / 2
@@ -55,11 +55,11 @@ def wheel(
     ]
     names = ["rubber"] * 5 + ["metal-painted"] * 3
     lying = turned(profile, names, sides=sides)
-    # z (the axle) goes to +y; the corner on +x goes to +x, those of +-y to -+z.
+    # z (the axle) goes to +y; the corner on +x stays on +x, those on +-y go to -+z.
     return lying.rotated(rotation_from_ypr(0, 0, -np.pi / 2)).moved([0, 0, r])
 
 
-#: Keys of an entry that hold panels: material, corner radius in metres, which sides.
+#: Keys of an entry with panels: material, corner radius in metres, sides.
 PANELS = (
     ("windows", "glass", 0.03, "both"),
     ("windows_left", "glass", 0.05, "left"),
@@ -69,15 +69,15 @@ PANELS = (
 )
 
 
-#: How wide and high plates are, metres: ISO 7591's, and SAE J686's of North America.
+#: Width and height of plates, metres: ISO 7591, and SAE J686 of North America.
 PLATE_M, AMERICAN_PLATE_M = (0.52, 0.11), (0.305, 0.152)
-#: How wide and high tail lamps are, and their lenses, metres.
+#: Width and height of tail lamps, and of their lenses, metres.
 LAMP_M, LAMP_LENS_M = (0.24, 0.20), (0.20, 0.14)
-#: A reflector is so wide and high, metres: 40 cm2, as `reflex-reflector` of the materials has it.
+#: Width and height of a reflector, metres: 40 cm2, as ``reflex-reflector`` of the materials.
 REFLECTOR_M = (0.10, 0.04)
-#: Vehicles that are longer have reflectors along their sides, metres (UN Regulation 48, 6.17).
+#: Length above which vehicles have side reflectors, metres (UN Regulation 48, 6.17).
 LONG_M = 6.0
-#: How far the middle of a car's roof stands above its edges, metres.
+#: Height of the middle of a car's roof above its edges, metres.
 CROWN_M = 0.08
 
 
@@ -98,7 +98,7 @@ def car(entry: Mapping[str, Any]) -> list[Solid]:
 
 
 def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
-    """Return the shell of an entry with what closes the space between its wheels."""
+    """Return the shell of an entry, closed between its wheels."""
     length, width, height = entry["size"]
     wheels = entry["wheels"]
     axles = [length / 2 - behind for behind in wheels["axles"]]
@@ -140,7 +140,7 @@ def _section(entry: Mapping[str, Any]) -> Section:
 
 
 def axle_wheels(entry: Mapping[str, Any]) -> list[Solid]:
-    """Return the wheels of an entry, outer faces a little inside the body's sides."""
+    """Return the wheels of an entry, outer faces slightly inside the body's sides."""
     length = entry["size"][0]
     wheels = entry["wheels"]
     solids = []
@@ -152,7 +152,7 @@ def axle_wheels(entry: Mapping[str, Any]) -> list[Solid]:
 
 
 def contact_points(entry: Mapping[str, Any]) -> list[list[float]]:
-    """Return where the wheels touch the ground (K, 3): axles from the front, left then right."""
+    """Return the wheels' contact points (K, 3), metres: axles from the front, left then right."""
     length = entry["size"][0]
     return [
         [length / 2 - behind, side * _wheel_y(entry, number), 0.0]
@@ -168,7 +168,7 @@ def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[floa
     tall = np.array([-0.5, 0.0, 0.5]) * plate_m[1]
     lowest = float(outline.points[:, 1].min()) + plate_m[1] / 2 + 0.01
     plate_z = [max(z, lowest) for z in plate_z]
-    # They hang clear of what stands out most behind them, where noses and tails slope.
+    # In front of the profile's foremost and behind its rearmost point, where it slopes.
     front = max(outline.reach(plate_z[0] + up)[1] for up in tall) - 0.002
     rear = min(outline.reach(plate_z[1] + up)[0] for up in tall) + 0.002
     solids = [
@@ -184,16 +184,16 @@ def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[floa
 
 
 def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
-    """Return the tail lamps of a car: bright housings, and lenses that throw light back.
+    """Return the tail lamps of a car: bright housings, and retroreflective lenses.
 
-    Height and size are fitted to half of PandaSet's cars: there the median code is a third of
-    white, and a fifth of the points are beyond 1.5 times white (notebook/real_lidar.md).
+    Height and size are fitted to half of PandaSet's cars, whose lamps have a median intensity of a
+    third of white, with a fifth of the points beyond 1.5 times white (notebook/real_lidar.md).
     """
     _, width, height = entry["size"]
     z = min(0.53 * height, 0.83)
     low, middle, high = (outline.reach(z + up * LAMP_M[1])[0] for up in (-0.5, 0.0, 0.5))
     x = min(middle, (low + high) / 2) + entry["bulge"][1] * 0.6
-    lean = np.arctan2(high - low, LAMP_M[1])  # as the tail does
+    lean = np.arctan2(high - low, LAMP_M[1])  # slope of the tail
     turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
     solids = []
     for size_m, deep, material in ((LAMP_M, 0.015, "plastic"), (LAMP_LENS_M, 0.012, "lamp-lens")):
@@ -204,12 +204,12 @@ def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
 
 
 def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
-    """Return reflectors that face sideways, where a vehicle has them.
+    """Return reflectors that face sideways, if the vehicle has them.
 
-    Beyond 6 m UN Regulation 48 (6.17) asks for them: one at most 3 m behind the nose, others at
-    most 3 m apart (4 m where there is no room), the last 1 m before the end. Elsewhere only bodies
-    sold in North America have them (`catalogue.american_body`): FMVSS 108 asks for one as near to
-    the nose as it can be, and one as near to the tail.
+    Beyond 6 m UN Regulation 48 (6.17) requires them: one at most 3 m behind the nose, others at
+    most 3 m apart (4 m without room), the last 1 m before the end. Otherwise only bodies sold in
+    North America have them (`catalogue.american_body`): FMVSS 108 requires one as near to the nose
+    as possible, and one as near to the tail.
     """
     length, section = entry["size"][0], _section(entry)
     if length > LONG_M:
@@ -235,7 +235,7 @@ def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
 
 
 def _tyre_width(entry: Mapping[str, Any], axle: int) -> float:
-    """Return a tyre's width; twin tyres of a driven axle count as one of both their widths."""
+    """Return a tyre's width; twin tyres of a driven axle count as one."""
     wheels = entry["wheels"]
     steered = axle < wheels.get("steered", 1)
     return float(wheels["width"] if steered else wheels.get("rear_width", wheels["width"]))

@@ -1,8 +1,7 @@
-"""Cars and vans drawn from some measures: outline, windows, widths, wheels and seats.
+"""Cars and vans generated from a few measures: outline, windows, widths, wheels and seats.
 
-A shape is a row of measures of the side view, in the order of the car from nose to tail, lengths
-in metres behind the nose and heights in metres; see `CarShape`. What it draws is an entry of the
-catalogue as if somebody had drawn it point by point.
+A shape is a list of measures of the side view, ordered from nose to tail: lengths in metres behind
+the nose, and heights in metres; see `CarShape`. The result is a complete entry of the catalogue.
 """
 
 from __future__ import annotations
@@ -16,17 +15,18 @@ import shapely
 
 __all__ = ["CarShape", "drawn"]
 
-#: From the outline of the roof to the windows, and between windows, metres.
+#: Distance from the roof's outline to the windows, and between windows, metres.
 _FRAME_M, _PILLAR_M = 0.075, 0.11
-#: From the belt line up to the panes, and the bonnet's front edge behind the nose, metres.
+#: Distance from the belt line up to the windows, and of the bonnet's front edge behind the nose,
+#: metres.
 _SEAL_M, _BONNET_M = 0.02, 0.16
-#: A window that is smaller is none, square metres.
+#: Least area of a window, square metres.
 _LEAST_WINDOW_M2 = 0.03
 
 
 @dataclass(frozen=True)
 class CarShape:
-    """The side view of a car.
+    """The side view of a car. Lengths are metres behind the nose.
 
     Attributes:
         axles: front and rear.
@@ -35,16 +35,15 @@ class CarShape:
         nose: height of the bonnet's front edge.
         cowl: foot of the windscreen: behind the nose, height.
         header: top of the windscreen.
-        roof: highest point of the roof: behind the nose; its height is the car's.
-        rear: where the roof ends.
+        roof: highest point of the roof, behind the nose; its height is the car's.
+        rear: end of the roof.
         glass: foot of the rear window, where the tail or the boot begins.
         deck: end of the boot, or of a pickup's bed; ``None``: the tail begins at ``glass``.
-        back: what the rear window is: ``windscreen`` for glass, ``paint`` for a closed back.
-        pillars: where the side windows are divided.
-        windows: from where to where the sides have windows, behind the nose; ``None``: the whole
-            cabin.
-        rows: of seats.
-        tumblehome: the roof's width as part of the widest.
+        back: material of the rear window: ``windscreen`` for glass, ``paint`` for a closed back.
+        pillars: pillars between the side windows.
+        windows: begin and end of the side windows, behind the nose; ``None``: the whole cabin.
+        rows: rows of seats.
+        tumblehome: width of the roof as a share of the largest width.
         round: length of the rounding of nose and tail in plan.
         roofless: whether the top is folded: the roof is the windows' upper edge.
     """
@@ -68,7 +67,7 @@ class CarShape:
 
 
 def drawn(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an entry with what its ``shape`` draws; one without a shape as it is."""
+    """Return an entry completed from its ``shape``; entries without a shape are copied."""
     if "shape" not in entry:
         return dict(entry)
     length, _, height = entry["size"]
@@ -116,11 +115,11 @@ def drawn(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
-    """Return the upper outline: behind the nose, height, and what begins there."""
+    """Return the upper outline: distance behind the nose, height, and tag of the next edge."""
     sill, (cx, cz), (hx, hz) = shape.clearance, shape.cowl, shape.header
     (rx, rz), (gx, gz) = shape.rear, shape.glass
     bumper = min(0.40, 0.5 * shape.nose)
-    # Below, nose and tail are cut back, but not as far as the wheels' arches.
+    # Nose and tail are cut back below, but not as far as the wheel arches.
     arch = 0.5 * shape.wheel + 0.08
     front = min(0.09, shape.axles[0] - arch)
     behind = min(0.08, length - shape.axles[1] - arch)
@@ -131,7 +130,7 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
         [0.055, bumper + 0.6 * (shape.nose - bumper) + 0.03, "grille-lamps"],
         [_BONNET_M, shape.nose, "paint"],
     ]
-    # The bonnet bulges a little between its front edge and the foot of the windscreen.
+    # The bonnet bulges slightly between its front edge and the foot of the windscreen.
     for share in (0.35, 0.7):
         z = shape.nose + (cz - shape.nose) * share**0.7
         points.append([_BONNET_M + (cx - _BONNET_M) * share, z, "paint"])
@@ -149,7 +148,7 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
     points.append([*end, "lamps"])
     low = min(end[1] - 0.15, 0.62)
     points.append([(end[0] + length) / 2, (end[1] + low) / 2, "paint"])
-    # The bumper reaches farthest, about as high as UN Regulation 42 strikes it (0.445 m).
+    # The bumper protrudes most, near the height of the impactor of UN Regulation 42 (0.445 m).
     points.append([length - 0.045, low, "paint"])
     points.append([length, min(max(sill + 0.22, 0.30 * height), low - 0.12), "dark"])
     points.append([length - 0.015, sill + 0.10, "dark"])
@@ -172,13 +171,13 @@ def _windows(shape: CarShape, upper: list[list[Any]]) -> list[list[list[float]]]
             (left, 9.0),
         ]
     )
-    # A curved pillar beside the windscreen, and as wide a one beside the rear window.
+    # A curved pillar beside the windscreen, and an equally wide one beside the rear window.
     first, last = shape.windows or (cx, gx)
     cabin = outline.buffer(-_FRAME_M, join_style="mitre") & above
     cabin &= shapely.box(first + 0.02, 0.0, last - 0.02, 9.0)
     cut = [shapely.box(x - _PILLAR_M / 2, 0.0, x + _PILLAR_M / 2, 9.0) for x in shape.pillars]
     glass = cabin - shapely.union_all(cut) if cut else cabin
-    # Slivers beside a pillar go.
+    # Remove slivers beside a pillar.
     glass = glass.buffer(-0.03, join_style="mitre").buffer(0.03, join_style="mitre")
     found = []
     for piece in shapely.get_parts(glass):

@@ -1,7 +1,7 @@
-"""The actor catalogue: names, sizes and meshes of everything that moves.
+"""The actor catalogue: names, sizes and meshes of all actors and movable objects.
 
-Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point,
-``cars.yaml``, drawn from measures, and ``things.yaml``, what stands on streets.
+Its data are ``assets.yaml``, ``light.yaml`` and ``articulated.yaml`` (given point by point),
+``cars.yaml`` (generated from measures) and ``things.yaml`` (objects on streets).
 """
 
 from __future__ import annotations
@@ -63,9 +63,9 @@ __all__ = [
     "class_of",
 ]
 
-#: Where the catalogue is written.
+#: Files of the catalogue.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
-#: What makes those that move no limbs.
+#: Builders of assets without moving limbs.
 _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "car": car,
     "truck": truck,
@@ -75,7 +75,7 @@ _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "tram-body": tram_section,
     "thing": parts,
 }
-#: What is of several bodies.
+#: Builders of assets with several bodies.
 _OF_BODIES = ("tram", "coupled", "accompanied")
 
 
@@ -83,28 +83,28 @@ _OF_BODIES = ("tram", "coupled", "accompanied")
 class Asset:
     """An actor of the catalogue.
 
-    The asset frame: x forward, y left, z up; the origin lies on the ground under the middle of
-    the bounds of phase 0.
+    The asset frame: x forward, y left, z up; the origin is on the ground under the centre of the
+    bounds of phase 0.
 
     Attributes:
         name: such as ``car-sedan``.
         actor_class: one of ``taxonomy.BOX_SEMANTICS``.
-        phases: how many postures its cycle of movement has (steps, turns of the cranks); 1 for
-            a rigid asset.
-        standing: the phase that shows it halted; it may lie outside the cycle.
+        phases: number of postures of its cycle of movement (steps, turns of the cranks); 1 for a
+            rigid asset.
+        standing: phase of the standing posture; it may lie outside the cycle.
         length: bounds of phase 0 along x, metres.
-        width: along y.
-        height: along z.
-        contacts: (K, 3) where the asset touches the ground, metres: its wheels from the front,
-            left before right; the origin for a person.
-        stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k``
-            shows the asset ``k / phases`` of that distance into the cycle.
-        bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own; of who
-            has a companion both.
-        rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
-        hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
-        cab_m: of a truck: how far behind its nose its load begins, metres.
-        loaded: of a truck: whether it carries a load itself.
+        width: bounds along y, metres.
+        height: bounds along z, metres.
+        contacts: (K, 3) ground contacts, metres: wheels from the front, left before right; the
+            origin for a person.
+        stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k`` shows
+            the asset ``k / phases`` of that distance into the cycle.
+        bodies: rigid bodies of an articulated vehicle from the nose, each an asset; for a person
+            with a companion, both.
+        rigid: for an articulated road vehicle: the rigid asset used where it cannot turn.
+        hitch: for a towed body: hitch position, metres ahead of its centre.
+        cab_m: for a truck: distance of its load behind its nose, metres.
+        loaded: for a truck: whether it carries a load itself.
     """
 
     name: str
@@ -124,7 +124,7 @@ class Asset:
 
     @property
     def supports(self) -> NDArray[np.float64]:
-        """What carries it (K, 3), asset frame: its contacts, and the ground below its hitch."""
+        """Support points (K, 3), asset frame: its contacts, and the ground below its hitch."""
         if self.hitch is None:
             return self.contacts
         return np.vstack([[[self.hitch, 0.0, 0.0]], self.contacts])
@@ -133,8 +133,8 @@ class Asset:
 def asset_names(actor_class: str) -> tuple[str, ...]:
     """Return the names of a class's assets, in the catalogue's order.
 
-    Who comes with a companion, or with a trailer behind a car, is one of them without it; what is
-    sold in North America (``car-sedan-american``) as what is sold elsewhere.
+    Assets with a companion, or a car with a trailer, are listed without them; variants sold in
+    North America (``car-sedan-american``) are not listed.
 
     Raises:
         InputError: there is no such class.
@@ -154,25 +154,25 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 
 
 def bending_names() -> tuple[str, ...]:
-    """Return the names of the assets that bend: of several bodies, on rails or on roads."""
+    """Return the names of the articulated assets, on rails or on roads."""
     return tuple(
         name for name, entry in _entries().items() if entry["builder"] in ("tram", "coupled")
     )
 
 
 def class_of(name: str) -> str:
-    """Return the class of an asset of the catalogue, by its plain name, without its mesh."""
+    """Return the class of a catalogue asset by its plain name, without making its mesh."""
     return str(_entry(name)["class"])
 
 
 def bodies_of_asset(name: str) -> tuple[Body, ...]:
-    """Return the bodies of an asset, by its plain name, without its mesh; none if it is of one."""
+    """Return the bodies of an asset, by its plain name; empty if it has only one."""
     return _bodies(name) if _entry(name)["builder"] in _OF_BODIES else ()
 
 
 @cache
 def asset(name: str) -> Asset:
-    """Return an asset; its name may say a size and a coat, see `asset_name`.
+    """Return an asset; its name may include a size and a colour, see `asset_name`.
 
     Raises:
         InputError: there is no asset of that name.
@@ -247,8 +247,8 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     """Return the mesh of an asset in its own frame; ``part`` counts its closed solids from 1.
 
     Args:
-        name: of the asset; it may say a size and a coat, see `asset_name`.
-        phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
+        name: name of the asset; it may include a size and a colour, see `asset_name`.
+        phase: phase of the cycle of movement (0 <= phase < ``asset(name).phases``), or
             ``asset(name).standing``.
 
     Raises:
@@ -271,7 +271,7 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:
-    """Return the number of phases of an entry's cycle and the phase that shows it halted."""
+    """Return the number of phases of an entry's cycle, and its standing phase."""
     match entry["builder"]:
         case "walker" | "accompanied":
             return GAIT_PHASES, GAIT_PHASES
@@ -302,7 +302,7 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
 
 
 def _posed(name: str, phase: int, *, halted: bool) -> list[Solid]:
-    """Return the solids of who moves its limbs."""
+    """Return the solids of an asset with moving limbs."""
     entry, now = _entry(name), None if halted else phase
     if entry["builder"] == "dog":
         return _over_the_middle(dog(entry, now), dog(entry, 0))
@@ -317,7 +317,7 @@ def _posed(name: str, phase: int, *, halted: bool) -> list[Solid]:
 
 @cache
 def _first_phase(name: str) -> list[Solid]:
-    """Return the solids of an asset in phase 0: it sizes all phases."""
+    """Return the solids of an asset in phase 0, which determines the scale of all phases."""
     entry = _entry(name)
     return pushing(entry, 0) if entry["builder"] == "walker" else two_wheeler(entry)
 
@@ -338,13 +338,13 @@ def _entries() -> dict[str, dict[str, Any]]:
 
 
 def american_body(name: str) -> str:
-    """Return the name of a body as it is sold in North America; its own where it is no other."""
+    """Return the name of a body's variant sold in North America, or its own without one."""
     sold = f"{name}-american"
     return sold if sold in _entries() else name
 
 
 def _bodies(name: str) -> tuple[Body, ...]:
-    """Return the bodies of a vehicle that bends."""
+    """Return the bodies of an asset with several bodies."""
     entry = _entry(name)
     if entry["builder"] == "tram":
         return tram_bodies(name)
@@ -355,24 +355,24 @@ def _bodies(name: str) -> tuple[Body, ...]:
 
 
 def _coated(body: Body, coat: str) -> Body:
-    """Return a body with a coat, where it is of a class that has one."""
+    """Return a body with a colour, if its class has colours."""
     return replace(body, asset=f"{body.asset}_{coat}") if _has_coat(body.asset) else body
 
 
 def _over_the_middle(solids: list[Solid], like: list[Solid]) -> list[Solid]:
-    """Return solids moved by what brings others over the origin."""
+    """Return solids shifted by the offset that centres others on the origin."""
     corners = np.concatenate([solid.vertices for solid in like])
     middle = (corners.min(axis=0) + corners.max(axis=0))[:2] / 2
     return [solid.moved([-middle[0], -middle[1], 0.0]) for solid in solids]
 
 
 def _has_coat(body: str) -> bool:
-    """Return whether a body has a coat."""
+    """Return whether a body's class has colours."""
     return _entries().get(body, {}).get("class") in COATED_CLASSES
 
 
 def _factors(usual: Asset, size: Size) -> tuple[float, float, float]:
-    """Return by what an asset is stretched to have a size."""
+    """Return the scale factors of an asset for a size."""
     return size[0] / usual.length, size[1] / usual.width, size[2] / usual.height
 
 
@@ -385,7 +385,7 @@ def _entry(name: str) -> dict[str, Any]:
 
 
 def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
-    """Return the solids of who walks in a phase, or stands, behind what is pushed."""
+    """Return the solids of a person in a phase, or standing, behind a pushed object."""
     ahead = [entry["size"][0] / 2 - entry["stands"], 0.0, 0.0]
     person = walker(Figure(**entry["figure"]), phase)
     return [solid.moved(ahead) for solid in person] + parts(entry)

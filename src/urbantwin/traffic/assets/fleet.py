@@ -1,9 +1,9 @@
-"""The fleet of a region: which body, of which size, in which coat, the n-th actor of a class is.
+"""The fleet of a region: body, size and colour of the n-th actor of a class.
 
-Places in the distributions follow the additive recurrence of Roberts (R-sequence: multiples of
+Positions in the distributions follow the additive recurrence of Roberts (R-sequence: multiples of
 powers of a generalised golden ratio; M. Roberts, The unreasonable effectiveness of quasirandom
-sequences, 2018): few actors already spread over the distributions as many do, and each depends on
-the seed, its class and its number alone, not on how many others there are.
+sequences, 2018). So few actors already cover the distributions, and each depends only on the seed,
+its class and its number.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from urbantwin.traffic.assets.catalogue import (
 
 __all__ = ["Fleet", "OwnBodies", "region_of"]
 
-#: Where the wheels of a vehicle that says nothing of them stand, as parts of length and width.
+#: Assumed positions of wheels of a site's own vehicles, as shares of length and width.
 _AXLES, _TRACK = (0.3, -0.3), 0.42
 
 
 @dataclass(frozen=True, eq=False)
 class OwnBodies:
-    """The meshes of a site.
+    """The assets that a site defines.
 
     Attributes:
-        classes: class of each by its name.
-        shares: which share of the actors of its class each is, 0..1.
-        meshes: each in phase 0, in the asset frame.
+        classes: class of each by name.
+        shares: share of the actors of its class that each makes up, 0..1.
+        meshes: meshes in phase 0, in the asset frame.
     """
 
     classes: Mapping[str, str] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class OwnBodies:
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
 
     def asset(self, name: str) -> Asset:
-        """Return an asset, of the site's own or of the catalogue.
+        """Return an asset of the site, or of the catalogue.
 
         Raises:
             InputError: neither has it.
@@ -70,21 +70,21 @@ class OwnBodies:
         return Asset(name, actor_class, 1, 0, length, width, height, contacts, 0.0)
 
     def of_class(self, actor_class: str) -> tuple[tuple[str, float], ...]:
-        """Return names and shares of those of a class."""
+        """Return names and shares of the assets of a class."""
         return tuple((n, self.shares[n]) for n, c in self.classes.items() if c == actor_class)
 
 
-#: Region of the tables by country (ISO 3166-1 alpha-2); Europe's for all others.
+#: Region of the tables by country (ISO 3166-1 alpha-2); Europe for all others.
 _AMERICA, _USUAL = "north-america", "europe"
 _REGIONS = {"US": _AMERICA, "CA": _AMERICA, "MX": _AMERICA, "JP": "japan"}
-#: Nobody is farther from the mean than this, standard deviations.
+#: Maximum deviation from the mean, standard deviations.
 _FARTHEST = 2.3
-#: How much of the scatter of widths goes with that of lengths.
+#: Correlation of widths with lengths.
 _TOGETHER = 0.6
-#: What is drawn of an actor: kind and body, length, width, height, coat.
+#: Number of random values per actor: kind and body, length, width, height, colour.
 _DRAWN = 5
-#: Actors of the same size share a mesh. Steps of sizes: of who has many postures, as a part of the
-#: size; of length, width and height of vehicles, metres.
+#: Steps of sizes, so that actors share meshes: relative for assets with many postures; length,
+#: width and height of vehicles, metres.
 _COARSE, _STEPS_M = 0.02, (0.02, 0.01, 0.01)
 
 
@@ -95,12 +95,12 @@ def region_of(country: str) -> str:
 
 @dataclass(frozen=True)
 class Fleet:
-    """The actors that a region has.
+    """The actors of a region.
 
     Attributes:
         country: ISO 3166-1 alpha-2; empty if unknown.
-        seed: of what is drawn.
-        own: bodies that the site brings along.
+        seed: random seed.
+        own: assets that the site defines.
     """
 
     country: str = ""
@@ -108,12 +108,12 @@ class Fleet:
     own: OwnBodies = field(default_factory=OwnBodies)
 
     def body(self, actor_class: str, number: int, *, bends: bool = True) -> str:
-        """Return the asset of the n-th actor of a class, by its name (`AssetName`).
+        """Return the name of the asset of the n-th actor of a class (`AssetName`).
 
         Args:
             actor_class: one of ``taxonomy.ACTOR_CLASSES``.
-            number: from 0.
-            bends: it may be a vehicle that bends on roads.
+            number: number of the actor, from 0.
+            bends: allow articulated road vehicles.
         """
         kinds = _kinds(region_of(self.country), actor_class, bends=bends)
         at = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
@@ -135,7 +135,7 @@ class Fleet:
 
 
 def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | None:
-    """Return the size of an actor, in steps, so that many share one; ``None``: its body's own."""
+    """Return the size of an actor, rounded to steps; ``None``: that of its body."""
     if not kind.keys() & {"scatter", "length", "width", "height"}:
         return None
     found = asset(body)
@@ -158,7 +158,7 @@ def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | No
 
 
 def _places(seed: int, stream: int, number: int) -> NDArray[np.float64]:
-    """Return where (5,), 0..1, the n-th actor of a stream stands in what is drawn."""
+    """Return the position (5,), 0..1, of the n-th actor of a stream in the distributions."""
     return np.asarray((_shift(seed, stream) + (number + 1) * _steps()) % 1.0)
 
 
@@ -178,9 +178,9 @@ def _steps() -> NDArray[np.float64]:
 
 @cache
 def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]]:
-    """Return the kinds of a class in a region: those of Europe where the region has no others.
+    """Return the kinds of a class in a region; those of Europe if the region has none.
 
-    Where no table has the class, its bodies come equally often, each in its own size.
+    Without a table, all assets of the class are equally frequent, in their own size.
     """
     tables = _tables()
     found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)

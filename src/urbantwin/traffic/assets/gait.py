@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 
-#: Postures of a gait cycle.
+#: Number of postures of a gait cycle.
 GAIT_PHASES = 12
 
-#: The arm swings against the leg of its side; shoulder about -25..+10 degrees and elbow about
+#: The arm swings opposite to the leg of its side; shoulder about -25..+10 degrees and elbow about
 #: 15..45 degrees at natural speed (Murray, Sepic and Barnard 1967, Phys. Ther. 47(4)).
 SHOULDER_MEAN, SHOULDER_SWING = np.radians(-6.0), np.radians(21.0)
 ELBOW_MEAN, ELBOW_SWING = np.radians(30.0), np.radians(13.0)
 ABDUCTION = np.radians(7.0)
-#: Shoulder and elbow of who pushes something at the height of the waist (assumed).
+#: Shoulder and elbow angles of a person pushing an object at waist height (assumed).
 PUSHING = np.radians(28.0), np.radians(50.0)
 
 
@@ -63,7 +63,7 @@ def joint_angles(part: float) -> NDArray[np.float64]:
 def walking(figure: Figure, part: float) -> Posture:
     """Return the posture at a fraction 0..1 of the gait cycle: 0 is the left heel's contact.
 
-    The pelvis stands over x = y = 0; the lower foot's sole is near z = 0.
+    The pelvis is at x = y = 0; the lower foot's sole is near z = 0.
     """
     legs = np.array([_leg(figure, part, 1.0), _leg(figure, part + 0.5, -1.0)])
     arms = np.array([_arm(figure, part, 1.0), _arm(figure, part + 0.5, -1.0)])
@@ -77,7 +77,7 @@ def _upright(figure: Figure, legs: NDArray[np.float64], arms: NDArray[np.float64
 
 
 def standing(figure: Figure) -> Posture:
-    """Return the posture of a figure that waits: legs and arms down, feet side by side."""
+    """Return the posture of a standing figure: legs and arms down, feet side by side."""
     upright = np.array([0.02, 0.03, 0.01])
     legs = np.array([_limb(figure, upright, side) for side in (1.0, -1.0)])
     shoulder, elbow = PUSHING if figure.pushes else (0.02, 0.15)
@@ -86,10 +86,10 @@ def standing(figure: Figure) -> Posture:
 
 
 def walker(figure: Figure, phase: int | None) -> list[Solid]:
-    """Return the solids of a figure in a phase of its gait; ``None`` stands.
+    """Return the solids of a figure in a phase of its gait; ``None``: standing.
 
-    The pelvis keeps its place over the ground in all of them, the lowest point is at z = 0, and
-    the bounds of phase 0 are centred on the origin.
+    The pelvis keeps its position in all of them, the lowest point is at z = 0, and the bounds of
+    phase 0 are centred on the origin.
     """
     posture = standing(figure) if phase is None else walking(figure, phase_part(figure, phase))
     centred = [-_middle(figure), 0.0, 0.0]
@@ -111,16 +111,15 @@ def _grounded(figure: Figure, posture: Posture) -> list[Solid]:
 
 
 def stride_length(figure: Figure) -> float:
-    """Return the distance walked in a gait cycle, metres: the feet do not slip over it."""
+    """Return the distance walked in a gait cycle without slipping, metres."""
     return float(2 * _advance(figure)[1][-1])
 
 
 def phase_part(figure: Figure, phase: int) -> float:
-    """Return the part of the gait cycle that a phase shows.
+    """Return the fraction of the gait cycle of a phase.
 
-    Phases are evenly spaced in distance, not in time: then a figure that is moved at a steady
-    speed keeps its supporting foot in place, though real walkers speed up and slow down a little
-    in every step.
+    Phases are evenly spaced in distance, not in time, so that a figure moved at constant speed
+    keeps its supporting foot in place, although real pedestrians vary their speed within a step.
     """
     parts, advance = _advance(figure)
     half = GAIT_PHASES // 2
@@ -130,10 +129,10 @@ def phase_part(figure: Figure, phase: int) -> float:
 
 @cache
 def _advance(figure: Figure) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return parts of the first half of the cycle and how far the pelvis has come, metres.
+    """Return fractions of the first half of the cycle, and the pelvis' advance at each, metres.
 
-    The pelvis advances by as much as the sole that carries the figure (the lowest place of heels
-    and balls) falls back under it.
+    The pelvis advances by as much as the supporting sole (the lowest of heels and balls) moves back
+    under it.
     """
     parts = np.linspace(0.0, 0.5, 121)
     soles = np.array([np.vstack([_sole(figure, p), _sole(figure, p + 0.5)]) for p in parts])
@@ -207,13 +206,15 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-#: Postures of a stride; how far ahead of and beside its owner it walks, metres (a short lead).
+#: Number of postures of a stride; offset ahead of and beside its owner, metres (a short lead).
 DOG_PHASES, BESIDE_M = 12, (0.15, 0.60)
-#: Part of the stride that a foot stands, and the stride's length in heights at the withers.
+#: Share of the stride in which a foot is on the ground, and stride length in heights at the
+#: withers.
 _DUTY, _STRIDE = 0.66, 1.55
-#: When each foot comes down, parts of the stride: hind left, fore left, hind right, fore right.
+#: Ground contact of each foot, fractions of the stride: hind left, fore left, hind right, fore
+#: right.
 _FEET = ((-1, 1, 0.0), (1, 1, 0.25), (-1, -1, 0.5), (1, -1, 0.75))
-_HEIGHT_M = 0.56  # of the measures below
+_HEIGHT_M = 0.56  # height of the dimensions below
 
 
 def dog_stride(entry: Mapping[str, Any]) -> float:
@@ -222,7 +223,7 @@ def dog_stride(entry: Mapping[str, Any]) -> float:
 
 
 def dog(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
-    """Return the solids of a dog in a phase of its stride; ``None``: it stands."""
+    """Return the solids of a dog in a phase of its stride; ``None``: standing."""
     solids = [*_dog_body(), *_dog_head()]
     stride = _STRIDE * _HEIGHT_M
     for fore, side, begins in _FEET:
@@ -237,7 +238,7 @@ def dog(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
 
 
 def _foot(part: float, stride: float) -> tuple[float, float]:
-    """Return how far ahead of its shoulder a foot is, and how high, at a part of its stride."""
+    """Return a foot's offset ahead of its shoulder, and its height, at a fraction of its stride."""
     now = part % 1.0
     if now < _DUTY:
         return stride * (_DUTY / 2 - now), 0.0
@@ -247,7 +248,7 @@ def _foot(part: float, stride: float) -> tuple[float, float]:
 
 
 def _dog_leg(fore: int, side: int, place: float, lift: float) -> list[Solid]:
-    """Return a leg, its foot so far ahead of where it hangs, and so high."""
+    """Return a leg with its foot at an offset and height."""
     x, y = (0.20, 0.075) if fore > 0 else (-0.26, 0.08)
     upper, lower = (0.24, 0.27) if fore > 0 else (0.25, 0.29)
     top = np.array([x, side * y, 0.40 if fore > 0 else 0.42])
@@ -269,7 +270,7 @@ def _dog_leg(fore: int, side: int, place: float, lift: float) -> list[Solid]:
 
 def _dog_body() -> list[Solid]:
     """Return the trunk from the rump to the chest, and the tail."""
-    # Ahead, height of the middle, half height, half width.
+    # Position ahead, height of the middle, half height, half width.
     stations = (
         (-0.37, 0.47, 0.03, 0.03),
         (-0.34, 0.46, 0.09, 0.085),

@@ -1,4 +1,4 @@
-"""Trucks and buses: a shell, and what is spelled out of what stands behind or on it."""
+"""Trucks, buses and trams: a shell, and parts given explicitly."""
 
 from __future__ import annotations
 
@@ -27,15 +27,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Body:
-    """One stiff part of a vehicle that bends.
+    """A rigid body of an articulated vehicle.
 
     Attributes:
         asset: name of its mesh.
-        middle_m: how far its middle lies behind the vehicle's nose when it is straight, metres.
-        guides_m: two places on its long axis that the way decides, as distances behind the
-            vehicle's nose when it is straight, metres: on rails the middles of bogies or joints
-            over them, on roads the joint to what pulls it (of the first body its front axle) and
-            its rear axle.
+        middle_m: distance of its centre behind the vehicle's nose when straight, metres.
+        guides_m: two guided points on its long axis, metres behind the vehicle's nose when
+            straight. On rails: the centres of bogies, or the joints above them. On roads: the joint
+            to the towing body (for the first body its front axle), and its rear axle.
     """
 
     asset: str
@@ -44,11 +43,11 @@ class Body:
 
 
 def bodies_of(entry: Mapping[str, Any], lengths: Mapping[str, float]) -> tuple[Body, ...]:
-    """Return the bodies of a vehicle that bends, from its nose.
+    """Return the bodies of an articulated vehicle, from its nose.
 
     Args:
-        entry: of the catalogue.
-        lengths: of its bodies by their names, metres.
+        entry: entry of the catalogue.
+        lengths: lengths of its bodies by name, metres.
     """
     return tuple(
         Body(one["asset"], one["nose"] + lengths[one["asset"]] / 2, tuple(one["guides"]))
@@ -65,7 +64,7 @@ def bus_section(entry: Mapping[str, Any]) -> list[Solid]:
     """Return the solids of one section of an articulated bus: its shell, and half the bellows."""
     ahead = "front" in entry["ends"]
     inner = {**entry, "size": entry["shell"]}
-    # The bellows lie behind the front section, and before the rear one.
+    # The bellows are behind the front section, and ahead of the rear one.
     shift = (entry["size"][0] - entry["shell"][0]) / 2 * (1 if ahead else -1)
     if not ahead:
         before = entry["size"][0] - entry["shell"][0]
@@ -100,19 +99,21 @@ def truck(entry: Mapping[str, Any]) -> list[Solid]:
     return solids + axle_wheels(entry) + parts(entry)
 
 
-#: Name -> lengths of the bodies from the front, width and height without pantograph, metres. A
-#: low-floor tram of 30 m by 2.40 m is what most European networks run (RET Rotterdam, series 2101
-#: to 2153: 30 m by 2.40 m; Essen: three bodies, 30 m; Berlin: 2.40 m). How it is divided and its
-#: height are assumed.
+#: Name -> lengths of the bodies from the front, width, and height without pantograph, metres.
+#: Low-floor trams of 30 m by 2.40 m are usual in European networks (RET Rotterdam, series 2101 to
+#: 2153: 30 m by 2.40 m; Essen: three bodies, 30 m; Berlin: 2.40 m). Division and height are
+#: assumed.
 TRAMS: dict[str, dict[str, Any]] = {
     "tram-three-bodies": {"bodies": (10.4, 8.0, 10.4), "width": 2.40, "height": 3.45},
 }
-#: Between the ends of two bodies' bellows; how long those are; where the wheels at an end are.
+#: Gap between the bellows of two bodies, their length, and position of the wheels at an end,
+#: metres.
 GAP_M, BELLOWS_M, END_AXLE_M = 0.6, 0.18, 0.62
-#: Axles of the bogie under a cab, metres behind the nose; standard gauge's wheels; floor's edge.
+#: Axles of the bogie under a cab, metres behind the nose; wheels of standard gauge; lower edge of
+#: the body.
 CAB_AXLES_M = (2.3, 4.1)
 WHEEL_M, WHEEL_WIDTH_M, GAUGE_M, SKIRT_M = 0.60, 0.13, 1.435, 0.26
-ROOF_M = 0.30  # what stands on the roof
+ROOF_M = 0.30  # equipment on the roof
 WINDOW_M, PILLAR_M = 1.35, 0.22
 
 
@@ -182,7 +183,7 @@ def _part(name: str, number: int) -> str:
 
 
 def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
-    """Return the measures of one body: its shell lies between its bellows."""
+    """Return the entry of one body: its shell lies between its bellows."""
     length, width, height = size
     ahead, behind = (0.0 if front else BELLOWS_M), (0.0 if rear else BELLOWS_M)
     inner, roof = length - ahead - behind, height - ROOF_M
@@ -213,7 +214,7 @@ def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
     first = nose if front else flat
     last = [[inner - x, z] for x, z, _ in (nose if rear else flat)][::-1]
     tags = [tag for _, _, tag in (nose if rear else flat)][::-1]
-    # A point's tag is that of the edge which leaves it.
+    # A point's tag is that of the edge that leaves it.
     upper = first + [[x, z, tag] for (x, z), tag in zip(last, [*tags[1:], "under"], strict=True)]
     begin, end = (1.5 if front else 0.35), inner - (1.5 if rear else 0.35)
     count = max(1, round((end - begin) / (WINDOW_M + PILLAR_M)))

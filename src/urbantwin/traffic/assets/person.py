@@ -16,17 +16,17 @@ __all__ = ["Figure", "Posture", "bent", "figure_solids"]
 class Figure:
     """A person's build.
 
-    Segment lengths are the parts of stature of Drillis and Contini (1966), as printed in Winter,
+    Segment lengths are shares of stature by Drillis and Contini (1966), as printed in Winter,
     Biomechanics and Motor Control of Human Movement, 4th ed. 2009, figure 4.1.
 
     Attributes:
         stature: standing height in shoes, metres.
         girth: factor on the thickness of trunk and limbs (winter clothes, children).
-        head: factor on the head's size (a child's head is larger for its stature).
-        coat: length of a coat or skirt below the hip, as part of the thigh; 0 for none.
-        backpack: carries one.
-        helmet: wears one.
-        pushes: holds something before it with both hands.
+        head: factor on the head's size (a child's head is larger relative to its stature).
+        coat: length of a coat or skirt below the hip, as a share of the thigh; 0 for none.
+        backpack: whether the person carries one.
+        helmet: whether the person wears one.
+        pushes: whether both hands hold an object in front.
     """
 
     stature: float
@@ -42,7 +42,7 @@ class Figure:
         return SEGMENTS[segment] * self.stature
 
 
-#: Segment lengths and joint offsets as parts of stature.
+#: Segment lengths and joint offsets as shares of stature.
 SEGMENTS = {
     "thigh": 0.245,
     "shank": 0.246,
@@ -61,7 +61,7 @@ SEGMENTS = {
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Where the joints are, metres, asset frame; first index of limbs: left, right.
+    """Joint positions, metres, asset frame; first index of limbs: left, right.
 
     Attributes:
         pelvis: (3,) midway between the hip joints.
@@ -98,11 +98,11 @@ def bent(
         start: hip or shoulder (3,).
         end: ankle or wrist (3,).
         upper: length of the first bone, metres.
-        lower: length of the second.
-        towards: direction (3,) to which the joint points.
+        lower: length of the second, metres.
+        towards: direction (3,) in which the joint points.
 
     Raises:
-        ValueError: the ends stand further apart than the bones reach.
+        ValueError: the ends are farther apart than the bones reach.
     """
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     span = float(np.linalg.norm(b - a))
@@ -120,7 +120,7 @@ def figure_solids(figure: Figure, posture: Posture) -> list[Solid]:
     """Return the closed solids of a figure: trunk, neck, head, arms, hands, legs, shoes."""
     solids = [_trunk(figure, posture), *_head(figure, posture)]
     left = [*_leg(figure, posture.legs[0]), *_arm(figure, posture.arms[0])]
-    # The right side is built as a left one and reflected, so that both are the same to the bit.
+    # The right side is built as a mirrored left one, so that both are bit-identical.
     flip = np.array([1.0, -1.0, 1.0])
     right = [*_leg(figure, posture.legs[1] * flip), *_arm(figure, posture.arms[1] * flip)]
     solids += left + [solid.mirrored() for solid in right]
@@ -151,7 +151,7 @@ def _trunk(figure: Figure, posture: Posture) -> Solid:
     up, ahead = _trunk_frame(posture)
     h, g = figure.stature, figure.girth
     length = float(np.linalg.norm(posture.neck - posture.pelvis))
-    # Part of the trunk's length, half depth, half width, shift ahead (parts of stature).
+    # Share of the trunk's length, half depth, half width, shift ahead (shares of stature).
     levels = (
         (-0.16, 0.030, 0.055, 0.0),
         (-0.08, 0.060, 0.095, 0.0),
@@ -172,7 +172,7 @@ def _trunk(figure: Figure, posture: Posture) -> Solid:
 def _head(figure: Figure, posture: Posture) -> list[Solid]:
     up, ahead = _trunk_frame(posture)
     h, k = figure.stature, figure.head
-    # The head is carried more upright than the trunk leans.
+    # The head is more upright than the trunk.
     lift = up * 0.5 + np.array([0.0, 0.0, 0.5])
     lift /= np.linalg.norm(lift)
     base = posture.neck + lift * figure.length("neck")
@@ -211,9 +211,9 @@ def _leg(figure: Figure, joints: NDArray[np.float64]) -> list[Solid]:
 
 
 def _shoe(figure: Figure, ankle: NDArray[np.float64], tip: NDArray[np.float64]) -> Solid:
-    """Return a shoe: sections from heel to toe; the sole is flat and parallel to ankle-tip's floor.
+    """Return a shoe: sections from heel to toe, with a flat sole.
 
-    ``tip`` lies on the sole's plane ahead; the ankle stands ``ankle`` above the sole.
+    ``tip`` lies in the plane of the sole ahead; the ankle is ``ankle`` above the sole.
     """
     h = figure.stature
     rise, reach = figure.length("ankle"), 0.72 * figure.length("foot")
@@ -225,7 +225,7 @@ def _shoe(figure: Figure, ankle: NDArray[np.float64], tip: NDArray[np.float64]) 
     ahead = ray * np.cos(angle) - np.cross(across, ray) * np.sin(angle)
     up = np.cross(ahead, across)
     sole = ankle - up * rise
-    # Ahead of the ankle, height, half width (parts of stature).
+    # Position ahead of the ankle, height, half width (shares of stature).
     levels = (
         (-0.043, 0.030, 0.014),
         (-0.036, 0.052, 0.019),

@@ -1,9 +1,9 @@
-"""The body of a vehicle as one closed shell: a side profile given width.
+"""The body of a vehicle as one closed shell: a side profile with width.
 
-The profile is a polygon in the vertical plane, wheel arches cut out. Both sides of the body are
-that polygon, triangulated and pushed out to the half-width that the section (tumblehome) and the
-plan (narrower at nose and tail) give at each place; strips across the vehicle join the outlines.
-Edges between side and top are rounded by how far a place is from the profile's upper outline.
+The profile is a polygon in the vertical plane, with wheel arches cut out. Both sides of the body
+are that polygon, triangulated and shifted to the half-width that the section (tumblehome) and the
+plan (narrower at nose and tail) give at each point; strips across the vehicle join the outlines.
+Edges between side and top are rounded by the distance to the profile's upper outline.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Outline", "Panel", "Section", "arched_outline", "shell"]
 
-#: Columns of the strips across the vehicle, as parts of the half-width.
+#: Columns of the strips across the vehicle, as shares of the half-width.
 COLUMNS = np.array([-1.0, -0.88, -0.56, -0.28, 0.0, 0.28, 0.56, 0.88, 1.0])
 
-#: Lamps are lens and reflector in one: their covers return as paint does.
-#: What a stretch of the outline is made of: (|column| up to, material), from the middle outwards.
+#: Materials of a stretch of the outline: (|column| up to, material), from the middle outwards.
+#: Lamps are lens and reflector in one: their covers return like paint.
 BANDS: dict[str, tuple[tuple[float, str], ...]] = {
     "paint": ((1.0, "metal-painted"),),
     "dark": ((1.0, "metal-dark"),),
@@ -47,7 +47,7 @@ class Outline:
 
     Attributes:
         points: (N, 2) x and z, metres.
-        tags: N keys of ``BANDS``: what the edge that leaves each point is.
+        tags: N keys of ``BANDS``, for the edge that leaves each point.
     """
 
     points: NDArray[np.float64]
@@ -101,16 +101,16 @@ class Panel:
 
 @dataclass(frozen=True)
 class Section:
-    """How wide a body is, and how its surfaces curve.
+    """The width of a body, and the curvature of its surfaces.
 
     Attributes:
-        half_width: widest, metres.
+        half_width: largest half-width, metres.
         by_height: (z, factor) pairs: the section.
         by_length: (x, factor) pairs, x rising: the plan.
         edge_radius: rounding between the sides and the rest of the outline, metres.
-        nose_bulge: how far the nose's middle stands ahead of its corners, metres.
-        tail_bulge: the same behind.
-        crown: how far the roof's middle stands above its edges, metres.
+        nose_bulge: distance of the nose's middle ahead of its corners, metres.
+        tail_bulge: the same at the tail.
+        crown: height of the roof's middle above its edges, metres.
     """
 
     half_width: float
@@ -122,7 +122,7 @@ class Section:
     crown: float = 0.0
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the half-width (N,) at (N, 2) places x, z of the profile, before rounding."""
+        """Return the half-width (N,) at points (N, 2) x, z of the profile, before rounding."""
         from scipy.interpolate import PchipInterpolator
 
         width = np.full(len(points), self.half_width)
@@ -133,7 +133,7 @@ class Section:
         return width
 
     def curved(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (V, 3) vertices with nose, tail and roof bulging towards their middle."""
+        """Return vertices (V, 3) with nose, tail and roof bulging towards their middle."""
         x, y, z = vertices.T
         out = np.square(y / self.half_width)
         half_length, top = np.abs(x).max(), z.max()
@@ -198,7 +198,7 @@ def shell(
     before: list[Panel] | None = None
     for side, column, sign in (("right", 0, -1.0), ("left", columns - 1, 1.0)):
         here = [panel for panel in panels if panel.side in ("both", side)]
-        if here != before:  # the two sides of most vehicles are the same
+        if here != before:  # both sides are equal for most vehicles
             flat, triangles, materials = _side(outline, here, section.edge_radius, step)
             before = here
         inner = flat[rim:]
@@ -214,7 +214,7 @@ def shell(
 def _half_width(
     outline: Outline, section: Section, places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the half-width (N,) at (N, 2) places x, z, with the rounded edges."""
+    """Return the half-width (N,) at points (N, 2) x, z, including the rounded edges."""
     inset = _distance_to_upper(outline, places)
     return section.at(places) - _rounding(inset, section.edge_radius)
 
@@ -257,12 +257,12 @@ def _side(
 
 
 def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[np.float64]:
-    """Return places (N, 2) inside a profile: rings along its rounded edge and a grid."""
+    """Return points (N, 2) inside a profile: rings along its rounded edge, and a grid."""
     rings = [
         shapely.get_coordinates(body.buffer(-inset).segmentize(step))[:-1]
         for inset in (0.3 * radius, radius)
     ]
-    # Places too close together would make slivers.
+    # Points too close together would give slivers.
     rings = [ring[_spaced(ring, 0.3 * step)] for ring in rings]
     x0, z0, x1, z1 = body.bounds
     x, z = np.meshgrid(np.arange(x0, x1, step), np.arange(z0, z1, 0.6 * step))
@@ -272,7 +272,7 @@ def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[n
 
 
 def _spaced(ring: NDArray[np.float64], least: float) -> list[int]:
-    """Return which points of a path to keep so that neighbours stand ``least`` apart."""
+    """Return the indices of a path's points that keep a least distance between neighbours."""
     kept = [0]
     places = ring.tolist()
     for index in range(1, len(places)):
@@ -292,7 +292,7 @@ def _distance_to_upper(outline: Outline, flat: NDArray[np.float64]) -> NDArray[n
 
 
 def _rounding(inset: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Return how far (N,) a quarter circle of ``radius`` pulls in at a distance from its end."""
+    """Return the inset (N,) of a quarter circle of ``radius`` at a distance from its end."""
     u = np.clip(1 - inset / radius, 0, 1)
     return np.asarray(radius * (1 - np.sqrt(1 - np.square(u))))
 

@@ -92,12 +92,12 @@ def labelled(solids: Iterable[Solid], semantic: int) -> LabelledMesh:
 def fitted(
     solids: Sequence[Solid], size: ArrayLike, *, like: Sequence[Solid] | None = None
 ) -> list[Solid]:
-    """Stretch solids to exact bounds: x and y centred on the origin, z from 0 up.
+    """Scale solids to exact bounds: x and y centred on the origin, z from 0 up.
 
     Args:
-        solids: of one asset.
+        solids: solids of one asset.
         size: (3,) length, width and height, metres.
-        like: the solids whose bounds are meant (another phase of the asset); else ``solids``.
+        like: the solids whose bounds are used (another phase of the asset); ``None``: ``solids``.
     """
     corners = np.concatenate([solid.vertices for solid in like or solids])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -122,8 +122,8 @@ def turned(profile: ArrayLike, material: str | Sequence[str], *, sides: int) -> 
     Args:
         profile: (P, 2) radius and height in metres, from the lowest point of the axis to the
             highest, so with radius 0 first and last.
-        material: of the whole, or of each of the P - 1 bands.
-        sides: corners of the polygon that stands for the circle. A corner lies on +x.
+        material: material of the whole, or of each of the P - 1 bands.
+        sides: corners of the polygon that approximates the circle. A corner lies on +x.
     """
     points = np.asarray(profile, np.float64)
     inner = points[1:-1]
@@ -142,7 +142,7 @@ def turned(profile: ArrayLike, material: str | Sequence[str], *, sides: int) -> 
 def _revolution(
     rings: int, sides: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], tuple[int, ...]]:
-    """Return what all solids of revolution share: unit circle (S, 2), faces, band of each face.
+    """Return the common data of solids of revolution: unit circle (S, 2), faces, band of each face.
 
     Vertices are the rings from the lowest up, then the lower and the upper pole.
     """
@@ -258,7 +258,7 @@ def ring(
 
 
 def rotation_to(axis: ArrayLike) -> NDArray[np.float64]:
-    """Return the (3, 3) rotation that takes z to ``axis`` and keeps y as horizontal as it can."""
+    """Return the (3, 3) rotation that takes z to ``axis`` and keeps y nearly horizontal."""
     up = np.asarray(axis, np.float64)
     up = up / np.linalg.norm(up)
     side = np.array([0.0, 1.0, 0.0])
@@ -270,7 +270,7 @@ def rotation_to(axis: ArrayLike) -> NDArray[np.float64]:
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the cross product of two vectors; ``np.cross`` takes ten times as long for one."""
+    """Return the cross product of two vectors, ten times as fast as ``np.cross``."""
     x, y, z = a.tolist()
     u, v, w = b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
@@ -290,12 +290,12 @@ def superellipse(
 
 
 def loft(sections: Sequence[ArrayLike], material: str | Sequence[str]) -> Solid:
-    """Return the solid through cross-sections of equally many corners, its ends closed.
+    """Return the solid through cross-sections with equal numbers of corners, its ends closed.
 
     Args:
         sections: each (S, 3), metres, counter-clockwise seen from the last section's side.
-        material: of the whole, or of each of the bands between sections; the ends take the
-            first and the last band's.
+        material: material of the whole, or of each of the bands between sections; the ends have
+            that of the first and the last band.
     """
     rings = np.array([np.asarray(section, np.float64) for section in sections])
     count, sides, _ = rings.shape
@@ -328,11 +328,11 @@ def parts(entry: Mapping[str, Any]) -> list[Solid]:
     Its keys, each a list:
 
     - ``blocks``: [x from, to], [y from, to], [z from, to], material;
-    - ``tubes``: place, place, radius, material: a cylinder between two places;
+    - ``tubes``: point, point, radius, material: a cylinder between two points;
     - ``hulls``: material, power of the section's superellipse (2 an ellipse, 4 a rounded
-      rectangle), then the stations from the nose backwards: metres behind the nose, height of
-      the middle, half-height, half-width;
-    - ``balls``: place, half axes [x, y, z], material.
+      rectangle), then the stations from the nose backwards: metres behind the nose, height of the
+      middle, half-height, half-width;
+    - ``balls``: point, half axes [x, y, z], material.
     """
     length = entry["size"][0]
     solids = []
@@ -353,7 +353,7 @@ def parts(entry: Mapping[str, Any]) -> list[Solid]:
 
 
 def place(behind_left_up: Sequence[float], length: float) -> NDArray[np.float64]:
-    """Return a place (3,) of the catalogue in the asset frame."""
+    """Return a point (3,) of the catalogue in the asset frame."""
     behind, left, up = behind_left_up
     return np.array([length / 2 - behind, left, up])
 

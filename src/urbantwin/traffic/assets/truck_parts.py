@@ -1,7 +1,7 @@
-"""Trucks as the annotators of TUMTraf have them: a cab is a truck, what it carries a trailer.
+"""Trucks by the annotation rules of TUMTraf: the cab is a truck, its load a trailer.
 
-So their instructions say (``labeling_instructions.md`` of proAnno, the tool): be the load a box, a
-tipper or a mixer. A tractor ends where its trailer begins.
+This follows their labelling instructions (``labeling_instructions.md`` of the tool proAnno), for a
+box, a tipper or a mixer. A tractor ends where its trailer begins.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from urbantwin.traffic.assets.catalogue import asset, asset_mesh
 
 __all__ = ["TruckPart", "mesh_of_part", "truck_parts"]
 
-#: What hangs over the end of a cab by less than this is of the cab, metres.
+#: Overhang beyond the end of a cab that still belongs to the cab, metres.
 _OVER_M = 0.02
-#: Between the name of a truck and which of its parts is meant.
+#: Separator between the name of a truck and that of its part.
 _MARK = "|"
 
 
@@ -30,9 +30,9 @@ class TruckPart(NamedTuple):
 
     Attributes:
         actor_class: ``truck`` or ``trailer``.
-        name: of its mesh (`mesh_of_part`), in the truck's own frame.
+        name: name of its mesh (`mesh_of_part`), in the truck's own frame.
         size: length, width and height, metres.
-        ahead_m: how far its middle is ahead of the truck's.
+        ahead_m: distance of its centre ahead of the truck's, metres.
     """
 
     actor_class: str
@@ -43,14 +43,14 @@ class TruckPart(NamedTuple):
 
 @lru_cache(maxsize=512)
 def truck_parts(name: str) -> tuple[TruckPart, ...]:
-    """Return cab and load of a truck, of a tractor its cab alone; none of what has no cab.
+    """Return cab and load of a truck, of a tractor its cab alone; empty for assets without a cab.
 
     Args:
-        name: of an asset.
+        name: name of an asset.
     """
     try:
         cab_m, length = asset(name).cab_m, asset(name).length
-    except InputError:  # a body that a site brings along
+    except InputError:  # an asset that a site defines
         return ()
     if cab_m is None:
         return ()
@@ -70,12 +70,12 @@ def truck_parts(name: str) -> tuple[TruckPart, ...]:
 
 
 def mesh_of_part(meshes: Callable[[str, int], LabelledMesh], name: str, phase: int) -> LabelledMesh:
-    """Return the mesh of an asset, or of a part of a truck: its solids that are cab, or load.
+    """Return the mesh of an asset, or of a truck's part: the solids of its cab or of its load.
 
     Args:
-        meshes: gives the mesh of an asset in a phase.
-        name: of an asset, or of a `TruckPart`.
-        phase: of its movement.
+        meshes: returns the mesh of an asset in a phase.
+        name: name of an asset, or of a `TruckPart`.
+        phase: phase of its movement.
     """
     whole, _, kind = name.partition(_MARK)
     mesh, cab_m = meshes(whole, phase), asset(whole).cab_m if kind else None

@@ -1,4 +1,4 @@
-"""Bicycles, scooters, motorcycles and wheelchairs with who rides them."""
+"""Bicycles, scooters, motorcycles and wheelchairs with their riders."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from urbantwin.traffic.assets.solid import Solid, cylinder, parts, place, ring
 
 __all__ = ["PEDAL_PHASES", "hub_contacts", "two_wheeler"]
 
-#: Positions of the cranks in a turn; the first has the left pedal ahead and below.
+#: Number of positions of the cranks in a turn; in the first the left pedal is ahead and below.
 PEDAL_PHASES = 8
-#: How high the ankle stands above a pedal, peg or floor board, metres.
+#: Height of the foot's sole above a pedal, peg or floor board, metres.
 SOLE = 0.02
 
 
@@ -23,8 +23,8 @@ def two_wheeler(entry: Mapping[str, Any], phase: int = 0, *, halted: bool = Fals
     """Return the solids of a two-wheeler and its rider.
 
     Args:
-        entry: of the catalogue.
-        phase: position of the cranks of an entry that has cranks.
+        entry: entry of the catalogue.
+        phase: position of the cranks, for an entry with cranks.
         halted: the rider stands with the left foot on the ground (both feet on a motorcycle).
     """
     length = entry["size"][0]
@@ -47,20 +47,20 @@ def two_wheeler(entry: Mapping[str, Any], phase: int = 0, *, halted: bool = Fals
 
 
 def hub_contacts(entry: Mapping[str, Any]) -> list[list[float]]:
-    """Return where the wheels touch the ground (K, 3), the front first, left before right."""
+    """Return the wheels' contact points (K, 3), the front first, left before right."""
     length = entry["size"][0]
     hubs = entry["wheels"]["hubs"]
     return [[length / 2 - behind, y, 0.0] for behind in hubs for y in _tracks(entry)]
 
 
 def _tracks(entry: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return where across an axle its wheels are: one in the middle, or one on each side."""
+    """Return the lateral positions of an axle's wheels: in the middle, or on both sides."""
     half = entry["wheels"].get("half_track", 0.0)
     return (half, -half) if half else (0.0,)
 
 
 def _wheel(wheels: Mapping[str, Any], x: float) -> list[Solid]:
-    """Return a tyre with a hub and spokes, or with a disc of a rim."""
+    """Return a tyre with a hub and spokes, or with a disc."""
     radius, tyre = wheels["diameter"] / 2, wheels["tyre"]
     hub = np.array([x, 0.0, radius])
     across = np.array([0.0, 1.0, 0.0])
@@ -114,16 +114,16 @@ def _seated(
     *,
     halted: bool,
 ) -> Posture:
-    """Return the posture of a rider: pelvis on the saddle, hands on the bars, feet in their place.
+    """Return the posture of a rider: pelvis on the saddle, hands on the bars, feet at given points.
 
     Args:
         person: ``pelvis`` [behind, up], ``lean`` of the trunk in degrees, ``grip`` (left hand),
-            ``knees`` and ``elbows`` how far they point outwards; ``halt`` holds the ``pelvis`` and
-            the place [behind, left] of the ``foot`` on the ground (of both feet with ``both``).
+            outward angle factors of ``knees`` and ``elbows``; ``halt`` has the ``pelvis`` and the
+            position [behind, left] of the ``foot`` on the ground (of both feet with ``both``).
         figure: the rider's build.
-        feet: (2, 3) where the balls of the left and the right foot stand.
-        length: of the vehicle.
-        halted: whether the rider stands.
+        feet: (2, 3) positions of the balls of the left and the right foot.
+        length: length of the vehicle, metres.
+        halted: whether the vehicle stands.
     """
     behind, up = person["pelvis"]
     lean = np.radians(person["lean"])
@@ -152,7 +152,7 @@ def _seated(
 def _leg(
     figure: Figure, hip: NDArray[np.float64], ball: NDArray[np.float64], out: float, down: bool
 ) -> NDArray[np.float64]:
-    """Return hip, knee, ankle and toes (4, 3) of a leg whose ball of the foot stands at a place."""
+    """Return hip, knee, ankle and toes (4, 3) of a leg with the ball of the foot at a point."""
     pitch = 0.0 if down else -0.15
     ahead = np.array([np.cos(pitch), 0.0, np.sin(pitch)])
     up = np.array([-np.sin(pitch), 0.0, np.cos(pitch)])

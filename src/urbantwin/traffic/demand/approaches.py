@@ -1,4 +1,4 @@
-"""How approaches of a site are used, as SUMO's process takes it (``sumo/lane_use``)."""
+"""Use of a site's approaches, in the form that SUMO's process takes (``sumo/lane_use``)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ _MOTORS = {"car", "van", "truck", "bus", "motorcycle"}
 
 
 def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict[str, Any]:
-    """Return by road the headway of its queues, and by the road that follows shares of lanes.
+    """Return, by road, the headway of its queues and the shares of its lanes by the next road.
 
     Args:
         told: ``traffic.approaches`` of the site.
         roads: the lanes.
 
     Returns:
-        By road ``queue_headway_s``, or ``None``, and ``lanes``: road that follows -> SUMO's number
-        of a lane -> share, which are 1 together.
+        By road: ``queue_headway_s``, or ``None``, and ``lanes``: next road -> index of a lane in
+            SUMO -> share; the shares add up to 1.
 
     Raises:
-        InputError: there is no such road or lane, it is told twice, or a lane does not lead there.
+        InputError: an unknown or repeated road, an unknown lane, or one that does not lead to the
+            next road.
     """
     lanes_of = {road.id: road.lanes for road in roads.roads}
     found: dict[str, Any] = {}
@@ -57,7 +58,7 @@ def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict
 
 
 def _turn(turn: str, leads: Mapping[str, set[str]], known: Mapping[str, object], place: str) -> str:
-    """Return the road that follows, if it does."""
+    """Return the next road; raise an error if no lane leads there."""
     there = sorted(set().union(*leads.values()))
     if turn not in there:
         raise InputError(
@@ -71,7 +72,7 @@ def _turn(turn: str, leads: Mapping[str, set[str]], known: Mapping[str, object],
 
 
 def _shares(use: Mapping[str, Any], leads: Mapping[str, set[str]], place: str) -> dict[str, float]:
-    """Return shares by SUMO's numbers of lanes, 1 together."""
+    """Return shares by index of a lane in SUMO, scaled to a sum of 1."""
     there = sorted(lane for lane, follow in leads.items() if use["turn"] in follow)
     for lane in use["shares"]:
         if lane not in there:

@@ -1,7 +1,7 @@
 """Circulation: a constant population of actors that pass through the region again and again.
 
-How many there are of a class follows from how many shall pass per hour (Little's law: those on
-their way are the rate times the time for the way round).
+The population of a class follows from its passages per hour by Little's law: actors on the way =
+rate times the time of a full circuit.
 """
 
 from __future__ import annotations
@@ -40,26 +40,26 @@ from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = ["COMING_IN_S", "Circulation"]
 
-#: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
+#: Time after which all actors have entered, seconds; half of the warm-up if that is shorter.
 COMING_IN_S = 60.0
-#: Mean speed as a share of the free speed, as populations are planned: delays at junctions and by
-#: others. Gates make up for the difference to the real one where they meter a class.
+#: Mean speed as a share of the free speed when populations are planned, for delays at junctions and
+#: by other traffic. Gates correct the difference to the real speed for the classes that they meter.
 PACE = {
     "pedestrian": 0.85, "bicycle": 0.55, "tram": 0.5,
     **dict.fromkeys(IN_CARS, 0.5),
 }  # fmt: skip
-#: Share of the planned motor vehicles and bicycles that set out at once; gates add the others.
+#: Share of the planned motor vehicles and bicycles that depart at once; gates add the others.
 AT_ONCE = 0.7
-#: A gate has vehicles in reserve for this long, s.
+#: Duration for which a gate has vehicles in reserve, s.
 RESERVE_S = 240.0
 _ON_FOOT, _BUS, _TRAM = "pedestrian", "bus", "tram"
-#: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
+#: Vehicles do not depart on streets shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
-#: Length of footway per walker below which no more come in, metres: 5.6 m2 (60 square feet) at the
-#: 2 m that SUMO's sidewalks are wide, the border of level of service A of a walkway (Highway
-#: Capacity Manual 2010, chapter 23).
+#: Least length of footway per pedestrian, metres: 5.6 m2 (60 square feet) at the 2 m width of
+#: SUMO's sidewalks, the limit of level of service A of a walkway (Highway Capacity Manual 2010,
+#: chapter 23).
 _FOOTWAY_M = 2.8
-#: Some drive up to so much faster than the limit.
+#: Factor by which the fastest actors exceed the usual speed.
 _FASTEST = 1.25
 
 
@@ -70,10 +70,10 @@ class Circulation:
         network: the streets.
         outer: ids of the edges of outer roads.
         per_hour: passages through the region per hour and class.
-        seed: the same seed gives the same traffic.
-        stops: where buses and trams halt.
-        bus_roads: ids of the edges that mapped lines run on.
-        in_groups: share of people on foot who walk in company.
+        seed: random seed.
+        stops: stops of buses and trams.
+        bus_roads: ids of the edges that mapped bus lines use.
+        in_groups: share of pedestrians that walk in groups.
     """
 
     def __init__(
@@ -120,21 +120,21 @@ class Circulation:
 
     @property
     def walks(self) -> Circuit | None:
-        """The ways of people on foot; ``None`` where nobody walks."""
+        """The circuit of pedestrians; ``None`` without pedestrians."""
         return self._circuits.get(_ON_FOOT)
 
     @property
     def drives(self) -> bool:
-        """Whether any of those who drive find a way round."""
+        """Whether any class other than pedestrians has a circuit."""
         driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
         return any(name in self._circuits for name in driving)
 
     def lowered(self, share: Mapping[tuple[str, str], float], classes: Set[str]) -> Circulation:
-        """Return it with fewer passages of some classes over some ways (``Circuit.lowered``).
+        """Return a copy with fewer passages of some classes over movements (``Circuit.lowered``).
 
         Args:
-            share: (edge, next edge) -> share that is left there, above 0.
-            classes: whose.
+            share: (edge, next edge) -> share of the passages that remains, above 0.
+            classes: the classes.
         """
         made = copy(self)
         made.per_hour, made._circuits = dict(self.per_hour), dict(self._circuits)
@@ -146,7 +146,7 @@ class Circulation:
         return made
 
     def flows(self) -> dict[tuple[str, str, str], float]:
-        """Return (edge, next edge, the one after that) -> cars an hour, cyclists among cars too."""
+        """Return cars per hour, equivalents of bicycles included, by three consecutive edges."""
         return flows_of_circuits(
             (circuit, self.per_hour[name] * ON_LANES_IN_CARS[name])
             for name, circuit in self._circuits.items()
@@ -154,10 +154,10 @@ class Circulation:
         )
 
     def populations(self, *, at_once: float = AT_ONCE) -> list[Population]:
-        """Return how many actors of each class set out at once.
+        """Return the number of actors of each class that depart at once.
 
         Args:
-            at_once: share of the vehicles of classes that gates meter; they add the others.
+            at_once: share of the vehicles of metered classes; gates add the others.
         """
         found = []
         for name in self._circuits:
@@ -180,18 +180,18 @@ class Circulation:
         body: Callable[[str, int], str],
         room: Mapping[str, float] | None = None,
     ) -> Demand:
-        """Plan everybody's passages, from coming in to beyond the end of the motion.
+        """Plan the passages of all actors, from their entry to beyond the end of the motion.
 
-        Who comes in sets out somewhere on the first passage. An actor's passages depend on the
-        seed, its class and its number in it alone.
+        Each actor departs somewhere on its first passage. Its passages depend only on the seed, its
+        class and its number in the class.
 
         Args:
-            populations: how many of each class.
-            warmup_s: how long traffic runs before the motion starts.
-            duration_s: how long the motion is.
-            body: the asset of the n-th actor of a class.
-            room: motor vehicles that fit onto each edge of the region bumper to bumper; no gates
-                where it is not given.
+            populations: number of actors of each class.
+            warmup_s: duration of traffic before the motion starts.
+            duration_s: duration of the motion.
+            body: returns the asset of the n-th actor of a class.
+            room: motor vehicles that fit onto each edge of the region bumper to bumper; ``None``:
+                no gates.
         """
         trips: list[Trip] = []
         left_out = [
@@ -238,7 +238,7 @@ class Circulation:
         )
 
     def _planned(self) -> dict[tuple[str, str], float]:
-        """Return (edge, next edge) -> how many motor vehicles per hour are planned there."""
+        """Return the planned motor vehicles per hour by (edge, next edge)."""
         found: dict[tuple[str, str], float] = defaultdict(float)
         for name in sorted(IN_CARS.keys() & self._circuits.keys()):
             edges = self._circuits[name].graph.edges
@@ -257,9 +257,9 @@ class Circulation:
         """Return the gates, and the trips that they keep in reserve.
 
         Args:
-            populations: how many actors of each class set out at once.
-            needed_s: for how long a trip must lead on.
-            body: the asset of the n-th actor of a class.
+            populations: number of actors of each class that depart at once.
+            needed_s: least duration of a trip.
+            body: returns the asset of the n-th actor of a class.
             first: number of the first trip in reserve.
             room: motor vehicles that fit onto each edge of the region bumper to bumper.
         """
@@ -312,7 +312,7 @@ class Circulation:
         return GatePlan(tuple(gates), tuple(parts)), trips
 
     def _random(self, actor_class: str, number: int) -> np.random.Generator:
-        """Return the random stream of one actor: it depends on its class and number alone."""
+        """Return the random stream of an actor, which depends only on its class and number."""
         stream = (ACTOR_CLASSES.index(actor_class) + 1) * 1_000_000 + number
         return np.random.Generator(np.random.Philox(key=[self.seed, stream]))
 
@@ -327,17 +327,17 @@ class Circulation:
         *,
         anywhere: bool = False,
     ) -> Trip:
-        """Return a trip of passages one after the other.
+        """Return a trip of consecutive passages.
 
         Args:
             actor_class: its class.
             asset: its mesh.
-            depart_s: when it sets out.
-            needed_s: for how long it must lead on.
+            depart_s: time of departure.
+            needed_s: least duration of the trip.
             random: its random stream.
             begin: the state from which the first passage starts.
-            anywhere: whether it sets out anywhere on the first passage, in proportion to the time
-                spent there, and not at its start.
+            anywhere: depart anywhere on the first passage, in proportion to the time spent there,
+                instead of at its start.
         """
         circuit = self._circuits[actor_class]
         graph = circuit.graph
@@ -359,11 +359,12 @@ class Circulation:
             edges = tuple(graph.edges[state] for state in states)
             halts: tuple[int, ...] = ()
             if actor_class in (_BUS, _TRAM):
-                # Who sets out may do so behind a stop on the first street.
+                # A departure on the first street may lie beyond a stop there.
                 halts = tuple(k for edge in edges[1:] for k in self._stops_of.get(edge, ()))
             return Trip(actor_class, asset, depart_s, edges, anywhere=anywhere, halts=halts)
-        # Walks end in the middle of a gate's sidewalk, where the next begins. Who turns back on a
-        # sidewalk goes to its end first: else the way that was planned would take no time.
+        # Walks end in the middle of a gate's sidewalk, where the next begins. A walk that turns
+        # back on a sidewalk goes to its end first, since the planned way would otherwise take no
+        # time.
         walks = []
         for passage in passages:
             parts = _unfolded(passage, graph.edges)
@@ -377,7 +378,7 @@ class Circulation:
 
 
 def _parts(arcs: Iterable[tuple[str, str]]) -> dict[str, int]:
-    """Return edge -> number of the part of the network that it belongs to.
+    """Return the number of the connected part of the network that each edge belongs to.
 
     Args:
         arcs: (edge, next edge) that vehicles take.
@@ -391,9 +392,10 @@ def _parts(arcs: Iterable[tuple[str, str]]) -> dict[str, int]:
 
 
 def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:
-    """Return the edges of a walk and its last state, in parts where it turns back on an edge.
+    """Return the edges and last state of a walk, split where it turns back on an edge.
 
-    Even states are edges in their own direction, odd ones the other way (``walked_graph``).
+    Even states are edges in their own direction, odd ones in the opposite direction
+    (``walked_graph``).
     """
     parts: list[list[int]] = [[states[0]]]
     for a, b in itertools.pairwise(states):
@@ -405,5 +407,5 @@ def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str
 
 
 def _place(metres: float) -> float:
-    """Return a place on an edge in centimetres, not beyond its end: SUMO is strict there."""
+    """Round a position on an edge down to centimetres, since SUMO rejects any beyond its end."""
     return float(np.floor(metres * 100) / 100)

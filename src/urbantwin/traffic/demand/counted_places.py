@@ -1,4 +1,4 @@
-"""Where was counted: approaches, turns, roads and crossings by the names that people have."""
+"""Places of counts: approaches, turns, roads and crossings by id, name or compass direction."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ __all__ = [
 
 _ARMS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 _TURNS = ("left", "through", "right", "u-turn")
-#: A change of direction of less is through, of more a u-turn, degrees.
+#: Changes of direction below the first are through, above the second u-turns, degrees.
 _THROUGH_DEG, _BACK_DEG = 35.0, 150.0
-_TOLD = 20  # names in an error
-_DIRECTION_M = 20.0  # over so much of a road its direction is taken
+_TOLD = 20  # maximum number of names in an error
+_DIRECTION_M = 20.0  # length of a road from which its direction is taken
 
 
 @dataclass(frozen=True)
 class Way:
-    """A row of counts by approach and turn in terms of roads."""
+    """The approach and exit road of a row of counts."""
 
     approach: Road
     exit: Road
 
 
 def turn_of(roads: RoadNetwork, approach: Road, leaving: Road) -> str:
-    """Return how one turns from one road into another: left, through, right or u-turn."""
+    """Return the turn from one road into another: left, through, right or u-turn."""
     into = _direction(roads, approach, at_end=True)
     away = _direction(roads, leaving, at_end=False)
     turned = float(np.degrees(np.angle(np.exp(1j * (away - into)))))
@@ -52,10 +52,10 @@ def turn_of(roads: RoadNetwork, approach: Road, leaving: Road) -> str:
 
 
 def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
-    """Return the roads that a row means.
+    """Return the roads that a row of counts refers to.
 
     Raises:
-        InputError: one is not there, or is not the only one.
+        InputError: a road is unknown or ambiguous.
     """
     by_id = {road.id: road for road in roads.roads}
     name, turn = str(row["approach"]), str(row["turn"])
@@ -79,7 +79,7 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
             raise InputError(
                 f"nobody can go {turn} from {name}", place=place, expected=f"one of {there}"
             )
-        # Of several the one that is most so: nearest to a right angle, or straight on.
+        # Among several, the one nearest to a right angle, or to straight on.
         leaving = min(turned, key=lambda road: _off(roads, approach, road, turn))
     if leaving is None:
         leaving = _one(turn, exits, roads, at_end=False, place=place, what="turn")
@@ -89,7 +89,7 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
 def _one(
     name: str, among: list[Road], roads: RoadNetwork, *, at_end: bool, place: str, what: str
 ) -> Road:
-    """Return the road of a junction that a name or an arm means."""
+    """Return the road of a junction with a given name or compass direction."""
     arms = {road.id: arm_of(roads, road, at_end=at_end) for road in among}
     found = [road for road in among if name == road.name or _is_arm(name, arms[road.id])]
     if len(found) == 1:
@@ -105,7 +105,7 @@ def _one(
 
 
 def main_junction(roads: RoadNetwork) -> str:
-    """Return the junction that is meant where none is named: most roads come to it, near x, y 0."""
+    """Return the default junction: many incoming lanes, and near the origin of the site."""
     ways = {road.to_junction for road in roads.roads}
     count = {
         one.id: sum(len(road.lanes) for road in roads.roads if road.to_junction == one.id)
@@ -122,7 +122,7 @@ def main_junction(roads: RoadNetwork) -> str:
 
 
 def _direction(roads: RoadNetwork, road: Road, *, at_end: bool) -> float:
-    """Return the direction of a road where it meets the junction, rad from east."""
+    """Return the direction of a road at the junction, rad from east."""
     centre = roads.lane_by_id[road.lanes[-1]].centre[:, :2]
     away_from = centre[::-1] if at_end else centre
     near = away_from[0]
@@ -133,13 +133,13 @@ def _direction(roads: RoadNetwork, road: Road, *, at_end: bool) -> float:
 
 
 def arm_of(roads: RoadNetwork, road: Road, *, at_end: bool) -> str:
-    """Return on which side of the junction a road lies."""
+    """Return the compass direction in which a road lies from the junction."""
     bearing = _direction(roads, road, at_end=at_end) + (np.pi if at_end else 0.0)
     return _ARMS[round(float(np.degrees(bearing)) % 360 / 45) % 8]
 
 
 def _is_arm(name: str, arm: str) -> bool:
-    """Return whether a name means an arm; programs of signals write it without a hyphen."""
+    """Return whether a name denotes an arm; signal programs write it without a hyphen."""
     return name.lower().replace("-", "") == arm.replace("-", "")
 
 
@@ -151,10 +151,10 @@ def _off(roads: RoadNetwork, approach: Road, leaving: Road, turn: str) -> float:
 
 
 def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
-    """Return the road that is meant by its id, by that of one of its lanes, or by its street.
+    """Return the road with an id, with a lane of that id, or with a street name.
 
     Raises:
-        InputError: it is not there, or several roads are of that street.
+        InputError: it does not exist, or several roads have this name.
     """
     lane = roads.lane_by_id.get(name)
     wanted = lane.road if lane is not None and lane.road else name
@@ -169,12 +169,12 @@ def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
 
 
 def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
-    """Return the crossing that is meant by its id, or by the arm of the junction that it crosses.
+    """Return the crossing with an id, or across the arm of a junction.
 
     Of the parts of a crossing with islands, the longest.
 
     Raises:
-        InputError: it is not there.
+        InputError: it does not exist.
     """
     name = str(row["crossing"])
     crossings = [lane for lane in roads.lanes if lane.kind == "crossing"]
@@ -207,13 +207,13 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
 
 
 def ridden_along(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
-    """Return the way straight on that cyclists take who are counted on a crossing.
+    """Return the through movement of the cyclists that are counted on a crossing.
 
-    They ride beside those who walk over it: past the arm that it crosses, which lies at their
-    kerb. Of several ways it is the one that is nearest to the crossing.
+    They ride parallel to the pedestrians: past the arm that is crossed, which lies at their kerb.
+    Of several movements it is the one nearest to the crossing.
 
     Raises:
-        InputError: the crossing is not there, or nobody rides along it.
+        InputError: the crossing does not exist, or no bicycle route passes it.
     """
     crossing = crossing_of(row, roads, place)
     middle = crossing.centre[:, :2].mean(axis=0)
@@ -253,12 +253,12 @@ def _is_ridden(lane: str, roads: RoadNetwork) -> bool:
 
 
 def _junction(name: str, roads: RoadNetwork, place: str) -> str:
-    """Return the junction of a name: its id, or its streets (``First Street / Second Street``).
+    """Return the junction with an id or with streets (``First Street / Second Street``).
 
     Without a name, the main junction.
 
     Raises:
-        InputError: it is not there, or several are meant.
+        InputError: it does not exist, or is ambiguous.
     """
     if not name:
         return main_junction(roads)

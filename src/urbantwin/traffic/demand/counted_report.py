@@ -1,4 +1,4 @@
-"""Asked and driven, side by side, of what was counted."""
+"""Requested and driven traffic of each row of counts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["SHORT", "arrivals", "counted_report"]
 
-#: Who is short by more than this share is told why.
+#: Relative shortfall above which the report gives a reason.
 SHORT = 0.1
 
 
@@ -30,18 +30,18 @@ def counted_report(
     steps: int,
     step_s: float,
 ) -> list[dict[str, Any]]:
-    """Return what was asked and what was driven, row by row, actors an hour.
+    """Return requested and driven actors per hour of each row of counts.
 
-    Driven are those who came onto the exit (the road, the crossing) while the motion lasted.
+    Driven are those that entered the exit road (the road, the crossing) during the motion.
 
     Args:
         counts: ``traffic.counts`` of the site.
-        per_hour: by which motor traffic without a class is shared out.
+        per_hour: composition of motor traffic that is counted without a class.
         demand: the trips.
-        simulated: what SUMO saw of them; their `arrivals` will do.
-        roads: the lanes, with the programs that were shown.
-        steps: how many steps the motion has.
-        step_s: time between them.
+        simulated: SUMO's output; their `arrivals` suffice.
+        roads: the lanes, with the signal programs used.
+        steps: number of steps of the motion.
+        step_s: time between steps, seconds.
     """
     duration_s = steps * step_s
     edge_of_lane = np.array([lane.rpartition("_")[0] for lane in simulated.lanes], object)
@@ -66,12 +66,12 @@ def counted_report(
     return told
 
 
-#: What says where was counted.
+#: Fields that give the place of a count.
 _WHERE = ("junction", "approach", "turn", "road", "crossing")
 
 
 def arrivals(simulated: Simulated, demand: Demand) -> Simulated:
-    """Return the rows in which who was counted comes onto each lane first, and no other."""
+    """Return only the rows in which a counted trip first enters each lane."""
     trips = [trip for planned in demand.counted for trip in planned.trips]
     rows = np.flatnonzero(np.isin(simulated.trip, trips))
     order = np.lexsort([simulated.step[rows], simulated.lane[rows], simulated.trip[rows]])
@@ -84,16 +84,16 @@ def arrivals(simulated: Simulated, demand: Demand) -> Simulated:
 def _came(
     simulated: Simulated, lanes: NDArray[np.integer], planned: CountedRow
 ) -> NDArray[np.int32]:
-    """Return the first step on some lanes of each trip that was planned."""
+    """Return the first step of each planned trip on some lanes."""
     there = np.isin(simulated.lane, lanes) & np.isin(simulated.trip, planned.trips)
-    # Those of before the motion were there already.
+    # The first step may precede the motion.
     order = np.lexsort([simulated.step[there], simulated.trip[there]])
     _, first = np.unique(simulated.trip[there][order], return_index=True)
     return np.asarray(simulated.step[there][order][first])
 
 
 def _held_up(planned: CountedRow, simulated: Simulated, roads: RoadNetwork) -> str:
-    """Return where the queue of those who come by an approach begins, and why."""
+    """Return where the queue of an approach begins, and why."""
     minutes = max(len(simulated.observed.samples), 1)
     standing = {lane: sum_s / (60 * minutes) for lane, sum_s in simulated.observed.queued.items()}
     return bottleneck(roads, standing, road=planned.approach).because

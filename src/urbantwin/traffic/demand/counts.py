@@ -1,9 +1,9 @@
-"""Counted traffic: trips that pass as it was counted, by approach and turn.
+"""Counted traffic: trips that reproduce counts by approach and turn.
 
-A row of counts is a way through: it begins at the region's border where its approach is reached
-soonest, goes over the approach and the exit, and ends where the border is soonest reached again.
-Two roads that are not neighbours make a row of a table of origins and destinations. Where one
-vehicle may be counted in several rows, ways are fitted to all of them (``counted_routes``).
+The route of a row of counts begins at the border of the region from which its approach is reached
+soonest. It leads over the approach and the exit, and ends where the border is reached soonest
+again. Two roads that are not neighbours make a row of an origin-destination table. If a vehicle may
+be counted in several rows, routes are fitted to all of them (`fitted_demand`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NOT_MOTORS = ("bicycle", "pedestrian", "tram")
 
 
 def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether counts say how many of a class come."""
+    """Return whether counts determine the number of actors of a class."""
     named = {
         row.get("actor_class") or ("pedestrian" if row.get("crossing") else None) for row in counts
     }
@@ -44,15 +44,15 @@ def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
 def rates_of(
     row: Mapping[str, Any], per_hour: Mapping[str, float], place: str
 ) -> dict[str, list[float]]:
-    """Return by class the actors an hour in each quarter; a single value holds all the time.
+    """Return, by class, the actors per hour in each quarter of an hour; a single value is constant.
 
     Args:
-        row: of ``traffic.counts``.
-        per_hour: by which motor traffic without a class is shared out.
-        place: where the row was written.
+        row: row of ``traffic.counts``.
+        per_hour: composition of motor traffic that is counted without a class.
+        place: place of the row in its document, for errors.
 
     Raises:
-        InputError: who is counted cannot be counted there.
+        InputError: the class cannot be counted at such a place.
     """
     if row.get("per_quarter"):
         rates = [4.0 * float(count) for count in row["per_quarter"]]
@@ -79,7 +79,7 @@ def rates_of(
 def wanted_of(
     rates: Sequence[float], warmup_s: float, duration_s: float
 ) -> list[tuple[float, float, float]]:
-    """Return (from, to, how many): from the start of the warm-up on, seconds."""
+    """Return (begin, end, number of actors); times in seconds from the start of the warm-up."""
     found, end = [], warmup_s + duration_s
     begin = 0.0
     for number, rate in enumerate(rates):
@@ -98,14 +98,14 @@ def departures_of(
     *,
     evenly: bool = True,
 ) -> NDArray[np.float64]:
-    """Return when they set out: as many as are wanted, at random.
+    """Return random times of departure for the requested numbers, seconds.
 
     Args:
-        wanted: (from, to, how many).
-        owed: what rows before have left of a vehicle, so that shares of vehicles add up.
-        random: random numbers.
-        evenly: one in each of as many equal parts as there are of them; else anywhere, as vehicles
-            come that know nothing of each other.
+        wanted: (begin, end, number of actors).
+        owed: fraction of a vehicle carried over from earlier rows, so that fractions add up.
+        random: random generator.
+        evenly: stratified, one in each of as many equal parts as there are departures; else
+            independent of each other.
     """
     times = []
     for begin, end, count in wanted:
@@ -117,24 +117,24 @@ def departures_of(
     return np.concatenate(times) if times else np.zeros(0)
 
 
-#: Volumes are scaled so often; then sums of independent counts agree to a thousandth.
+#: Rounds of scaling volumes, after which sums of independent counts agree to a thousandth.
 _ROUNDS = 400
 _LITTLE = 1e-9
-#: A way with less than this an hour is left to others.
+#: Routes with a lower volume per hour are dropped.
 _SELDOM = 1e-3
-_STREAM, _CLASS = 2_000_000, 100_000  # of random numbers: a class's ways, each with its own
+_STREAM, _CLASS = 2_000_000, 100_000  # offsets of random streams: each route of a class has its own
 _MOST_OF_A_WAY = 100_000
 _ON_FOOT = "pedestrian"
 _CROSSING = re.compile(r"_c\d+$")
-#: SUMO's walkers take a red crossing for 20 s longer.
+#: Detour equivalent of the 20 s that SUMO's pedestrians accept to avoid a red light.
 _DETOUR_M = 20.0 * WALKING_MS
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a row counts: edges that are passed one after the other, or a single one.
+    """The place of a row of counts: two edges that are passed in this order, or a single one.
 
-    ``turn`` is whether they meet at a junction.
+    ``turn`` tells whether they meet at a junction.
     """
 
     first: str
@@ -142,7 +142,7 @@ class _Place:
     turn: bool = False
 
     def passed_by(self, edges: Sequence[str]) -> bool:
-        """Return whether a way passes there."""
+        """Return whether a route passes the place."""
         if self.first not in edges or self.last not in edges:
             return False
         at = len(edges) - 1 - edges[::-1].index(self.last)
@@ -151,7 +151,7 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Ways:
-    """The ways of one class: edges, rows of counts that each passes, and how usual it is."""
+    """The routes of a class: edges, rows of counts that each passes, and relative volumes."""
 
     edges: list[tuple[str, ...]]
     passed: list[tuple[int, ...]]
@@ -159,7 +159,7 @@ class _Ways:
     routes: Routes | None
 
 
-def fitted_demand(  # noqa: PLR0913 - counts have as many sides
+def fitted_demand(  # noqa: PLR0913 - all inputs of counts
     counts: Sequence[Mapping[str, Any]],
     roads: RoadNetwork,
     network: StreetNetwork,
@@ -171,10 +171,10 @@ def fitted_demand(  # noqa: PLR0913 - counts have as many sides
     body: Callable[[str, int], str],
     evenly: bool = True,
 ) -> Demand:
-    """Return the trips of the ways that agree best with all counts: see `counts.counted_demand`.
+    """Return the trips of the routes that agree best with all counts; see `counted_demand`.
 
     Raises:
-        InputError: a place is not there; the row is named.
+        InputError: a place does not exist; the message names the row.
     """
     spots = [row.get("row") or f"traffic.counts[{number}]" for number, row in enumerate(counts)]
     places = [_place(row, roads, spot) for row, spot in zip(counts, spots, strict=True)]
@@ -184,7 +184,7 @@ def fitted_demand(  # noqa: PLR0913 - counts have as many sides
             by_class.setdefault(name, {})[number] = rates
     trips: list[tuple[Trip, tuple[int, ...]]] = []
     left_out: list[LeftOut] = []
-    nowhere: set[int] = set()  # rows of places that nobody comes to
+    nowhere: set[int] = set()  # rows of places that no route passes
     for kind, name in enumerate(ACTOR_CLASSES):
         if name not in by_class:
             continue
@@ -198,7 +198,7 @@ def fitted_demand(  # noqa: PLR0913 - counts have as many sides
                 left_out.append(LeftOut(name, asked, why))
         owed = 0.5
         volumes = _volumes(name, ways, rows, per_hour)
-        # Ways that pass the same places one after the other: their vehicles add up there.
+        # Sorted so that fractions of vehicles add up among routes that pass the same places.
         for way in sorted(range(len(ways.edges)), key=lambda way: ways.passed[way]):
             if volumes[way].max() < _SELDOM:
                 continue
@@ -214,7 +214,7 @@ def fitted_demand(  # noqa: PLR0913 - counts have as many sides
     trips.sort(key=lambda one: (one[0].depart_s, one[1], one[0].edges))
     numbers: list[list[int]] = [[] for _ in counts]
     for number, (trip, whose) in enumerate(trips):
-        # SUMO lets people cross where it is shortest: whoever comes may be counted there.
+        # SUMO's pedestrians cross where it is shortest: any of them may be counted there.
         on_foot = trip.actor_class == _ON_FOOT
         for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else whose:
             numbers[where].append(number)
@@ -228,12 +228,12 @@ def fitted_demand(  # noqa: PLR0913 - counts have as many sides
 def fitted_volumes(
     usual: NDArray[np.float64], passes: NDArray[np.bool_], counted: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return volumes of ways (W,) that agree with what was counted, as near to the usual as may be.
+    """Return volumes of routes (W,) that agree with the counts, near to the usual ones.
 
     Args:
-        usual: (W,) relative volumes, or an hour's.
-        passes: (W, R) whether a way passes where a row was counted.
-        counted: (R,) actors an hour.
+        usual: (W,) usual volumes, relative or per hour.
+        passes: (W, R) whether a route passes the place of a row.
+        counted: (R,) actors per hour.
     """
     found = usual.astype(np.float64)
     if not passes.any():
@@ -242,7 +242,7 @@ def fitted_volumes(
     most = int(passes.sum(axis=1).max())
     touched = passes.any(axis=1)
     whole = found[touched].sum()
-    if whole > 0:  # of the right size to begin with
+    if whole > 0:  # initial scale
         found[touched] *= counted.sum() / whole
     for _ in range(_ROUNDS):
         there = found @ passes
@@ -269,18 +269,18 @@ def _place(row: Mapping[str, Any], roads: RoadNetwork, spot: str) -> _Place:
 def _volumes(
     name: str, ways: _Ways, rows: Mapping[int, Sequence[float]], per_hour: Mapping[str, float]
 ) -> NDArray[np.float64]:
-    """Return the volumes of ways by quarter of an hour (W, Q), actors an hour.
+    """Return the volumes of routes by quarter of an hour (W, Q), actors per hour.
 
     Args:
         name: the class.
-        ways: its ways.
-        rows: what was counted: number of a row -> actors an hour, quarter by quarter.
-        per_hour: how many walk where nobody counts.
+        ways: its routes.
+        rows: number of a row of counts -> actors per hour, quarter by quarter.
+        per_hour: pedestrians per hour where there are no counts.
     """
     passes = np.array([[number in passed for number in rows] for passed in ways.passed], bool)
     passes = passes.reshape(len(ways.edges), len(rows))
     usual = ways.weight.copy()
-    if name == _ON_FOOT:  # those who cross nowhere that was counted come as usual
+    if name == _ON_FOOT:  # pedestrians that pass no counted place keep their usual volume
         usual *= per_hour.get(name, 0.0) / max(usual.sum(), _LITTLE)
     else:
         usual[~passes.any(axis=1)] = 0.0
@@ -290,7 +290,7 @@ def _volumes(
 
 
 def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _Ways:
-    """Return the ways from gate to gate, and one for each place that none of them passes."""
+    """Return the routes from gate to gate, plus one for each place that none of them passes."""
     on_foot = name == _ON_FOOT
     streets = network.walked() if on_foot else network.driven_by(ACTOR_KINDS[name].vclass)
     routes = None if streets is None else Routes.between_gates(streets)
@@ -307,7 +307,7 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
             weight = np.append(weight, max(float(weight.max()), _LITTLE))
     if on_foot:
         sure = np.array([not _may_cross_elsewhere(streets, way) for way in edges])
-        for place in places.values():  # where nobody is sure to cross, some may
+        for place in places.values():  # If no certain route crosses there, uncertain ones are used.
             there = np.array([place.passed_by(way) for way in edges])
             sure |= there & ~(sure & there).any()
         weight = np.where(sure, weight, 0.0)
@@ -315,7 +315,7 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
     for place in places.values():
         if place.turn:
             turns.setdefault(place.first, set()).add(place.last)
-    # Where turns of an approach were counted, nobody takes another.
+    # Where turns of an approach were counted, routes with other turns are not used.
     for number, way in enumerate(edges):
         if any(there not in turns.get(here, {there}) for here, there in pairwise(way)):
             weight[number] = 0.0
@@ -324,9 +324,9 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
 
 
 def _may_cross_elsewhere(streets: Streets, way: tuple[str, ...]) -> bool:
-    """Return whether there is another way over a junction that is hardly longer.
+    """Return whether a similarly short alternative leads over the same junction.
 
-    SUMO's walkers choose it where the first signal is red, and are counted elsewhere.
+    SUMO's pedestrians take it if the first signal is red, and are then counted elsewhere.
     """
     number = {name: k for k, name in enumerate(streets.edges)}
     at = [number[name] for name in way]
@@ -358,22 +358,22 @@ def _trip(
         return Trip(name, body, depart_s, ways.edges[way])
     assert ways.routes is not None
     lead_m = max(WALKING_MS * (warmup_s - depart_s), 0.0)
-    # As elsewhere: walkers of the warm-up have spread over their way when the motion starts.
+    # Pedestrians of the warm-up are spread over their route when the motion starts.
     spread = float(random.random()) if lead_m > 0 else 0.0
     return Trip(name, body, depart_s, *ways.routes.walk(way, spread, lead_m))
 
 
 def way_through(streets: Streets, first: str, last: str) -> tuple[str, ...] | None:
-    """Return the edges from border to border over two edges; ``None`` where there is no way.
+    """Return the edges from border to border over two edges; ``None`` if there is no route.
 
-    It comes from the entry, and goes to the exit, that is soonest reached.
+    It uses the entry and the exit with the shortest travel time.
     """
     number = {name: k for k, name in enumerate(streets.edges)}
     start, end = number.get(first), number.get(last)
     if start is None or end is None:
         return None
     over = _path(streets.seconds, start, end) if start != end else [start]
-    # What is soonest reached of all entries is found backwards.
+    # A search on reversed edges finds the nearest entry.
     before = _nearest(streets.seconds.T.tocsr(), start, streets.entries.edge)
     after = _nearest(streets.seconds, end, streets.exits.edge)
     if over is None or before is None or after is None:
@@ -395,17 +395,17 @@ def _path(graph: Any, start: int, end: int) -> list[int] | None:  # noqa: ANN401
 
 
 def _nearest(graph: Any, start: int, ends: NDArray[np.int64]) -> list[int] | None:  # noqa: ANN401
-    """Return the way from an edge to the end that is soonest reached."""
+    """Return the path from an edge to the nearest of some ends, by travel time."""
     seconds = scipy.sparse.csgraph.dijkstra(graph, indices=start)
     best = int(ends[np.argmin(seconds[ends])])
     return _path(graph, start, best) if np.isfinite(seconds[best]) else None
 
 
-_MOST_OF_A_ROW = 100_000  # bodies of a row are drawn by numbers of its own
-_ROW_STREAM = 1000  # of random numbers, after those of the classes
+_MOST_OF_A_ROW = 100_000  # numbers of assets reserved for a row
+_ROW_STREAM = 1000  # offset of random streams of rows, after those of the classes
 
 
-def counted_demand(  # noqa: PLR0913 - counts have as many sides
+def counted_demand(  # noqa: PLR0913 - all inputs of counts
     counts: Sequence[Mapping[str, Any]],
     roads: RoadNetwork,
     network: StreetNetwork,
@@ -417,21 +417,21 @@ def counted_demand(  # noqa: PLR0913 - counts have as many sides
     body: Callable[[str, int], str],
     evenly: bool = True,
 ) -> Demand:
-    """Return the trips that counts ask for, row by row; each row has random numbers of its own.
+    """Return the trips that reproduce counts, row by row; each row has its own random stream.
 
     Args:
         counts: ``traffic.counts`` of the site.
-        roads: the lane network, which knows names and places of roads.
+        roads: the lane network, with names and places of roads.
         network: its streets, without outer roads.
-        per_hour: by which motor traffic without a class is shared out.
-        warmup_s: how long traffic runs before the motion starts.
-        duration_s: how long the motion is.
-        seed: the same seed gives the same trips.
-        body: the asset of the n-th actor of a class.
-        evenly: whether each row's traffic is spread over the time (`departures_of`).
+        per_hour: composition of motor traffic that is counted without a class.
+        warmup_s: duration of traffic before the motion starts.
+        duration_s: duration of the motion.
+        seed: random seed.
+        body: returns the asset of the n-th actor of a class.
+        evenly: whether each row's traffic is spread evenly over time (`departures_of`).
 
     Raises:
-        InputError: an approach or a turn is not there; the row is named.
+        InputError: an approach or a turn does not exist; the message names the row.
     """
     if _overlap(counts, roads):
         return fitted_demand(
@@ -490,7 +490,7 @@ def counted_demand(  # noqa: PLR0913 - counts have as many sides
 
 
 def _overlap(counts: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> bool:
-    """Return whether one vehicle may be counted in several rows, or people are counted."""
+    """Return whether rows may count the same vehicle, or count roads or crossings."""
     places = [row.get("row") or f"traffic.counts[{number}]" for number, row in enumerate(counts)]
     if any(row.get("road") or row.get("crossing") for row in counts):
         return True

@@ -1,4 +1,4 @@
-"""Tables of counts: by approach and turn, road or crossing, or origin and destination, by time."""
+"""Tables of counts over time: by approach and turn, road, crossing, or origin and destination."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ _SUMO_FILES = (
     "SUMO's output of induction loops (nVehContrib), edge data (entered or count) or turn counts "
     "(edgeRelation)"
 )
-#: Names of detectors in SUMO's additional files, of old and new ones.
+#: Elements of detectors in SUMO's additional files, of old and new versions.
 _LOOPS = ("inductionLoop", "e1Detector", "instantInductionLoop", "detectorDefinition", "detector")
 _LARGEST = 64 << 20
-#: Flows of DFROUTER's tables -> classes; their times are minutes.
+#: Columns of DFROUTER's tables -> classes; their times are minutes.
 _FLOWS = {"qpkw": "car", "qlkw": "truck"}
 
 
 @dataclass(frozen=True)
 class Counted:
-    """A number that was counted.
+    """A counted number of actors.
 
     Attributes:
         where: fields of ``traffic.counts``: approach and turn, road or crossing, and junction; or
             lane, or detector.
-        actor_class: of whom; empty for motor traffic.
-        begin_s: when the interval begins, seconds of the day.
-        length_s: how long it is, if that is told.
-        count: how many.
-        line: where it was written.
+        actor_class: class; empty for motor traffic.
+        begin_s: begin of the interval, seconds of the day.
+        length_s: length of the interval, seconds; ``None`` if not given.
+        count: number of actors.
+        line: line in the file, for errors.
     """
 
     where: Mapping[str, str]
@@ -53,10 +53,10 @@ class Counted:
 
 
 def read_detectors(path: Path) -> dict[str, str]:
-    """Return the lane of each detector of a SUMO additional file, by its id.
+    """Return the lane of each detector of a SUMO additional file, by detector id.
 
     Raises:
-        InputError: the file is missing, damaged or has none.
+        InputError: the file is missing, damaged or has no detectors.
     """
     expected = 'detectors such as <inductionLoop id="north" lane="12_0" pos="-10" .../>'
     root = _parsed(path, expected)
@@ -72,7 +72,7 @@ def read_detectors(path: Path) -> dict[str, str]:
 
 
 def read_sumo_counts(path: Path) -> list[Counted] | None:
-    """Return what a file of SUMO counts; ``None`` where it is another table.
+    """Return the counts of a SUMO file; ``None`` if it is another kind of table.
 
     Raises:
         InputError: the file is damaged.
@@ -85,17 +85,17 @@ def read_sumo_counts(path: Path) -> list[Counted] | None:
 def by_road(
     rows: Iterable[Counted], places: Mapping[str, str] | None, path: Path
 ) -> Iterator[Counted]:
-    """Yield counts, those of detectors and lanes as cross-sections of their roads.
+    """Yield counts, those of detectors and lanes converted to roads.
 
     Detectors of one lane are averaged, and lanes of one road are added up.
 
     Args:
-        rows: what was counted; ``where`` may name a detector or a lane.
+        rows: counts; ``where`` may name a detector or a lane.
         places: lane of each detector.
         path: the file, for errors.
 
     Raises:
-        InputError: a detector is nowhere.
+        InputError: the lane of a detector is unknown.
     """
     found: dict[tuple[str, str, float], dict[str, list[Counted]]] = defaultdict(dict)
     for row in rows:
@@ -144,12 +144,12 @@ def _of_xml(path: Path) -> Iterator[Counted]:
 
 
 def _is_dfrouter(path: Path) -> bool:
-    """Return whether a table is one of detectors as DFROUTER reads it."""
+    """Return whether a table has the columns that DFROUTER reads."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             names = file.readline().lower().replace(" ", "").strip().split(";")
     except OSError:
-        return False  # whoever reads it says so
+        return False  # the reader reports the error
     return {"detector", "time", "qpkw"} <= set(names)
 
 
@@ -179,7 +179,7 @@ def _parsed(path: Path, expected: str) -> etree._Element:
 
 
 def _number(item: etree._Element, name: str, path: Path) -> float:
-    """Return an attribute that is 0 or more."""
+    """Return an attribute's value; raise an error unless it is a number of at least 0."""
     try:
         value = float(item.get(name, ""))
     except ValueError:
@@ -217,24 +217,24 @@ _NAMES = {
 _ALONE = ("road", "lane", "detector", "crossing")
 _WHERE = ("junction", "approach", "turn", *_ALONE)
 _QUARTER_S, _DAY_S = 900, 86400
-#: Lengths of intervals, seconds: parts of a quarter of an hour, or several quarters.
+#: Least length of intervals, seconds; they divide a quarter of an hour or are multiples of it.
 _SHORTEST_S = 60
 
 
 def read_counts(path: Path, detectors: Path | None = None) -> list[dict[str, Any]]:
-    """Return ``traffic.counts`` of a table (CSV), or of what SUMO's detectors write (XML).
+    """Return ``traffic.counts`` from a table (CSV) or the output of SUMO's detectors (XML).
 
-    Columns are approach and turn (or origin and destination), or road, or crossing; junction where
-    it is not the main one; begin (``07:15``, or seconds), and count, with class, or a column of
-    counts for each class. Intervals are all of one length: that between the two nearest beginnings,
-    an hour where there is one only.
+    Columns are approach and turn (or origin and destination), or road, or crossing; junction if it
+    is not the main one; begin (``07:15``, or seconds); and count with class, or a column of counts
+    for each class. All intervals have one length: the least difference between begins, or an hour
+    if there is only one.
 
     Args:
-        path: the file; ``.xml`` is SUMO's, and so is CSV with columns Detector, Time and qPKW.
-        detectors: where detectors are: SUMO's additional file of them.
+        path: the file; ``.xml``, and CSV with columns Detector, Time and qPKW, are SUMO's formats.
+        detectors: SUMO's additional file with the lanes of detectors.
 
     Raises:
-        InputError: the file is missing or wrong; the line is named.
+        InputError: the file is missing or wrong; the message names the line.
     """
     places = None if detectors is None else read_detectors(detectors)
     counted = read_sumo_counts(path)
@@ -247,7 +247,7 @@ def read_counts(path: Path, detectors: Path | None = None) -> list[dict[str, Any
 
 
 def _rows(path: Path) -> Iterator[Counted]:
-    """Yield what each line of a table counts."""
+    """Yield the counts of each line of a table."""
     table = read_csv(path, _EXPECTED)
     plain = {name.strip().lower(): name for name in table.column_names}
     column = {
@@ -290,7 +290,7 @@ class _Row:
 
 
 def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
-    """Return rows of ``traffic.counts``, each place and class once."""
+    """Return rows of ``traffic.counts``, one for each place and class."""
     begins = np.unique([one.begin_s for one in counted])
     told = {one.length_s for one in counted if one.length_s}
     length = int(np.diff(begins).min()) if len(begins) > 1 else 4 * _QUARTER_S
@@ -331,7 +331,7 @@ def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
 
 
 def _quarters(counts: np.ndarray[Any, Any], length_s: int) -> list[float]:
-    """Return counts by quarters of an hour."""
+    """Return counts resampled to quarters of an hour."""
     if length_s >= _QUARTER_S:
         times = length_s // _QUARTER_S
         return [float(one) for one in np.repeat(counts / times, times)]
@@ -341,7 +341,7 @@ def _quarters(counts: np.ndarray[Any, Any], length_s: int) -> list[float]:
 
 
 def _seconds(text: object, path: Path, line: str) -> int:
-    """Return a time of day in seconds; nothing is midnight."""
+    """Return a time of day in seconds; 0 for an empty text."""
     said = str(text)
     if not said:
         return 0

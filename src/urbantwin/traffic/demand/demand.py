@@ -37,22 +37,22 @@ __all__ = [
     "together",
 ]
 
-#: No party is larger.
+#: Maximum size of a group of pedestrians.
 LARGEST = 4
-_STREAM = 7_100_000  # apart from those of actors and classes
+_STREAM = 7_100_000  # differs from the random streams of actors and classes
 
 
 def party_places(count: int, in_groups: float, seed: int) -> list[int]:
-    """Return for each of ``count`` people which of its party it is: 0 leads, 1, 2, 3 follow it.
+    """Return, for each of ``count`` pedestrians, its place in its group: 0 leads, 1, 2, 3 follow.
 
-    Sizes of parties are those of a Poisson distribution without zero, as Moussaid et al. (PLOS ONE
-    5, 2010, e10047, figure 1) found them; larger ones than `LARGEST` are cut. Who is in which party
-    depends on nobody who comes later.
+    Group sizes follow a Poisson distribution without zero, as Moussaid et al. (PLOS ONE 5, 2010,
+    e10047, figure 1) found, cut at `LARGEST`. Groups do not depend on pedestrians that come later.
 
     Args:
-        count: of people.
-        in_groups: share of people who are not alone, 0..1; of that distribution 1 - exp(-rate).
-        seed: of the random choice.
+        count: number of pedestrians.
+        in_groups: share of pedestrians that are not alone, 0..1; 1 - exp(-rate) of the
+            distribution.
+        seed: random seed.
     """
     if in_groups <= 0:
         return [0] * count
@@ -68,27 +68,27 @@ def party_places(count: int, in_groups: float, seed: int) -> list[int]:
 
 
 WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
-_WORTHWHILE_M = 60.0  # a route shorter than this is no way through, where there are longer ones
+_WORTHWHILE_M = 60.0  # shorter routes are no through routes, if there are longer ones
 
 
 @dataclass(frozen=True)
 class Trip:
-    """One actor's journey.
+    """The journey of one actor.
 
     Attributes:
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
         asset: the actor's mesh.
-        depart_s: when it sets out, seconds from the start of the warm-up.
-        edges: the streets that it passes, in order.
-        depart_m: on foot: where on the first edge it begins, metres from the edge's start.
-        arrive_m: on foot: where on the last edge it ends.
-        anywhere: whether it sets out somewhere on the first street, where there is room.
-        then: on foot: further walks, each from where the one before ends: streets and where on the
-            last one it ends.
-        halts: of a bus: numbers of the demand's stops in the order in which it halts at them.
-        waits: on foot: after which of its walks (0 is the first) it waits for a bus or a tram.
-        beside: on foot: it walks with whom the trip so many before this one is; 0 for nobody.
-        in_reserve: whether it sets out only if a gate needs another vehicle during the warm-up.
+        depart_s: time of departure, seconds from the start of the warm-up.
+        edges: the edges of the route, in order.
+        depart_m: pedestrians: start on the first edge, metres from the edge's start.
+        arrive_m: pedestrians: end on the last edge, metres from the edge's start.
+        anywhere: depart anywhere on the first edge where there is room.
+        then: pedestrians: further walks, each from the end of the previous one: edges, and end on
+            the last edge, metres.
+        halts: buses and trams: numbers of the demand's stops, in order.
+        waits: pedestrians: walks (0 is the first) after which it waits for a bus or a tram.
+        beside: pedestrians: offset back to the trip of the group's leader; 0 if it walks alone.
+        in_reserve: depart only if a gate needs another vehicle during the warm-up.
     """
 
     actor_class: str
@@ -107,7 +107,7 @@ class Trip:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A class that was asked for and cannot come: its name, how many were asked for, and why."""
+    """A class with requested actors that cannot enter: class, number of actors, and reason."""
 
     actor_class: str
     count: int
@@ -116,15 +116,15 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Population:
-    """The actors of one class.
+    """The circulating actors of one class.
 
     Attributes:
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
-        per_hour: passages through the region per hour that were asked for.
-        count: how many actors there are.
-        seconds: free travel time of the usual way round, from one entry to the next.
+        per_hour: requested passages through the region per hour.
+        count: number of actors.
+        seconds: free travel time of the usual circuit, from one entry to the next.
         metres: its length.
-        without_room: how many more the flow asks for than there is room for.
+        without_room: number of further actors that the flow needs but for which there is no room.
     """
 
     actor_class: str
@@ -137,12 +137,12 @@ class Population:
 
 @dataclass(frozen=True)
 class CountedRow:
-    """Who was planned for a row of counts.
+    """The trips of a row of counts.
 
     Attributes:
-        approach: the edge by which they come; where it is a crossing, that.
-        leaving: the edge that they have passed when they are counted.
-        trips: numbers of the trips that may pass.
+        approach: edge of the approach; for a crossing, the crossing itself.
+        leaving: edge on which the trips are counted.
+        trips: numbers of the trips that may be counted there.
     """
 
     approach: str
@@ -152,13 +152,13 @@ class CountedRow:
 
 @dataclass(frozen=True)
 class Passengers:
-    """Who takes buses and trams.
+    """The passengers of buses and trams.
 
     Attributes:
-        places: the stops at which people wait.
-        begins: by the number of a trip: how it begins, ``waits``, ``rides`` or ``walks``.
-        stop_of: by the number of a trip: its stop.
-        alight: by stop: how many get off at the first halt, at the second, ...
+        places: the stops with waiting people.
+        begins: by trip: its first activity, ``waits``, ``rides`` or ``walks``.
+        stop_of: by trip: its stop.
+        alight: by stop: number of alighting passengers at the first halt, the second, ...
     """
 
     places: tuple[StopPlace, ...] = ()
@@ -169,11 +169,11 @@ class Passengers:
 
 @dataclass(frozen=True)
 class Bound:
-    """How much of a guess comes.
+    """The part of a guessed volume that is used.
 
     Attributes:
-        share: of the motor traffic guessed, 1 where it is all; ``None`` where nothing was guessed.
-        because: where it would queue, and what passes there; empty where all comes.
+        share: share of the guessed motor traffic, 1 for all; ``None`` if nothing was guessed.
+        because: location and capacity of the bottleneck; empty if all is used.
     """
 
     share: float | None = None
@@ -182,12 +182,12 @@ class Bound:
 
 @dataclass(frozen=True)
 class Gate:
-    """How the end of one outer road meters the vehicles that come into the region.
+    """The end of one outer road, which meters the vehicles that enter the region.
 
     Attributes:
         edge: id of the outer road.
         per_hour: requested vehicles per hour.
-        holds: whether vehicles wait there when more come; else vehicles are only added.
+        holds: whether vehicles wait there if more come; else vehicles are only added.
         reserve: numbers of the trips that may be added during the warm-up, in order.
         part: number of the part of the network that it leads into, of those of its kind.
     """
@@ -201,7 +201,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class NetworkPart:
-    """A part of the network that no vehicle leaves for another part: gates meter each by itself.
+    """A part of the network that no vehicle leaves for another; gates meter each part separately.
 
     Attributes:
         edges: ids of its edges.
@@ -229,21 +229,21 @@ class GatePlan:
 
 @dataclass(frozen=True)
 class Demand:
-    """Every trip, in the order of setting out.
+    """All trips.
 
     Attributes:
-        trips: who sets out.
-        left_out: who was asked for and cannot come.
-        populations: who circulates: stays for the whole motion; empty where traffic passes through.
-        outer: ids of the edges of outer roads, by which those who circulate come back.
-        stops: where buses halt.
-        manners: by class, attributes of SUMO's vehicle type that are not as usual.
-        counted: of each row that was counted, who was planned for it.
-        bound: how much of guessed volumes comes.
-        passengers: who of them takes buses and trams.
-        approaches: how single approaches are used (`approaches.approaches_of`).
-        gates: how outer roads meter the inflow of those who circulate.
-        planned: of those who circulate: (edge, next edge) -> motor vehicles per hour.
+        trips: the trips, by departure; gates' reserves and passengers follow.
+        left_out: requested actors that cannot enter.
+        populations: populations that stay for the whole motion; empty for through traffic.
+        outer: ids of the edges of outer roads, by which circulating actors return.
+        stops: stops of buses and trams.
+        manners: by class, attributes of SUMO's vehicle type that differ from the usual ones.
+        counted: the trips of each row of counts.
+        bound: part of the guessed volumes that is used.
+        passengers: passengers of buses and trams among the trips.
+        approaches: use of single approaches (`approaches.approaches_of`).
+        gates: gates that meter the inflow from outer roads.
+        planned: circulating motor vehicles per hour by (edge, next edge).
     """
 
     trips: tuple[Trip, ...]
@@ -261,7 +261,7 @@ class Demand:
 
     @property
     def circulates(self) -> bool:
-        """Whether everybody stays for the whole motion."""
+        """Whether all actors stay for the whole motion."""
         return bool(self.populations)
 
 
@@ -277,19 +277,18 @@ def plan_demand(
 ) -> Demand:
     """Plan the trips of every class.
 
-    Setting-out times are stratified: the period is cut into as many equal parts as there are
-    trips and each trip sets out at a random instant of its own part, so a class comes as often
-    as it was asked for, and evenly. Routes are drawn in the same way from their weights
-    (systematic sampling; Cochran, Sampling Techniques, 1977, ch. 8).
+    Departure times are stratified: the period is split into as many equal parts as there are trips,
+    and each trip departs at a random time of its own part. Routes are drawn in the same way from
+    their weights (systematic sampling; Cochran, Sampling Techniques, 1977, ch. 8).
 
     Args:
         network: the streets.
-        per_hour: actors per hour and class; a class that is not named does not come.
-        warmup_s: how long traffic runs before the motion starts.
-        duration_s: how long the motion is.
-        seed: the same seed gives the same trips.
-        body: the asset of the n-th actor of a class.
-        in_groups: share of people on foot who walk in company.
+        per_hour: actors per hour and class; classes without an entry get no trips.
+        warmup_s: duration of traffic before the motion starts.
+        duration_s: duration of the motion.
+        seed: random seed.
+        body: returns the asset of the n-th actor of a class.
+        in_groups: share of pedestrians that walk in groups.
     """
     trips: list[Trip] = []
     left_out: list[LeftOut] = []
@@ -320,8 +319,8 @@ def plan_demand(
             if company[k]:
                 trips.append(replace(trips[-company[k]], asset=asset, beside=company[k]))
             elif walks:
-                # Walkers need minutes to reach the middle. Those of the warm-up begin where they
-                # will have spread over their whole way by the time the motion starts.
+                # Walkers need minutes to reach the middle. Those of the warm-up start so that they
+                # are spread over their whole route when the motion starts.
                 spread = float(place[k]) if lead_m[k] > 0 else 0.0
                 lead = max(float(lead_m[k]), 0.0)
                 edges, begin, end = routes.walk(int(pairs[k]), spread, lead)
@@ -333,7 +332,7 @@ def plan_demand(
 
 
 def together(first: Demand, second: Demand) -> Demand:
-    """Return two demands as one in which nobody circulates; counted rows are the first's."""
+    """Return two demands as one without circulation; counted rows are the first's."""
     both = [(trip.depart_s, 0, k) for k, trip in enumerate(first.trips)]
     both += [(trip.depart_s, 1, k) for k, trip in enumerate(second.trips)]
     both.sort()
@@ -349,13 +348,13 @@ def together(first: Demand, second: Demand) -> Demand:
 
 
 def departure_count(per_hour: float, period_s: float) -> int:
-    """Return how many actors set out in a period, rounded half up."""
+    """Return the number of departures in a period, rounded half up."""
     return int(np.floor(per_hour * period_s / 3600.0 + 0.5))
 
 
 @dataclass(frozen=True, eq=False)
 class Routes:
-    """The ways between gates: pairs of gates with their relative traffic."""
+    """The routes between gates: pairs of gates with their relative traffic."""
 
     streets: Streets
     pairs: NDArray[np.int64]
@@ -365,11 +364,11 @@ class Routes:
 
     @classmethod
     def between_gates(cls, streets: Streets) -> Routes | None:
-        """Find the fastest way between each two gates; ``None`` where there is none at all.
+        """Return the fastest route between each two gates; ``None`` if there is none at all.
 
-        A pair's traffic is the product of its gates' traffic, less where the way is a detour
-        (share of the straight line in the way's length, squared). Nobody leaves where they came
-        in while there is another way out.
+        The traffic of a pair is the product of its gates' traffic, times the squared ratio of
+        straight-line to route length, so that detours are rare. No route leaves where it entered if
+        there is another exit.
         """
         entries, exits = streets.entries, streets.exits
         starts = np.unique(entries.edge)
@@ -398,29 +397,30 @@ class Routes:
         )
         weight = entries.weight[source] * exits.weight[sink]
         weight = weight * (np.clip(straight / length, 0.1, 1.0) ** 2)
-        # Of streets alone: ways over wide junctions may be longer than that.
+        # Of edges outside junctions alone; the straight line counts where wide junctions make it
+        # longer.
         for unwanted in (returns, np.maximum(length, straight) < _WORTHWHILE_M):
             if np.any(weight[~unwanted] > 0):
                 weight = np.where(unwanted, 0.0, weight)
         return cls(streets, routes.pairs, weight, previous, row)
 
     def drive(self, number: int) -> tuple[str, ...]:
-        """Return the streets of a way; on foot its corners and crossings too."""
+        """Return the edges of a route; for pedestrians including corners and crossings."""
         return tuple(self.streets.edges[edge] for edge in self._path(number))
 
     def walk(
         self, number: int, spread: float, lead_m: float
     ) -> tuple[tuple[str, ...], float, float]:
-        """Return the streets of a walk, and where on the first and last it begins and ends (m).
+        """Return the edges of a walk, and its start and end on the first and last edge (m).
 
-        Behind the first street stands the corner at its end. Where a street's two sides meet at
-        both ends, SUMO would choose the end from which it is nearest by all sidewalks, and refuse
-        the walk if the way from there leads over streets that the walk does not name.
+        The corner at the end of the first edge is named explicitly. Where the two sidewalks of a
+        street meet at both ends, SUMO would choose the end that is nearest by all sidewalks. It
+        would then reject the walk if the path from there uses streets that the walk does not name.
 
         Args:
-            number: which pair of gates.
-            spread: share of the way that shall be behind the pedestrian ...
-            lead_m: ... after walking this far.
+            number: number of the pair of gates.
+            spread: share of the route that shall be behind the pedestrian ...
+            lead_m: ... after walking this distance.
         """
         source, sink = self.pairs[number]
         whole = self._path(number)
@@ -465,7 +465,7 @@ class Routes:
 def systematic(
     weight: NDArray[np.float64], count: int, random: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Draw ``count`` indices in proportion to their weights, evenly, in a random order."""
+    """Draw ``count`` indices in proportion to their weights, stratified, in random order."""
     total = np.cumsum(weight)
     at = (np.arange(count) + random.random(count)) / count * total[-1]
     drawn = np.searchsorted(total, at, side="right").clip(0, len(weight) - 1)
@@ -473,5 +473,5 @@ def systematic(
 
 
 def _inside(share: float, length_m: float) -> float:
-    """Return a place on an edge, in centimetres and not beyond its end: SUMO is strict there."""
+    """Return a position on an edge rounded down to centimetres: SUMO rejects any beyond its end."""
     return float(np.floor(share * length_m * 100) / 100)

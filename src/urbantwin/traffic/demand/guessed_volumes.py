@@ -1,8 +1,8 @@
-"""Guessed volumes, bounded by what the signals can let through.
+"""Guessed volumes, limited by the capacity of the signals.
 
-A guess by road classes and lanes knows nothing of how streets meet. Where nobody counted, no more
-is guessed than the junctions' lanes have green for (`roads.signals.capacity`). Only vehicles whose
-route leads over a full lane are left out.
+A guess by road classes and lanes ignores how streets meet. Without counts, volumes are limited to
+what the junctions' lanes can carry by their green times (`roads.signals.capacity`). Only routes
+over a full lane are reduced.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from urbantwin.traffic.demand.demand import Bound
 
 __all__ = ["bounded_by_signals", "share_of_motor"]
 
-#: A guess loads lanes to at most this share of their capacity. Standards plan for 0.85 to 0.9 (HCM
-#: 2016, chapter 19; RiLSA 2015), beyond which queues grow from cycle to cycle now and then. They
-#: do not count people on foot who hold up turns, nor vehicles that wait on a junction: simulated
+#: Maximum load of a lane as a share of its capacity. Standards plan for 0.85 to 0.9 (HCM 2016,
+#: chapter 19; RiLSA 2015), beyond which queues grow from cycle to cycle now and then. They do not
+#: count pedestrians that delay turns, nor vehicles that wait on a junction: simulated hours of ten
+#: places carry 0.62 to 0.75.
 #: hours of ten places carry 0.62 to 0.75.
 FULL = 0.62
-#: Lanes are full beyond this excess.
+#: Relative excess above which a lane counts as full.
 EXCESS = 0.01
-#: Loads depend on what else comes, so they are worked out anew so often, and ways over a lane that
-#: is full are lowered by this factor at most each time.
+#: Loads depend on conflicting traffic: number of rounds in which they are computed again, and least
+#: factor by which movements over a full lane are reduced in a round.
 ROUNDS, LEAST = 40, 0.75
-#: Movements that have a smaller share of a lane are not what fills it.
+#: Movements with a smaller share of a lane's flow are not reduced.
 LITTLE = 0.05
 
 
@@ -39,7 +40,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
 
     Args:
         net: the SUMO network, with its programs.
-        circulation: as guessed.
+        circulation: the guess.
     """
     junctions = signalised_junctions(etree.parse(net).getroot())
     guessed, full = circulation, dict[str, LaneLoad]()
@@ -59,7 +60,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
 
 
 def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
-    """Return how many motor vehicles come in by the hour of those who were guessed."""
+    """Return the motor vehicles per hour of a circulation as a share of those guessed."""
     come, all_of_them = (
         sum(one.per_hour[name] for name in sorted(IN_CARS)) for one in (circulation, guessed)
     )
@@ -67,7 +68,7 @@ def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
 
 
 def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
-    """Return the lanes with a load beyond ``FULL``, however long traffic extends the greens."""
+    """Return the lanes with a load beyond ``FULL`` even with the longest actuated greens."""
     full = []
     for junction in junctions:
         usual, longest = (
@@ -80,7 +81,7 @@ def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
 
 
 def _reason(full: Iterable[LaneLoad]) -> str:
-    """Return the lane that most vehicles of the guess cannot pass, in words."""
+    """Return a description of the lane with the largest excess of the guess."""
     lanes = sorted(full, key=lambda lane: (-lane.flow * (1.0 - FULL / lane.load), lane.lane))
     if not lanes:
         return ""

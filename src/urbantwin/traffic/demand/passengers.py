@@ -1,8 +1,8 @@
-"""Passengers: people who walk to stops, wait there, get on, and come back some time later.
+"""Passengers: people that walk to stops, wait there, board, and come back some time later.
 
-Each belongs to one stop. It walks in from a gate of the region, waits, gets on what halts next,
-and is away until it gets off there again and walks to a gate and back. So nobody is seen who
-comes from nowhere, and nobody is lost.
+Each belongs to one stop. It walks in from a gate of the region, waits, boards the next vehicle, and
+is away until it alights there again and walks to a gate and back. So no passenger appears from
+nowhere or is lost.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from urbantwin.traffic.demand.stop_places import StopPlace, stop_place
 
 __all__ = ["boarding_job", "with_passengers"]
 
-#: Of those who get on at a tram's halt there are so many times more than at a bus's. Assumed.
+#: Boarding passengers per halt of a tram relative to a bus. Assumed.
 _TRAM_TIMES = 2.0
-#: So many more than get off at a halt on average are away at first.
+#: Number of passengers that are away at first, in multiples of the mean number alighting at a halt.
 _AWAY_TIMES = 4.0
 _ON_FOOT, _STREAM, _OF_A_STOP = "pedestrian", 7_200_000, 10_000
 
@@ -41,17 +41,17 @@ def with_passengers(
     seed: int,
     body: Callable[[str, int], str],
 ) -> Demand:
-    """Return a demand with passengers, after everybody else.
+    """Return a demand with passengers appended to its trips.
 
     Args:
-        demand: who circulates.
+        demand: a circulating demand.
         roads: the lanes.
-        walks: the ways of people on foot.
-        per_halt: how many get on, and off, at a halt of a bus on average.
-        seconds: of everything that is simulated.
-        come_in_s: within which people set out who walk in.
-        seed: of the random choices; each stop has its own.
-        body: the asset of the n-th actor of a class.
+        walks: the circuit of pedestrians.
+        per_halt: mean number of boarding, and of alighting, passengers per halt of a bus.
+        seconds: duration of the whole simulation.
+        come_in_s: period within which passengers that walk in depart.
+        seed: random seed; each stop has its own stream.
+        body: returns the asset of the n-th actor of a class.
     """
     halts = np.zeros(len(demand.stops))
     for trip in demand.trips:
@@ -74,7 +74,7 @@ def with_passengers(
         expected = int(halts[number]) + 20
         alight[number] = tuple(random.poisson(mean, expected).tolist())
         groups = {
-            # Those who came since the last halt, as a chance looker-on finds them.
+            # Mean number of arrivals since the last halt, at a random time.
             "waits": int(random.poisson(mean / 2)),
             "walks": int(rate * ways.mean_s + random.random()),
             "rides": int(np.ceil(_AWAY_TIMES * mean)),
@@ -102,7 +102,7 @@ def _trip(
     come_in_s: float,
     random: np.random.Generator,
 ) -> Trip:
-    """Return what a passenger does."""
+    """Return the trip of a passenger."""
     depart_s = round(float(random.random()) * come_in_s, 2)
     walks: list[tuple[tuple[str, ...], float]] = []
     waits = [0]
@@ -131,13 +131,13 @@ def _trip(
 
 
 class _Ways:
-    """The ways between a street and the gates.
+    """The paths between a street and the gates.
 
     Args:
-        walks: the ways of people on foot.
-        states: of the street, in both directions.
-        out: cost and predecessors of the ways from each of them.
-        back: the same of the ways to each of them.
+        walks: the circuit of pedestrians.
+        states: states of the street, in both directions.
+        out: cost and predecessors of the paths from each state.
+        back: the same of the paths to each state.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class _Ways:
 
     @classmethod
     def of(cls, walks: Circuit, edge: str) -> _Ways | None:
-        """Return the ways of a street; ``None`` where no gate can be reached from it."""
+        """Return the paths of a street; ``None`` if no gate can be reached from it."""
         graph = walks.graph
         states = [k for k, name in enumerate(graph.edges) if name == edge]
         cost = graph.seconds.copy()
@@ -175,16 +175,16 @@ class _Ways:
         return found if found._gates else None
 
     def gate(self, random: np.random.Generator) -> int:
-        """Draw a gate by its traffic."""
+        """Draw a gate in proportion to its traffic."""
         at = np.searchsorted(self._load, random.random() * self._load[-1], side="right")
         return int(self._gates[min(int(at), len(self._gates) - 1)])
 
     def outward(self, gate: int) -> list[int]:
-        """Return the states of the way from the stop to a gate."""
+        """Return the states of the path from the stop to a gate."""
         return self._way(self._out, gate)[::-1]
 
     def inward(self, gate: int) -> list[int]:
-        """Return the states of the way from a gate to the stop; one turns where one came from."""
+        """Return the states of the path from a gate to the stop, turning at the gate."""
         ends = [k for k, name in enumerate(self._walks.graph.edges)
                 if name == self._walks.graph.edges[gate]]  # fmt: skip
         return self._way(self._back, min(ends, key=lambda k: float(self._back[0][:, k].min())))
@@ -198,12 +198,12 @@ class _Ways:
         return states
 
     def seconds(self, states: list[int]) -> float:
-        """Return how long a way takes."""
+        """Return the duration of a path."""
         pairs = itertools.pairwise(states)
         return float(sum(self._walks.graph.seconds[pair] for pair in pairs))
 
     def names(self, states: list[int]) -> tuple[str, ...]:
-        """Return the edges of a way."""
+        """Return the edges of a path."""
         names = [self._walks.graph.edges[state] for state in states]
         return tuple(n for k, n in enumerate(names) if k == 0 or n != names[k - 1])
 
@@ -212,19 +212,19 @@ class _Ways:
         return float(np.floor(self._walks.graph.length_m[state] * 50) / 100)
 
     def part(self, states: list[int], share: float) -> tuple[tuple[str, ...], float]:
-        """Return what is left of a way behind a share of it, and where on its edge that begins."""
+        """Return the edges of a path beyond a share of its length, and the start on the first."""
         length = np.array([self._walks.graph.length_m[state] for state in states])
         total = np.cumsum(length)
         at = share * total[-1]
         first = min(int(np.searchsorted(total, at, side="right")), len(states) - 1)
         within = (at - (total[first] - length[first])) / length[first]
-        # The other direction of an edge has an odd number.
+        # Odd states run against the direction of their edge.
         within = 1.0 - within if states[first] % 2 else within
         return self.names(states[first:]), float(np.floor(within * length[first] * 100) / 100)
 
 
 def boarding_job(passengers: Passengers) -> dict[str, Any]:
-    """Return who takes buses and trams, as ``boarding.Boarding`` takes them."""
+    """Return the passengers in the form that ``boarding.Boarding`` takes."""
     return {
         "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
         "alight": {str(stop): many for stop, many in passengers.alight.items()},

@@ -1,8 +1,8 @@
-"""Arrivals in platoons: who was held by a signal upstream comes when that was green.
+"""Arrivals in platoons: vehicles released by a signal upstream.
 
-Told for an approach as shares of a cycle in which vehicles would be at its end if nobody held them
-up. Nobody comes more or less often for it: within each cycle, times are moved so that their density
-is that of the shares, and their order stays.
+An approach has shares of a cycle: the density of unhindered arrivals at its end. The number of
+arrivals per cycle is unchanged: within each cycle, times are moved so that their density follows
+the shares, in the same order.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ON_FOOT = ("pedestrian", "animal", "bicycle")
 def moved_into(
     times_s: NDArray[np.float64], cycle_s: float, shares: Sequence[float]
 ) -> NDArray[np.float64]:
-    """Return even times (N,) as unevenly within their cycles as shares of it say, seconds."""
+    """Return even times (N,) redistributed within their cycles by shares of the cycle, seconds."""
     whole, part = np.divmod(times_s, cycle_s)
     reached = np.concatenate([[0.0], np.cumsum(np.asarray(shares, np.float64))])
     at = np.linspace(0.0, cycle_s, len(reached))
@@ -40,16 +40,16 @@ def in_platoons(
     network: StreetNetwork,
     drivers: Mapping[str, Mapping[str, Any]],
 ) -> Demand:
-    """Return a demand whose motor traffic sets out so that it arrives in platoons.
+    """Return a demand whose motor traffic departs so that it arrives in platoons.
 
     Args:
-        demand: of counts; nobody circulates or walks in company.
+        demand: demand of counts, without circulation or groups.
         arrivals: ``traffic.arrivals`` of the site.
         network: its streets.
-        drivers: ``traffic.drivers``: how fast who drives.
+        drivers: ``traffic.drivers``, for the speed of each class.
 
     Raises:
-        InputError: there is no such approach.
+        InputError: an approach does not exist.
     """
     if not arrivals:
         return demand
@@ -83,7 +83,7 @@ def _moved(
     seconds: Mapping[str, float],
     drivers: Mapping[str, Mapping[str, Any]],
 ) -> Trip:
-    """Return a trip that sets out when it has to."""
+    """Return a trip with its departure moved to arrive in a platoon."""
     if trip.actor_class in _ON_FOOT:
         return trip
     met = next((k for k, edge in enumerate(trip.edges) if edge in of_approach), None)
@@ -92,7 +92,7 @@ def _moved(
     factor = float(drivers.get(trip.actor_class, {}).get("speed_factor") or 1.0)
     takes_s = sum(seconds.get(edge, 0.0) for edge in trip.edges[: met + 1]) / factor
     one = of_approach[trip.edges[met]]
-    # Even times stay even when they are moved by the time that the way takes.
+    # Even times stay even when shifted by the travel time.
     at = moved_into(np.array([trip.depart_s]), float(one["cycle_s"]), one["shares"])[0]
     depart = at - takes_s
     while depart < 0:

@@ -1,4 +1,4 @@
-"""Who sets out in a twin, as its site wants: counted, circulating in a closed loop, or passing."""
+"""The demand of a twin, as its site requests: counted, circulating, or passing through."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "outer_roads"]
 
-#: Length of road that a standing car takes, with the gap before it, metres.
+#: Length of road that a standing car takes, including the gap before it, metres.
 CAR_SPACE_M = 7.0
 
 
@@ -36,19 +36,19 @@ def demand_of(
 ) -> Demand:
     """Return the trips of a twin, as its site (or ``asked``) requests, over warm-up and duration.
 
-    In a closed loop all actors come in during the warm-up and stay; gates meter how many pass per
+    In a closed loop all actors enter during the warm-up and stay; gates meter how many pass per
     hour. Elsewhere traffic passes through.
 
     Args:
         twin: the twin.
-        duration_s: length of the motion after the warm-up.
-        seed: of every random choice.
+        duration_s: duration of the motion after the warm-up.
+        seed: random seed.
         asked: the site's ``traffic``, or another one in its form.
-        metered: whether gates meter the inflow, as `sumo.simulation` runs them; a program that
-            has no gates gets all vehicles at once.
+        metered: whether gates meter the inflow, as in `sumo.simulation`; without gates all vehicles
+            depart at once.
 
     Raises:
-        InputError: a place that was counted is not there, or nobody counted at the time of day.
+        InputError: a counted place does not exist, or there are no counts at the time of day.
     """
     asked = at_time_of_day(asked or twin.site["traffic"])
     approaches = approaches_of(asked.get("approaches", ()), twin.roads)
@@ -114,7 +114,7 @@ def _counted(
     seed: int,
     body: Callable[[str, int], str],
 ) -> Demand:
-    """Return the demand of a site that has counts: everybody passes through."""
+    """Return the demand of a site with counts: all traffic passes through."""
     outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
     network = StreetNetwork(twin.net_path, twin.region, without=outer)
     counts, per_hour = asked["counts"], asked["per_hour"]
@@ -144,9 +144,10 @@ def _counted(
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
+    """Return the edges of outer roads, which belong to no OSM way, and of outer tracks.
 
-    Roads that are not made from ways have none: there one turns round where they end.
+    Networks whose roads are not made from OSM ways have no outer roads; vehicles turn round at
+    their ends.
     """
     roads = twin.roads.roads
     rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
@@ -156,7 +157,7 @@ def outer_roads(twin: Twin) -> frozenset[str]:
 
 
 def _room(twin: Twin) -> dict[str, float]:
-    """Return how many cars fit onto each road of the region bumper to bumper."""
+    """Return the number of cars that fit onto each road of the region bumper to bumper."""
     outer = outer_roads(twin)
     room: dict[str, float] = defaultdict(float)
     for lane in twin.roads.lanes:

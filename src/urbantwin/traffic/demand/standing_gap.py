@@ -1,4 +1,4 @@
-"""How far each driver stands behind who is ahead."""
+"""The gap of each driver to the vehicle ahead at standstill."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from urbantwin.traffic.demand.demand import Trip
 
 __all__ = ["standing_gap_of"]
 
-#: Nobody is farther from the mean, standard deviations; nor nearer to who is ahead, metres.
+#: Maximum deviation from the mean, standard deviations, and least gap, metres.
 _CUT, _LEAST_M = 2.5, 0.5
 _OF_64_BITS = 2.0**64
 
 
 def standing_gap_of(trip: Trip, mean_m: float, spread_m: float) -> float:
-    """Return the gap that a driver keeps who stands, metres.
+    """Return a driver's gap to the vehicle ahead at standstill, metres.
 
-    It follows from the trip alone: whoever else comes or stays away changes nothing of it.
+    It depends on the trip alone, not on other traffic.
 
     Args:
-        trip: of the driver.
-        mean_m: of all drivers.
-        spread_m: its standard deviation.
+        trip: the driver's trip.
+        mean_m: mean of all drivers, metres.
+        spread_m: standard deviation, metres.
     """
     told = f"{trip.asset} {trip.depart_s:.2f} {' '.join(trip.edges)}"
     drawn = int.from_bytes(blake2b(told.encode(), digest_size=8).digest(), "little")

@@ -1,4 +1,4 @@
-"""Where people wait at stops: on the footway beside the doors of what halts there."""
+"""Waiting places at stops: on the footway beside the doors of buses and trams."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from urbantwin.roads import BusStop, RoadNetwork
 
 __all__ = ["DOORS_M", "WALKING_MS", "StopPlace", "stop_place"]
 
-#: Where one gets on and off, metres behind the nose.
+#: Positions of two doors behind the vehicle's nose, metres.
 DOORS_M = {"bus": (1.5, 6.0), "tram": (6.0, 10.0)}
-#: Half the width of who halts there, and the gap between door and footway, metres.
+#: Half width of the vehicle, and gap between door and footway, metres.
 _HALF_M, _GAP_M = {"bus": 1.27, "tram": 1.2}, 0.1
-#: People walk to and from the doors at this pace, m/s.
+#: Walking speed to and from the doors, m/s.
 WALKING_MS = 1.2
-#: A footway that is farther from a lane's middle is not that of the stop, metres.
+#: Maximum distance of the stop's footway from the middle of the lane, metres.
 _REACH_M = 8.0
-#: Who waits takes so much of the kerb, and rows are so far from each other, metres; so many rows.
-#: 0.8 m2 a person is level of service B to C of a waiting area (Highway Capacity Manual 2010,
-#: chapter 23: 7 to 13 square feet).
+#: Length of kerb per waiting person and distance between rows, metres, and number of rows. 0.8 m2
+#: per person is level of service B to C of a waiting area (Highway Capacity Manual 2010, chapter
+#: 23: 7 to 13 square feet).
 _SPACING_M, _ROW_M, _ROWS = 0.95, 0.9, 3
-#: From the edge of the footway to who waits, metres; and from the border of other things.
+#: Distance of waiting people from the edge of the footway, and from other obstacles, metres.
 _KERB_M, _BODY_M = 0.15, 0.3
-#: Behind a further row others have room to pass, metres.
+#: Passage that remains behind a further row, metres.
 _PASSAGE_M = 1.0
-#: People do not stand in the order of nearness to the door: so much is chance, metres.
+#: Random part of the order of waiting places, which otherwise is by distance to the door, metres.
 _SPREAD_M = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class StopPlace:
-    """What is beside a stop.
+    """The waiting place of a stop.
 
     Attributes:
         stop: its number in the demand.
         kind: ``bus`` or ``tram``.
-        lane: the footway, a lane's id.
+        lane: id of the footway's lane.
         edge: its edge.
-        along_m: where on it people leave for the stop and come from it, metres from its start.
-        point: (2,) that place, site frame.
-        doors: (2, 2) where people stand before the doors to get on and off of who halts there.
-        slots: (S, 2) where people wait, in the order in which they are taken.
-        faces: rad, where the vehicle comes to.
-        leaves_s: how long it takes from the door to ``point``, seconds.
-        end_m: where the noses of vehicles halt, metres from their lane's start.
+        along_m: position on it where people leave for the stop and return, metres from its start.
+        point: (2,) that position, site frame, metres.
+        doors: (2, 2) positions in front of the doors, for boarding and alighting.
+        slots: (S, 2) waiting positions, in the order in which they are taken.
+        faces: heading of waiting people towards the vehicle, rad.
+        leaves_s: walking time from the door to ``point``, seconds.
+        end_m: position of the vehicles' noses, metres from the start of their lane.
     """
 
     stop: int
@@ -67,14 +67,14 @@ class StopPlace:
 def stop_place(
     roads: RoadNetwork, stop: BusStop, number: int, edges: Set[str], seed: int
 ) -> StopPlace | None:
-    """Return where people wait at a stop; ``None`` where no footway leads to it.
+    """Return the waiting place of a stop; ``None`` if no footway leads to it.
 
     Args:
         roads: the lanes.
-        stop: where buses or trams halt.
-        number: of the stop in the demand.
-        edges: ids of the edges that people walk on.
-        seed: of the order in which places are taken.
+        stop: a stop of buses or trams.
+        number: its number in the demand.
+        edges: ids of the edges that pedestrians use.
+        seed: random seed of the order of waiting positions.
     """
     edge = stop.lane.rpartition("_")[0]
     track = next((one for one in roads.tracks if one.id == edge), None)
@@ -128,7 +128,7 @@ def _slots(
     aside: NDArray[np.float64],
     seed: int,
 ) -> NDArray[np.float64]:
-    """Return places (S, 2) on the footway beside a stop."""
+    """Return waiting positions (S, 2) on the footway beside a stop."""
     room = roads.footway(0).intersection(shapely.Point(_at(line, stop.end_m)).buffer(40.0))
     room = room.buffer(-_BODY_M)
     shapely.prepare(room)

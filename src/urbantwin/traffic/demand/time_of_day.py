@@ -1,4 +1,4 @@
-"""What a time of day changes: the quarters of an hour of counts, and the size of guesses."""
+"""Effect of the time of day: the quarters of an hour of counts, and the size of guesses."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ __all__ = ["CARS", "TRUCKS", "at_time_of_day", "counts_from", "hour_factor"]
 #: cities: G. Schmidt, B. Thomas, Hochrechnungsfaktoren für manuelle und automatische
 #: Kurzzeitzählungen im Innerortsbereich (BMV, Forschung Straßenbau und Straßenverkehrstechnik 732,
 #: 1996), cars p. 95, trucks p. 98; as SUMO's documentation quotes them (Importing O/D Matrices,
-#: TGw2_PKW and TGw_LKW). Who has no curve of its own comes as cars do.
+#: TGw2_PKW and TGw_LKW). Classes without a curve of their own use that of cars.
 _CARS_NIGHT, _CARS_DAY = (0.8, 0.5, 0.4, 0.3, 0.4, 1.2), (4.5, 7.4, 6.6, 5.2, 5.0, 5.0)
 _CARS_NOON, _CARS_EVENING = (5.2, 5.3, 5.6, 6.7, 8.4, 8.6), (7.4, 5.0, 3.9, 3.0, 2.1, 1.6)
 CARS: tuple[float, ...] = (*_CARS_NIGHT, *_CARS_DAY, *_CARS_NOON, *_CARS_EVENING)
 _TRUCKS_NIGHT, _TRUCKS_DAY = (0.3, 0.4, 0.4, 0.6, 0.8, 2.0), (4.8, 7.5, 9.0, 8.7, 9.0, 9.0)
 _TRUCKS_NOON, _TRUCKS_EVENING = (7.5, 8.4, 7.8, 6.9, 5.4, 4.0), (2.7, 1.8, 1.2, 0.9, 0.6, 0.3)
 TRUCKS: tuple[float, ...] = (*_TRUCKS_NIGHT, *_TRUCKS_DAY, *_TRUCKS_NOON, *_TRUCKS_EVENING)
-#: Guesses are those of these hours.
+#: Hours that guesses refer to.
 _MIDDAY = slice(10, 15)
 
 
 def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``traffic`` of a site as it is at its time of day, which then is named no more.
+    """Return a site's ``traffic`` at its time of day, with the field ``time_of_day`` cleared.
 
     Raises:
-        InputError: counts do not last until then, or begin later.
+        InputError: counts end before this time, or begin later.
     """
     found = dict(asked)
     time = asked.get("time_of_day")
@@ -45,7 +45,7 @@ def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def hour_factor(time: str, actor_class: str = "car") -> float:
-    """Return how many of a class there are at a time (``08:00``) against midday."""
+    """Return the traffic of a class at a time (``08:00``) relative to midday."""
     day = TRUCKS if actor_class == "truck" else CARS
     midday = day[_MIDDAY]
     return day[int(time[:2])] * len(midday) / sum(midday)

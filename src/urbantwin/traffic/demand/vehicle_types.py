@@ -11,8 +11,8 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["ACTOR_KINDS", "GAP_SPREAD", "IN_BENDS", "IN_QUEUES", "ActorKind", "manners_of"]
 
-#: Parameter (no attribute) of a vehicle type: by how much the gaps of those who stand differ,
-#: standard deviation, metres.
+#: Parameter (not attribute) of a vehicle type: standard deviation of the gaps at standstill,
+#: metres.
 GAP_SPREAD = "urbantwin.standing_gap_spread"
 
 
@@ -21,31 +21,31 @@ class ActorKind:
     """A class of actors in SUMO's terms.
 
     Attributes:
-        vclass: SUMO's vehicle class, which decides where the actor may go.
-        parameters: attributes of the SUMO vehicle type. What is not named keeps SUMO's default
-            for the vehicle class (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html).
+        vclass: SUMO's vehicle class, which determines where the actor may go.
+        parameters: attributes of the SUMO vehicle type. Others keep SUMO's defaults for the vehicle
+            class (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html).
     """
 
     vclass: str
     parameters: Mapping[str, str] = field(default_factory=dict)
 
 
-# Desired speeds scatter about the limit and are cut at 1.2 of it. Two-wheelers keep to no lane
-# centre: bicycles ride on the kerb's side, motorcycles wherever there is room.
-# Nobody slides sideways on the spot: sideways speed is at most a quarter of the speed ahead.
+# Desired speeds scatter about the limit and are cut at 1.2 of it. Two-wheelers do not keep to the
+# centre of the lane: bicycles ride on the kerb's side, motorcycles wherever there is room. Lateral
+# speed is at most a quarter of the longitudinal speed, so that nothing slides sideways.
 _STEERING = {"lcMaxSpeedLatStanding": "0", "lcMaxSpeedLatFactor": "0.25"}
 _DRIVER = {
     "speedFactor": "normc(1.00,0.10,0.70,1.20)",
     "sigma": "0.3",
-    # Queues then leave a signal at 1,900 cars an hour of green (HCM 2016, 19: the base rate).
+    # Queues then discharge at 1,900 cars per hour of green (HCM 2016, 19: the base rate).
     "tau": "1.35",
     "minGapLat": "0.4",
-    # Drivers do not stand equally close: from one to the other by 0.3 of the mean. LUMPI, frames 1
-    # to 12: 34 gaps with a median of 2.5 m, of 1.5 to 3.4 m between the outer tenths.
+    # Standard deviation of 0.3 of the mean. LUMPI, frames 1 to 12: 34 gaps with a median of 2.5 m,
+    # 10th to 90th percentile 1.5 to 3.4 m.
     GAP_SPREAD: "0.6",
-    # Where a lane becomes several that are as good as each other, not all take the rightmost.
+    # Where a lane becomes several equally good ones, not all vehicles take the rightmost.
     "lcContRight": "0.5",
-    # Who has found no room beyond a junction for so long drives on all the same, seconds.
+    # Time after which a vehicle drives on although there is no room beyond a junction, seconds.
     "jmIgnoreKeepClearTime": "60",
     **_STEERING,
 }
@@ -101,16 +101,16 @@ ACTOR_KINDS: dict[str, ActorKind] = {
             **_STEERING,
         },
     ),
-    # They come with others: SUMO knows of the whole.
+    # Part of another actor, which SUMO simulates as a whole.
     "trailer": ActorKind("trailer"),
     "animal": ActorKind("pedestrian"),
 }
 assert tuple(ACTOR_KINDS) == ACTOR_CLASSES
 
 
-_ACCELERATION = "2.6"  # SUMO's for cars
-#: Parameters (no attributes) of a vehicle type: its speed in bends, against what is usual, which
-#: ``curves`` reads, and its headway when it stands, which ``queue_headway`` reads.
+_ACCELERATION = "2.6"  # SUMO's default for cars
+#: Parameters (not attributes) of a vehicle type: factor on the usual speed in curves, which
+#: ``curves`` reads, and headway when leaving a queue, which ``queue_headway`` reads.
 IN_BENDS, IN_QUEUES = "urbantwin.in_bends", "urbantwin.queue_headway"
 #: Field of ``traffic.drivers`` -> SUMO's attribute.
 _ATTRIBUTES = {
@@ -123,12 +123,12 @@ _ATTRIBUTES = {
     "lane_offset_m": "latAlignment",
 }
 _FADES_MS, _LEAST_MS2 = (0.0, 10.0, 20.0, 30.0), 0.3
-#: Desired speeds are cut so many standard deviations from their mean.
+#: Cut of desired speeds, standard deviations from their mean.
 _CUT = 2.5
 
 
 def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, str]]:
-    """Return by class the attributes of SUMO's vehicle type that a site changes.
+    """Return, by class, the attributes of SUMO's vehicle type that a site changes.
 
     Args:
         drivers: ``traffic.drivers`` of the site.
@@ -160,7 +160,7 @@ def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, 
 
 
 def _usual(name: str) -> tuple[float, float]:
-    """Return mean and standard deviation of the usual desired speed of a class."""
+    """Return mean and standard deviation of the usual speed factor of a class."""
     text = _parameter(name, "speedFactor", "normc(1,0.1,0.2,2)")
     mean, spread = text.removeprefix("normc(").rstrip(")").split(",")[:2]
     return float(mean), float(spread)

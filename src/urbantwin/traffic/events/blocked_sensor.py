@@ -1,4 +1,4 @@
-"""A truck that stands before a sensor."""
+"""A truck that blocks the view of a sensor."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ from urbantwin.traffic.prescribed import PrescribedPath
 
 __all__ = ["blocked_sensor"]
 
-#: A truck may stand so near to a sensor, and so far from it, metres.
+#: Least and largest distance of the truck from the sensor, metres.
 _NEAREST_M, _FARTHEST_M = 2.0, 18.0
-#: A lane whose edge is no farther from the kerb is the outermost, metres.
+#: A lane whose edge is within this distance of the kerb is the outermost, metres.
 _BESIDE_M = 1.0
-#: The streets within this distance of the anchor are what a sensor is to see, metres.
+#: Streets within this distance of the anchor are the junction that the sensor shall see, metres.
 _JUNCTION_M = 35.0
-#: Where no lane is free as long as asked for, so large a part of it does; times that are tried lie
-#: so far apart, seconds.
+#: Least share of the requested duration that is accepted if no place is free for all of it, and
+#: spacing of the times that are tried, seconds.
 _SHORTEST, _EVERY_S = 0.25, 5.0
 
 
 def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
-    """Let a truck stand where it hides most of the junction from the sensor.
+    """Place a truck where it hides most of the junction from the sensor.
 
-    Places are the lanes that trucks use around the sensor, and the kerbs beside them; what is
-    hidden is found by rays to the streets around the anchor that nothing else hides.
+    Candidates are the lanes that trucks use around the sensor, and the kerbs beside them. The
+    hidden share is computed by rays to the streets around the anchor that are visible without the
+    truck.
     """
     twin = setting.twin
     standing = {name: (east, north) for name, east, north in twin.rig_spec().standing()}
@@ -54,7 +55,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     tried = []
     for truck in asset_names("truck"):
         if asset(truck).bodies:
-            continue  # one stiff truck hides enough
+            continue  # a single rigid truck suffices
         scene = RayScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
         for xy, yaw in _stands(setting, truck, eye):
             hidden = _hidden(scene, eye, seen, xy, yaw)
@@ -96,7 +97,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
 
 
 def _spans(event: BlockedSensor, until_s: float) -> Iterator[tuple[float, float]]:
-    """Yield from when to when the truck may stand: first as long as asked for."""
+    """Yield the intervals in which the truck may stand, those of the full duration first."""
     later = np.arange(0.0, event.within_s + 1e-6, _EVERY_S)
     times = event.at_s + np.unique([*-later, *later])
     long_enough = times + _SHORTEST * event.lasts_s <= until_s
@@ -107,7 +108,7 @@ def _spans(event: BlockedSensor, until_s: float) -> Iterator[tuple[float, float]
 
 
 def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return places (N, 3) on the streets of the junction that the sensor sees."""
+    """Return points (N, 3) on the streets of the junction that the sensor sees."""
     spread = np.arange(-_JUNCTION_M, _JUNCTION_M + 1, 2.0)
     x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
     on_road = shapely.contains_xy(setting.twin.roads.carriageway(0), x, y)
@@ -127,10 +128,10 @@ def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float
 def _stands(
     setting: Setting, truck: str, eye: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """Return where a truck could stand around a sensor, (3,) metres, and its headings.
+    """Return possible positions (3,), metres, and headings of a truck around a sensor.
 
-    On lanes, and beside them at the kerb, half or all on the sidewalk, as those who deliver do:
-    where there is ground, and nothing stands.
+    They are on lanes, and beside them at the kerb, half or fully on the sidewalk as for deliveries,
+    where there is ground and no obstacle.
     """
     twin, kerb = setting.twin, setting.twin.roads.carriageway(0)
     side = -1.0 if twin.roads.driving_side == "right" else 1.0
@@ -150,7 +151,7 @@ def _stands(
                 continue
             ahead = (ends[2] - ends[0]) / np.hypot(*(ends[2] - ends[0]))
             out = side * np.array([-ahead[1], ahead[0]])
-            places = [] if turns else [ends[1]]  # nobody stands still in a junction
+            places = [] if turns else [ends[1]]  # no standing within a junction
             across = shapely.LineString([ends[1], ends[1] + 2 * lane.width * out])
             paved = shapely.get_parts(shapely.intersection(across, kerb))
             paved = paved[shapely.distance(paved, shapely.Point(ends[1])) < _BESIDE_M / 2]
@@ -177,7 +178,7 @@ def _hidden(
     at: NDArray[np.float64],
     yaw: float,
 ) -> float:
-    """Return the share of places (N, 3) that a truck at a place hides from a sensor."""
+    """Return the share of points (N, 3) that a truck at a pose hides from a sensor."""
     turn = rotation_from_ypr(yaw, 0.0, 0.0)
     origin = (eye - at) @ turn
     way = (seen - eye) @ turn

@@ -1,4 +1,4 @@
-"""Actors who cross the way of a vehicle of the traffic by as little as is asked for."""
+"""Actors that cross the path of a vehicle of the traffic with a requested margin."""
 
 from __future__ import annotations
 
@@ -30,41 +30,42 @@ from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 __all__ = ["child_between_parked_cars", "near_miss"]
 
 _VEHICLES = ("car", "van", "truck", "bus", "motorcycle")
-#: Who crosses comes from so far and goes so far, metres.
+#: Length of the crossing actor's path before and beyond the vehicle's path, metres.
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
 _BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
-#: A way is looked at every so often for what stands in it, metres.
+#: Spacing of the points of a path that are checked for obstacles, metres.
 _LOOKED_AT_M = 0.5
-#: Or a part of it, where something stands in the way.
+#: Shares of that length that are tried if there are obstacles.
 _SHARES = {"pedestrian": (1.0,), "bicycle": (1.0, 0.5, 0.3)}
 _FAR_M = 45.0
-#: Nobody brakes harder, m/s2: dry asphalt.
+#: Range of decelerations, m/s2; the highest is that on dry asphalt.
 _HARDEST, _GENTLEST = 9.0, 0.5
-#: So much of the motion is left after a meeting, seconds.
+#: Least duration of the motion after the encounter, seconds.
 _AFTER_S = 4.0
-#: So many vehicles are tried, the nearest to the time first.
+#: Maximum number of vehicles tried, by distance in time.
 _VEHICLES_TRIED = 12
-#: Who brakes comes to stand so far before the other's way, metres.
+#: Gap between the braking actor and the other's path, metres.
 _MARGIN_M = 0.5
-#: Nearer than this to what was asked for is what was asked for, seconds.
+#: Tolerance of the requested times, seconds.
 _EXACT_S = 0.06
-#: Parked cars stand so far from the kerb, and from each other where the child comes out, metres.
+#: Distance of parked cars from the kerb, and gap between them, metres.
 _KERB_M, _BETWEEN_M = 0.3, 1.6
-#: Cars that cannot be parked all the time stand so long before and after the meeting, seconds.
+#: Time before and after the encounter for which cars stand that cannot be parked throughout,
+#: seconds.
 _STAND_S = 8.0
-#: Places that are tried for parked cars lie so far from the asked one along the street, metres.
+#: Offsets along the street of the places tried for parked cars, metres.
 _SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
 
 
 def near_miss(event: NearMiss, setting: Setting) -> Scripted:
-    """Cross the way of the vehicle that passes the place next to the time."""
+    """Cross the path of the vehicle that passes the place nearest to the requested time."""
     spot = find_spot(event.place, setting.twin, event.users)
     return _with_who_passes(
         event,
         setting,
         spot,
         lambda track, meets_s: _near(event, setting, track, meets_s),
-        # Metres and degrees say a place, not which lane of a junction.
+        # Coordinates give a place, not a lane of a junction.
         yaw=None if event.place.lane is None and event.place.street is None else spot.yaw,
         near_m=2.5 if event.place.lane is not None else 6.0,
     )
@@ -79,10 +80,10 @@ def _with_who_passes(
     yaw: float | None,
     near_m: float,
 ) -> Scripted:
-    """Return what ``stage`` makes of the first vehicle that passes for which it can be staged.
+    """Return the result of ``stage`` for the first passing vehicle for which it succeeds.
 
     Raises:
-        StageError: with none; why not with the first.
+        StageError: there is none; the reason is that of the first.
     """
     found = setting.others.passing(
         spot.xy,
@@ -103,10 +104,10 @@ def _with_who_passes(
 
 
 def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scripted:
-    """Cross the way of a track as near as is asked for.
+    """Cross the path of a track with the requested margin.
 
     Raises:
-        StageError: it cannot be.
+        StageError: it is not possible.
     """
     target = setting.others.passage(track)
     at = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
@@ -159,10 +160,10 @@ def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -
 
 
 def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: int) -> Scripted:
-    """Let a child run out before a track.
+    """Let a child run out in front of a track.
 
     Raises:
-        StageError: it cannot.
+        StageError: it is not possible.
     """
     target = setting.others.passage(track)
     refused = ""
@@ -182,7 +183,8 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
             continue
         side = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
         parked: list[PrescribedPath] = []
-        # All the time, at the kerb, or half or all on the sidewalk; else as long as it takes.
+        # Parked throughout, at the kerb, or half or fully on the sidewalk; else only around the
+        # encounter.
         around = max(meets_s - _STAND_S, 0.0), min(meets_s + _STAND_S, setting.until_s)
         ways_to_stand = [
             (further, span)
@@ -243,9 +245,9 @@ def _parked(
     further_m: float,
     span: tuple[float, float],
 ) -> tuple[list[PrescribedPath], float]:
-    """Return two parked cars on one side of a way, and how far out a child stands behind them.
+    """Return two cars parked on one side of a path, and the lateral offset of a child behind them.
 
-    They stand at the kerb, or further from the way by some metres, from one time to another.
+    They stand at the kerb, or ``further_m`` farther from the path, during an interval.
     """
     at, yaw = way.at(np.array([station]))[0], way.heading(station)
     across = side * np.array([-np.sin(yaw), np.cos(yaw)])
@@ -255,7 +257,7 @@ def _parked(
     kerb_m = max((one.length for one in pieces), default=2.0)
     names = [usual_asset("car", 3 * setting.number + k) for k in (1, 2)]
     widest = max(asset(name).width for name in names)
-    # With no room beside the lane they stand half on the sidewalk, as they do.
+    # Without room beside the lane they stand half on the sidewalk.
     out_m = max(kerb_m - _KERB_M - widest / 2, 2.0 + widest / 2) + further_m
     cars = []
     for name, sign in zip(names, (1.0, -1.0), strict=True):
@@ -277,7 +279,7 @@ def _parked(
 
 
 def _is_blocked(way: Way, mesh: str, setting: Setting) -> bool:
-    """Return whether a body that goes along a way comes into anything that stands."""
+    """Return whether a body that moves along a path overlaps a static obstacle."""
     stations = np.linspace(0.0, way.length, int(way.length / _LOOKED_AT_M) + 2)
     yaw = np.array([way.heading(float(one)) for one in stations])
     body = asset(mesh)
@@ -288,7 +290,7 @@ def _is_blocked(way: Way, mesh: str, setting: Setting) -> bool:
 def _ways_across(
     event: NearMiss, setting: Setting, at: NDArray[np.float64], yaw: float
 ) -> list[Way]:
-    """Return ways over a place, the best first: lanes for what drives, else straight across."""
+    """Return paths over a place, the best first: lanes for motor vehicles, else straight lines."""
     if event.actor in ("car", "motorcycle"):
         return _lanes_across(event.actor, setting, at, yaw)
     kerb = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
@@ -303,7 +305,7 @@ def _ways_across(
 def _lanes_across(
     actor_class: str, setting: Setting, at: NDArray[np.float64], yaw: float
 ) -> list[Way]:
-    """Return ways along lanes that cross a heading near a place, moved over the place."""
+    """Return paths along lanes that cross a heading near a place, shifted onto the place."""
     roads = setting.twin.roads
     found = []
     for lane in roads.lanes:
@@ -336,9 +338,9 @@ def _passing(
     mesh: str,
     track: int,
 ) -> PrescribedPath:
-    """Return who goes along a way evenly and leaves a post-encroachment time to a track.
+    """Return an actor with constant speed that leaves a post-encroachment time to a track.
 
-    Both keep their ways, so that a second later is a second more or less.
+    Both keep their paths, so that a delay changes the post-encroachment time by the same amount.
     """
     wanted = event.pet_s
     assert wanted is not None
@@ -375,13 +377,13 @@ def _braking(
     mesh: str,
     track: int,
 ) -> PrescribedPath:
-    """Return who is on a course to collide with a track, and brakes for it in time."""
+    """Return an actor on a collision course with a track that brakes in time."""
     wanted = event.ttc_s
     assert wanted is not None
     target = setting.others.passage(track).between(meets_s - 12.0, meets_s + 12.0)
     stands_m = _before_the_way(setting, way, place_m, mesh, target)
     path: PrescribedPath | None = None
-    # Braking late leaves a short time to collision; the speed says how late it can be.
+    # Late braking gives a short time to collision; the deceleration determines how late.
     low, high = _GENTLEST, _HARDEST
     reached = np.inf
     for _ in range(18):
@@ -412,7 +414,7 @@ def _before_the_way(
     mesh: str,
     target: Any,  # noqa: ANN401
 ) -> float:
-    """Return the station at which who comes along a way stands before the target's way."""
+    """Return the station at which an actor stands just before the target's path."""
     swept = shapely.union_all(target.boxes())
     half = asset(mesh).length / 2
     for station in np.arange(place_m, 0.0, -0.1):
@@ -435,17 +437,17 @@ def _stopping(
     event: NearMiss,
     mesh_and_end: tuple[str, float],
 ) -> PrescribedPath:
-    """Return who would meet the target, brakes to a stand before its way, and then goes on.
+    """Return an actor that would meet the target, stops before its path, and then proceeds.
 
     Args:
-        way: of who comes.
-        place_m: where it would meet the target.
-        meets_s: when.
+        way: path of the actor.
+        place_m: station at which it would meet the target.
+        meets_s: time at which it would meet the target.
         speed: m/s.
-        stands_m: where it stands.
-        deceleration: with which it brakes, m/s2: the harder, the later.
+        stands_m: station at which it stops.
+        deceleration: deceleration, m/s2; the higher, the later it brakes.
         event: the event.
-        mesh_and_end: its mesh, and the end of the motion.
+        mesh_and_end: its mesh, and the end of the motion, seconds.
     """
     mesh, until_s = mesh_and_end
     braking_m = speed * speed / (2 * deceleration)

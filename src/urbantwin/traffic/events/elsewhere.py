@@ -1,4 +1,4 @@
-"""Other places for an event whose own has not the traffic, or the room, that it needs."""
+"""Alternative places for an event whose own lacks the traffic or the room that it needs."""
 
 from __future__ import annotations
 
@@ -33,23 +33,24 @@ from urbantwin.twin import Twin
 
 __all__ = ["Passing", "moved", "places_that_serve", "staged_near"]
 
-#: Places along a lane lie so far apart, and so far from its ends, metres.
+#: Spacing of places along a lane, and their distance from its ends, metres.
 _APART_M, _FROM_ENDS_M = 15.0, 10.0
-#: So many are tried, besides the asked one: of who is put in, and of what SUMO drives again.
+#: Number of alternatives tried: for inserted actors, and for events that SUMO drives again.
 _TRIED, _DRIVEN_AGAIN = 10, 2
-#: No more than so many on one lane.
+#: Maximum number of alternatives on one lane.
 _ON_ONE_LANE = 2
-#: Who is slower stands, who is faster drives, m/s.
+#: Speeds below which a vehicle counts as standing, and above which as driving, m/s.
 _STANDS_MS, _DRIVES_MS = 1.0, 4.0
-#: Who is nearer is at the place, metres; who stands so near is in the way.
+#: Distance within which a vehicle is at the place, and a standing one is in the way, metres.
 _AT_M, _IN_THE_WAY_M = 6.0, 12.0
-#: Shares of the time that somebody stands in the way count in such steps.
+#: Rounding of the share of time during which a standing vehicle is in the way.
 _STEP_OF_SHARE = 0.25
-#: One close behind another: gap between the two middles, metres.
+#: Maximum distance between the centres of two vehicles in a following pair, metres.
 _CLOSE_M = 35.0
-#: Who comes to red is so far from the stop line when it still drives, and when it stands, metres.
+#: Distance to the stop line of vehicles that drive towards a red signal, and that wait there,
+#: metres.
 _COMES_TO_RED_M, _WAITS_M = 25.0, 8.0
-#: Comfortable braking, m/s2, and what is left before something that stands, metres.
+#: Comfortable braking, m/s2, and gap left before an obstacle, metres.
 _COMFORTABLE_MS2, _LEFT_M = 2.5, 4.0
 
 _Staged = TypeVar("_Staged")
@@ -57,11 +58,11 @@ _Staged = TypeVar("_Staged")
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """Vehicles of a motion: a row for each at each step.
+    """Vehicles of a motion, one row per vehicle and step.
 
     Attributes:
         time_s: (N,) seconds of the motion.
-        track: (N,).
+        track: (N,) track ids.
         xy: (N, 2) metres, site frame.
         speed: (N,) m/s.
         lane: (N,) ids of lanes.
@@ -75,7 +76,7 @@ class Passing:
 
     @classmethod
     def of(cls, actors: pa.Table, from_s: float, until_s: float) -> Passing:
-        """Return who is there between two times."""
+        """Return the vehicles between two times."""
         time_s = np.asarray(actors["time_s"].to_numpy(), np.float64)
         kind = np.asarray(actors["class"].to_numpy(zero_copy_only=False), str)
         there = (time_s >= from_s - 1e-6) & (time_s <= until_s + 1e-6)
@@ -90,9 +91,9 @@ class Passing:
         )
 
     def share_standing(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the share (M,) of the steps at which somebody stands in the way of places (M, 2).
+        """Return the share (M,) of steps at which a standing vehicle is near places (M, 2).
 
-        In coarse steps.
+        Rounded down to multiples of ``_STEP_OF_SHARE``.
         """
         steps = max(len(np.unique(self.time_s)), 1)
         slow = np.flatnonzero(self.speed < _STANDS_MS)
@@ -103,7 +104,7 @@ class Passing:
         return np.asarray(np.floor(share / _STEP_OF_SHARE) * _STEP_OF_SHARE)
 
     def on(self, spot: Spot) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Return the rows on a spot's lane, and how far along it they are, metres."""
+        """Return the rows on a spot's lane, and their positions along it, metres."""
         rows = np.flatnonzero(self.lane == spot.lane.id)
         line = shapely.LineString(spot.lane.centre[:, :2])
         return rows, np.asarray(shapely.line_locate_point(line, shapely.points(self.xy[rows])))
@@ -116,22 +117,22 @@ def staged_near(
     stage: Callable[[PlacedEvent], _Staged],
     refused: StageError,
 ) -> tuple[_Staged, dict[str, object]]:
-    """Stage an event of actors who are put in at another place, as it cannot be at its own.
+    """Stage an event of inserted actors at another place, if its own is not possible.
 
-    Places where nobody stands in the way come first, and of those the nearest.
+    Places without standing vehicles come first, and of those the nearest.
 
     Args:
         event: the event.
-        twin: where.
-        actors: who is there.
-        stage: stages it where its place says.
-        refused: why it could not be staged there.
+        twin: the twin.
+        actors: actors of the motion.
+        stage: stages an event at its place.
+        refused: error at the event's own place.
 
     Returns:
-        What was staged, and what is to be said of it.
+        The staged result, and entries of the report about the move.
 
     Raises:
-        StageError: nor elsewhere.
+        StageError: no other place is possible either.
     """
     spots = _around(event, twin)
     window = event.at_s - event.within_s, event.at_s + event.within_s
@@ -142,7 +143,7 @@ def staged_near(
     away = np.array([float(np.hypot(*(one.xy - asked.xy))) for one in spots])
     share = passing.share_standing(np.array([one.xy for one in spots]).reshape(-1, 2))
     on_lane: Counter[str] = Counter()
-    most = 1 if isinstance(event, UTurn) else _ON_ONE_LANE  # a U-turn looks along its lane itself
+    most = 1 if isinstance(event, UTurn) else _ON_ONE_LANE  # a U-turn tries its whole lane
     for k in np.lexsort([away, share]).tolist():
         if on_lane.total() == _TRIED:
             break
@@ -162,15 +163,15 @@ def staged_near(
 def places_that_serve(
     event: PlacedEvent, twin: Twin, actors: pa.Table
 ) -> list[tuple[Spot, dict[str, object]]]:
-    """Return where to stage an event that others react to, the first choice first.
+    """Return the places for an event that others react to, the best first.
 
-    Up to the event the traffic is the one without it: that tells where there is what it needs. The
-    asked place comes first if it has it; where none has, it is the only one.
+    Up to the event the traffic equals the one without it, which shows where its conditions hold.
+    The requested place comes first if they hold there; if they hold nowhere, it is the only one.
 
     Args:
         event: the event.
-        twin: where.
-        actors: who is there without it.
+        twin: the twin.
+        actors: actors of the motion without the event.
     """
     asked = find_spot(event.place, twin, event.users)
     if not asked.lane.road:
@@ -181,7 +182,7 @@ def places_that_serve(
         (one for one in _around(event, twin) if one.lane.road),
         key=lambda one: float(np.hypot(*(one.xy - asked.xy))),
     )
-    if isinstance(event, EmergencyVehicle | Convoy):  # they come along all of a street
+    if isinstance(event, EmergencyVehicle | Convoy):  # they use all lanes of a road
         first = {one.lane.road: one for one in reversed(others)}
         others = [one for one in others if first[one.lane.road] is one and one.lane != asked.lane]
     serving = [one for one in others if _serves(event, one, passing, signalled)]
@@ -192,8 +193,8 @@ def places_that_serve(
         (one, _told(float(np.hypot(*(one.xy - asked.xy))), reason))
         for one in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
     ]
-    # Whoever drives on a lane beside it takes part as well (`reacting.plan_events`), unless the
-    # lane is to be closed.
+    # A vehicle on a parallel lane may take part as well (`reacting.plan_events`), unless the lane
+    # is to be closed.
     beside = () if isinstance(event, WorkZone | Debris) else serving
     as_asked = any(
         one.lane.road == asked.lane.road and float(np.hypot(*(one.xy - asked.xy))) < _AT_M
@@ -215,7 +216,7 @@ def _told(away_m: float, why: object) -> dict[str, object]:
 
 
 def _around(event: PlacedEvent, twin: Twin) -> list[Spot]:
-    """Return other places within reach of an event's own; only of a lane if it names one."""
+    """Return other places within reach of an event's own; on the same lane if it names one."""
     asked = find_spot(event.place, twin, event.users)
     found = []
     for lane in lanes_for(twin, event.users):
@@ -238,7 +239,7 @@ def _somebody_drives(passing: Passing, spot: Spot) -> bool:
 
 
 def _serves(event: PlacedEvent, spot: Spot, passing: Passing, signalled: set[str]) -> bool:
-    """Return whether a place has what an event needs that others react to."""
+    """Return whether a place meets the conditions of an event that others react to."""
     rows, along = passing.on(spot)
     speed, ahead = passing.speed[rows], spot.along_m - along
     there, drives = np.abs(ahead) < _AT_M, speed > _DRIVES_MS
@@ -270,7 +271,7 @@ def _serves(event: PlacedEvent, spot: Spot, passing: Passing, signalled: set[str
 
 
 def _of_different_lanes(spots: list[Spot], event: PlacedEvent) -> list[Spot]:
-    """Return spots, where an event takes all of a lane only the first on each."""
+    """Return spots; for an event at the end of a lane, only the first on each lane."""
     if not isinstance(event, RedLightRunning):
         return spots
     first = {one.lane.id: one for one in reversed(spots)}
@@ -278,7 +279,7 @@ def _of_different_lanes(spots: list[Spot], event: PlacedEvent) -> list[Spot]:
 
 
 def _somebody_waits(spot: Spot, passing: Passing, signalled: set[str]) -> bool:
-    """Return whether somebody waits at a signal at the end of a lane: the first drives off."""
+    """Return whether a vehicle waits at the signal at the end of a lane."""
     rows, along = passing.on(spot)
     waits = (spot.lane.length - along < _WAITS_M) & (passing.speed[rows] < _STANDS_MS)
     return spot.lane.id in signalled and bool(waits.any())
@@ -287,7 +288,7 @@ def _somebody_waits(spot: Spot, passing: Passing, signalled: set[str]) -> bool:
 def _one_behind_another(
     passing: Passing, rows: NDArray[np.intp], along: NDArray[np.float64], spot: Spot
 ) -> bool:
-    """Return whether somebody drives close behind somebody, about a place of a lane."""
+    """Return whether two vehicles follow each other closely near a place on a lane."""
     order = np.lexsort([along, passing.time_s[rows]])
     times, at, speed = passing.time_s[rows][order], along[order], passing.speed[rows][order]
     same = np.diff(times) < 1e-6

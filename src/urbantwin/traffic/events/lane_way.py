@@ -1,4 +1,4 @@
-"""Ways along lanes: from a place on a lane backwards and onwards through junctions."""
+"""Paths along lanes: from a place on a lane back and onwards through junctions."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from urbantwin.roads import Lane, RoadNetwork
 
 __all__ = ["Way", "lane_way"]
 
-#: Points of a way lie so far apart, and its corners are rounded over so much, metres.
+#: Spacing of a path's points, and length over which its corners are rounded, metres.
 _EVERY_M, _ROUNDED_M = 0.5, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A line that somebody follows.
+    """A path in plan.
 
     Attributes:
         points: (N, 2) metres, site frame.
-        lanes: ids of the lanes that it follows, in order; empty where it follows none.
+        lanes: ids of the lanes that it follows, in order; empty if none.
     """
 
     points: NDArray[np.float64]
@@ -38,14 +38,11 @@ class Way:
 
     @property
     def length(self) -> float:
-        """Metres."""
+        """Length, metres."""
         return float(self.stations[-1])
 
     def at(self, station: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the places (M, 2) at distances (M,) from the start, straight on beyond its ends.
-
-        Metres.
-        """
+        """Return the points (M, 2) at stations (M,), metres, extrapolated beyond the ends."""
         inside = np.clip(station, 0.0, self.length)
         xy = np.column_stack([np.interp(inside, self.stations, axis) for axis in self.points.T])
         first, last = self.points[1] - self.points[0], self.points[-1] - self.points[-2]
@@ -54,24 +51,24 @@ class Way:
         return np.asarray(xy + beyond * last / max(np.linalg.norm(last), 1e-9))
 
     def heading(self, station: float) -> float:
-        """Return the heading at a distance from the start, rad."""
+        """Return the heading at a station, rad."""
         ends = self.at(np.array([station - 0.5, station + 0.5]))
         return float(np.arctan2(*(ends[1] - ends[0])[::-1]))
 
     def station_of(self, xy: NDArray[np.float64]) -> float:
-        """Return the distance from the start of what is nearest to a place (2,), metres."""
+        """Return the station of the path's point nearest to a place (2,), metres."""
         return float(shapely.line_locate_point(shapely.LineString(self.points), shapely.Point(xy)))
 
     def moved(self, left_m: float) -> Way:
-        """Return the way moved to its left."""
+        """Return the path shifted to its left, metres."""
         return Way(moved_left(self.points, left_m), self.lanes)
 
     def reversed(self) -> Way:
-        """Return the way from its end to its start."""
+        """Return the path from its end to its start."""
         return Way(self.points[::-1].copy(), self.lanes[::-1])
 
     def onwards(self, other: Way) -> Way:
-        """Return this way, and then another."""
+        """Return this path followed by another."""
         return Way(np.vstack([self.points, other.points]), (*self.lanes, *other.lanes))
 
 
@@ -84,15 +81,15 @@ def lane_way(
     back_m: float,
     ahead_m: float,
 ) -> tuple[Way, float]:
-    """Return the straightest way through a place on a lane, and the place's station on it.
+    """Return the straightest path through a place on a lane, and the place's station on it.
 
     Args:
         roads: the lanes.
-        lane: on which the place is.
+        lane: lane of the place.
         along_m: the place, metres from the lane's start.
-        actor_class: who goes there.
-        back_m: how far the way begins before the place, if the lanes lead so far.
-        ahead_m: how far it leads beyond.
+        actor_class: class that uses the path.
+        back_m: length of the path before the place, if the lanes reach so far, metres.
+        ahead_m: length of the path beyond the place, metres.
     """
     before = _before(roads)
     chain, have = [lane], along_m
@@ -136,7 +133,7 @@ def _before(roads: RoadNetwork) -> Mapping[str, list[Lane]]:
 def _straightest(
     options: list[Lane], lane: Lane, *, backwards: bool, taken: list[Lane]
 ) -> Lane | None:
-    """Return the lane that goes on most straightly; ``None`` where there is none."""
+    """Return the lane that continues most straightly; ``None`` if there is none."""
     fresh = [one for one in options if one not in taken]
     if not fresh:
         return None
@@ -145,7 +142,7 @@ def _straightest(
 
     def turn(one: Lane) -> tuple[float, str]:
         points = one.centre[:, :2]
-        # A turn's own far end says where it leads.
+        # The far end of a turning lane gives its direction.
         other = points[1] - points[0] if backwards else points[-1] - points[-2]
         size = max(float(np.linalg.norm(other) * np.linalg.norm(heading)), 1e-9)
         return round(-float(heading @ other) / size, 6), one.id
@@ -154,7 +151,7 @@ def _straightest(
 
 
 def _rounded(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (N, 2) with corners rounded as a driver would; the ends stay."""
+    """Return points (N, 2) with rounded corners; the ends stay."""
     half = int(_ROUNDED_M / _EVERY_M / 2)
     if len(points) <= 2 * half + 1:
         return points

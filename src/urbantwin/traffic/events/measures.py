@@ -1,13 +1,13 @@
 """Measures of a conflict between two actors: time to collision, post-encroachment time, gap.
 
 - *Time to collision* (Hayward, Near-miss determination through use of a scale of danger, Highway
-  Research Record 384, 1972; FHWA, Surrogate Safety Assessment Model, FHWA-HRT-08-051, 2008): at a
-  moment, how long it is until the two touch if both keep their velocities. Here the outlines are
-  the boxes in plan, which keep their headings; the figure of a conflict is the least over time.
+  Research Record 384, 1972; FHWA, Surrogate Safety Assessment Model, FHWA-HRT-08-051, 2008): the
+  time until the two touch if both keep their velocities. Outlines are the boxes in plan with
+  constant headings; the value of a conflict is the minimum over time.
 - *Post-encroachment time* (Allen, Shin and Cooper, Analysis of traffic conflicts and collisions,
-  Transportation Research Record 667, 1978): from when the first actor has left the area that both
-  pass over to when the second comes into it; negative where both are in it at once.
-- *Gap*: the distance between the boxes in plan; 0 where they touch.
+  Transportation Research Record 667, 1978): from the first actor leaving the area that both pass
+  over to the second entering it; negative if both are in it at once.
+- *Gap*: the distance between the boxes in plan; 0 if they touch.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ __all__ = [
     "times_to_collision",
 ]
 
-#: Passages are looked at this finely, seconds: what a box covers changes between two steps.
+#: Time resolution for post-encroachment times, finer than the motion's steps, seconds.
 _FINE_S = 0.01
-#: An area that both pass over is larger than this, square metres; less is a touch of corners.
+#: Least size of an area that both pass over, square metres; less is a touch of corners.
 _AREA_M2 = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """How one actor's box moves in plan.
+    """Motion of one actor's box in plan.
 
     Attributes:
-        time_s: (N,) ascending moments, seconds.
-        xy: (N, 2) middle, metres.
+        time_s: (N,) ascending times, seconds.
+        xy: (N, 2) centre, metres.
         yaw: (N,) heading, rad.
         velocity: (N, 2) m/s.
         length: metres.
@@ -63,17 +63,17 @@ class Passage:
         length: float,
         width: float,
     ) -> Passage:
-        """Return a passage whose velocity is that of its places."""
+        """Return a passage with velocities derived from its positions."""
         moving = np.gradient(xy, time_s, axis=0) if len(time_s) > 1 else np.zeros_like(xy)
         return cls(time_s, xy, yaw, moving, length, width)
 
     def between(self, start_s: float, stop_s: float) -> Passage:
-        """Return the part from one moment to another, both included."""
+        """Return the part between two times, both included."""
         kept = (self.time_s >= start_s - 1e-6) & (self.time_s <= stop_s + 1e-6)
         return self.of_rows(kept)
 
     def of_rows(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Passage:
-        """Return the passage at some of its moments."""
+        """Return the passage at some of its times."""
         return Passage(
             self.time_s[rows],
             self.xy[rows],
@@ -101,10 +101,10 @@ def corners_of(
     """Return the corners (N, 4, 2) of boxes in plan.
 
     Args:
-        xy: (N, 2) middles, metres.
+        xy: (N, 2) centres, metres.
         yaw: (N,) headings, rad.
-        length: (N,) or of all, metres.
-        width: (N,) or of all, metres.
+        length: (N,) or one for all, metres.
+        width: (N,) or one for all, metres.
     """
     half, aside = (np.reshape(side, (-1, 1)) / 2 for side in (length, width))
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)]) * half
@@ -115,14 +115,14 @@ def corners_of(
 
 @dataclass(frozen=True)
 class Conflict:
-    """How near two actors came to each other.
+    """Measures of a conflict between two actors.
 
     Attributes:
-        ttc_s: least time to collision; ``None`` where they were never on a course to collide.
-        ttc_at_s: when that was.
-        pet_s: post-encroachment time; ``None`` where no area is passed over by both.
+        ttc_s: least time to collision; ``None`` if they were never on a collision course.
+        ttc_at_s: time of ``ttc_s``.
+        pet_s: post-encroachment time; ``None`` if there is no area that both pass over.
         gap_m: smallest gap.
-        gap_at_s: when that was.
+        gap_at_s: time of ``gap_m``.
     """
 
     ttc_s: float | None
@@ -132,15 +132,15 @@ class Conflict:
     gap_at_s: float
 
     def told(self) -> dict[str, float | None]:
-        """Return the figures for a manifest, to milliseconds and millimetres."""
+        """Return the values for a manifest, rounded to milliseconds and millimetres."""
         found = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return {name: None if one is None else round(one, 3) for name, one in found.items()}
 
 
 def conflict(a: Passage, b: Passage) -> Conflict | None:
-    """Return how near two actors came; ``None`` where they were never there at the same time.
+    """Return the measures of two actors' conflict; ``None`` if they never exist at the same time.
 
-    Both have their moments at steps of the same motion.
+    The times of both are steps of the same motion.
     """
     _, first, second = np.intersect1d(
         np.round(a.time_s, 6), np.round(b.time_s, 6), return_indices=True
@@ -161,16 +161,15 @@ def conflict(a: Passage, b: Passage) -> Conflict | None:
 
 
 def gaps(a: Passage, b: Passage) -> NDArray[np.float64]:
-    """Return the distance (N,) between the boxes at each moment of both."""
+    """Return the distance (N,) between the boxes at each time."""
     return np.asarray(shapely.distance(a.boxes(), b.boxes()), np.float64)
 
 
 def times_to_collision(a: Passage, b: Passage) -> NDArray[np.float64]:
-    """Return, at each moment of both, the time (N,) until the boxes touch; ``inf`` for never.
+    """Return, at each time, the time (N,) until the boxes touch; ``inf`` for never.
 
-    Two convex outlines that move straight on touch when their shadows on the normals of all their
-    sides overlap at once: from the latest of the times at which a pair of shadows begins to overlap
-    to the earliest at which one ceases to.
+    Two convex outlines in straight motion touch when their projections on the normals of all their
+    sides overlap at once: from the latest begin to the earliest end of these overlaps.
     """
     corners_a, corners_b = a.corners(), b.corners()
     moving = a.velocity - b.velocity
@@ -196,7 +195,7 @@ def times_to_collision(a: Passage, b: Passage) -> NDArray[np.float64]:
 def post_encroachment(a: Passage, b: Passage) -> float | None:
     """Return the post-encroachment time of two actors, seconds; see the module.
 
-    Of several areas that both pass over it is the one with the least time.
+    If several areas are passed by both, the least time; ``None`` if there is none.
     """
     fine_a, fine_b = _fine(a), _fine(b)
     swept_a, swept_b = _swept(fine_a), _swept(fine_b)
@@ -217,8 +216,8 @@ def post_encroachment(a: Passage, b: Passage) -> float | None:
 
 
 def _stay(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | None:
-    """Return when a box comes into an area and when it leaves."""
-    # A box that stands at the border covers nothing of the area.
+    """Return the times at which a box enters an area and leaves it; ``None`` if it never does."""
+    # A box that only touches the border covers no part of the area.
     inside = np.flatnonzero(shapely.area(shapely.intersection(passage.boxes(), area)) > 1e-4)
     if not len(inside):
         return None
@@ -226,7 +225,7 @@ def _stay(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | Non
 
 
 def _fine(passage: Passage) -> Passage:
-    """Return the passage at moments ``_FINE_S`` apart."""
+    """Return the passage resampled to steps of ``_FINE_S``."""
     start, stop = passage.time_s[0], passage.time_s[-1]
     times = np.linspace(start, stop, max(round(float(stop - start) / _FINE_S), 0) + 1)
     columns = (*passage.xy.T, np.unwrap(passage.yaw), *passage.velocity.T)
@@ -236,7 +235,7 @@ def _fine(passage: Passage) -> Passage:
 
 
 def _swept(passage: Passage) -> NDArray[np.object_]:
-    """Return what a box passes over from each moment to the next."""
+    """Return the areas that a box sweeps between consecutive times."""
     few = passage.of_rows(np.unique(np.linspace(0, len(passage.yaw) - 1, 400).astype(np.intp)))
     corners = few.corners()
     if len(corners) == 1:

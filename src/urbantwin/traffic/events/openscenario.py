@@ -1,4 +1,4 @@
-"""ASAM OpenSCENARIO XML as a scenario: each object that follows a trajectory is put in."""
+"""ASAM OpenSCENARIO XML as a scenario: objects that follow trajectories are inserted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urbantwin.traffic.recorded.formats import openscenario_rows
 
 __all__ = ["TRAFFIC_STORY", "openscenario_events"]
 
-#: Who is in a story of this name is no event's: it is the traffic of the motion that was exported.
+#: Objects of the story with this name are the exported motion's traffic, not events.
 TRAFFIC_STORY = "traffic"
 
 
@@ -25,11 +25,11 @@ def openscenario_events(path: Path, until_s: float) -> list[dict[str, Any]]:
     """Return an event ``trajectory`` for each object that a file moves outside of the traffic.
 
     Args:
-        path: the ``.xosc``; its positions are those of the site's frame.
-        until_s: length of the motion, seconds.
+        path: the ``.xosc``; positions are in the site frame.
+        until_s: duration of the motion, seconds.
 
     Raises:
-        InputError: it is no such file, or has no such object; the line is named.
+        InputError: it is no such file, or has no such object; the message names the line.
     """
     rows = openscenario_rows(path, TracksSpec(tracks=path.name), without_story=TRAFFIC_STORY)
     bodies = _bodies(path)
@@ -74,7 +74,7 @@ def _is_asset(name: str, actor: str) -> bool:
 
 
 def _bodies(path: Path) -> dict[str, str]:
-    """Return what the body of each object is called."""
+    """Return the name of each object's model."""
     root = etree.parse(path, etree.XMLParser(resolve_entities=False, no_network=True)).getroot()
     return {
         str(one.get("name")): str(body.get("name"))

@@ -1,4 +1,4 @@
-"""Places as people say them: a lane, a street, a crossing, metres of the site, degrees."""
+"""Places of events: a lane, a street, a crossing, site coordinates, or degrees."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from urbantwin.twin import Twin
 
 __all__ = ["Place", "Spot", "find_spot", "lanes_for", "nearest_to_anchor", "spot_on"]
 
-#: A lane is at a place of x and y that is not farther from it, metres.
+#: Maximum distance of a lane from given coordinates, metres.
 _NEAR_M = 15.0
 _DRIVEN = ("driving", "bus", "bicycle", "connection")
 _WALKED = ("sidewalk", "crossing", "walkingarea")
 
 
 class Place(Strict):
-    """Where an event happens: one of the ways to say it.
+    """The place of an event, given in one of several ways.
 
     Attributes:
-        lane: id of a lane, as ``roads.json`` and the plan have it; with ``offset_m`` from its
-            start, else its middle.
+        lane: id of a lane, as in ``roads.json`` and the plan; at ``offset_m`` from its start, else
+            its middle.
         offset_m: metres.
-        street: name of a street; its lane that leads to the junction nearest to the anchor, at
-            ``before_junction_m`` metres before its end, or the one that leads away from it,
+        street: name of a street: its lane that leads to the junction nearest to the anchor, at
+            ``before_junction_m`` metres before its end, or the one that leads away from it, at
             ``after_junction_m`` metres after its start.
-        before_junction_m: metres; 30 where neither is said.
+        before_junction_m: metres; 30 if neither is given.
         after_junction_m: metres.
         crossing: id of a crossing, or the name of the street that it crosses (the one nearest to
             the anchor).
@@ -79,11 +79,11 @@ class Place(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A place on a lane.
+    """A position on a lane.
 
     Attributes:
         lane: the lane.
-        along_m: from its start.
+        along_m: metres from its start.
         xy: (2,) site frame, metres.
         yaw: heading of the lane there, rad.
     """
@@ -95,7 +95,7 @@ class Spot:
 
 
 def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
-    """Return a place on a lane that a class of actors may use.
+    """Return the position of a place on a lane that a class of actors may use.
 
     Raises:
         InputError: there is no such lane, street or crossing, or no lane there.
@@ -134,10 +134,10 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
 
 
 def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
-    """Return the place on a lane for a class of actors that is nearest to the anchor, metres.
+    """Return the point nearest to the anchor on a lane for a class of actors, metres.
 
     Raises:
-        InputError: there is no lane for them.
+        InputError: there is no such lane.
     """
     near = _lanes_near(twin, np.zeros(2), actor_class)
     if not near:
@@ -149,7 +149,7 @@ def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
 
 
 def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[tuple[float, str]]:
-    """Return how far the lanes for a class of actors are from a place, metres, and their ids."""
+    """Return the lanes for a class of actors: distance from a place, metres, and id."""
     return [
         (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
         for one in lanes_for(twin, actor_class)
@@ -167,10 +167,10 @@ def lanes_for(twin: Twin, actor_class: str) -> list[Lane]:
 
 
 def spot_on(lane: Lane, along_m: float, place: str = "place") -> Spot:
-    """Return the place on a lane, metres from its start.
+    """Return the position on a lane, metres from its start.
 
     Raises:
-        InputError: the lane is not so long; ``place`` names the field.
+        InputError: the lane is shorter; ``place`` names the field.
     """
     if not 0 <= along_m <= lane.length + 1e-6:
         raise InputError(
@@ -188,7 +188,7 @@ def spot_on(lane: Lane, along_m: float, place: str = "place") -> Spot:
 
 
 def _on_street(place: Place, twin: Twin, actor_class: str) -> Spot:
-    """Return a place on the street's lane that leads to, or from, the middle junction."""
+    """Return a position on the street's lane that leads to, or from, the main junction."""
     roads = twin.roads
     mine = [road for road in roads.roads if road.name == place.street]
     if not mine:
@@ -248,7 +248,7 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
 
 
 def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set[str]]:
-    """Return the names of the streets that each crossing leads over."""
+    """Return the names of the streets that each crossing crosses."""
     strips = [
         (road.name, shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2]).buffer(12.0))
         for road in roads.roads
@@ -261,7 +261,7 @@ def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set
 
 
 def _some(name: str, known: list[str]) -> str:
-    """Return what was probably meant, or a few of what there is."""
+    """Return the most similar name, or a few of the existing ones."""
     near = nearest(name, known)
     if not near.startswith("one of"):
         return near

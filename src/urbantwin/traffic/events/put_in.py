@@ -1,4 +1,4 @@
-"""Events of actors who are put in: staged one after the other into a motion."""
+"""Events with inserted actors, staged one after the other into a motion."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
     "with_events",
 ]
 
-#: What each material becomes: nothing sends light back, and cloth is as dark as rubber.
+#: Replaced materials: none is retroreflective or shiny, and clothes are as dark as rubber.
 _BECOMES = {
     **dict.fromkeys(
         ("retroreflector", "reflex-reflector", "lamp-lens", "paint-white"), "metal-dark"
@@ -56,7 +56,7 @@ _BECOMES = {
 
 
 def unlit(motion: Motion, track: int) -> Motion:
-    """Return a motion in which one track's mesh has no reflectors; it gets a name of its own."""
+    """Return a motion in which one track's mesh has no reflectors, under a name of its own."""
     table = motion.actors
     tracks = table["track"].to_numpy()
     names = np.asarray(table["asset"].to_numpy(zero_copy_only=False), object).copy()
@@ -86,7 +86,7 @@ def unlit(motion: Motion, track: int) -> Motion:
     )
 
 
-#: Others who come nearer than this to an event's actor are looked at, metres.
+#: Maximum distance of another actor that is reported as nearest, metres.
 _NEAR_M = 30.0
 
 
@@ -101,17 +101,17 @@ def event_row(
     with_track: int | None = None,
     told: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the row of an event.
+    """Return the manifest's entry of an event.
 
     Args:
-        event: what was asked for.
-        others: everybody in the motion, with the event.
+        event: the requested event.
+        others: all actors of the motion, including those of the event.
         staged: ``inserted`` or ``simulated``.
         tracks: the event's own actors, the main one first.
-        from_s: when it begins.
-        until_s: and ends.
-        with_track: who it is about; whoever comes nearest where ``None``.
-        told: what is to be said besides.
+        from_s: begin of the event.
+        until_s: end of the event.
+        with_track: the other track of the conflict; ``None``: the nearest.
+        told: further entries.
     """
     main = tracks[0] if tracks else None
     met, found = None, None
@@ -144,7 +144,7 @@ def conflict_with(
     until_s: float,
     ignoring: frozenset[int] = frozenset(),
 ) -> tuple[int | None, Conflict | None]:
-    """Return who came nearest to a track in a time, and how near."""
+    """Return the nearest other track to a track during an interval, and their conflict."""
     own = others.passage(main).between(from_s, until_s)
     if not len(own.time_s):
         return None, None
@@ -153,7 +153,7 @@ def conflict_with(
         if nearest is None or nearest.gap_m > _NEAR_M:
             return None, None
         with_track = nearest.track
-    # The other may pass over the place before or after the event.
+    # The other may pass the place before or after the event.
     other = others.passage(with_track).between(from_s - 10.0, until_s + 10.0)
     return with_track, conflict(own, other)
 
@@ -173,7 +173,7 @@ def _class_of(others: Surroundings, track: int) -> str:
     return str(others.kind[others.rows_of(track)[0]])
 
 
-#: Events that change nobody else, and what makes their actors.
+#: Events to which others do not react, and the functions that make their actors.
 PUT_IN: dict[str, Callable[[Any, Setting], Scripted]] = {
     "near_miss": near_miss,
     "wrong_way": wrong_way,
@@ -189,12 +189,13 @@ PUT_IN: dict[str, Callable[[Any, Setting], Scripted]] = {
 
 @dataclass(frozen=True)
 class StagedEvent:
-    """What was staged within SUMO, its actors by their tracks.
+    """An event staged within SUMO, with the tracks of its actors.
 
     Attributes:
-        reaction: what became of it.
-        tracks: of its actors, the main one first.
-        seam_m: how far anybody was moved where the motion goes over into the one with the event.
+        reaction: its outcome.
+        tracks: tracks of its actors, the main one first.
+        seam_m: largest displacement of any actor where the motion changes into the one with the
+            event, metres.
     """
 
     reaction: Reaction
@@ -211,13 +212,13 @@ def staged_table(
     """Return the actors of a motion in which others react to events, and the events' tracks.
 
     Args:
-        without: actors of the same traffic without the events, tracks being numbers of trips.
-        with_them: the same with them.
-        found: what became of the events.
+        without: actors of the same traffic without the events; tracks are numbers of trips.
+        with_them: actors with the events; tracks are numbers of trips.
+        found: outcomes of the events.
         events: the events.
 
     Raises:
-        StageError: an actor of an event is nowhere to be seen.
+        StageError: an actor of an event is never visible.
     """
     table, numbers, seam = spliced(without, with_them, changed_from(events))
     staged = []
@@ -235,18 +236,19 @@ def staged_table(
 def with_events(
     motion: Motion, twin: Twin, events: Sequence[tuple[int, Event]], staged: Sequence[StagedEvent]
 ) -> Motion:
-    """Return a motion with what its events put in, and a row for each event in its manifest.
+    """Return a motion with the actors that events insert, and an entry for each event.
 
-    Who is put in changes nobody else. An event sees those of the events before it.
+    Other actors do not react to inserted ones. An event takes account of the actors of earlier
+    ones.
 
     Args:
-        motion: the motion, with what was staged within SUMO.
-        twin: that it is on.
+        motion: the motion, including events staged within SUMO.
+        twin: the motion's twin.
         events: number of each in its scenario, and the event.
         staged: those that were staged within SUMO.
 
     Raises:
-        StageError: an event cannot be staged; it says what is missing.
+        StageError: an event cannot be staged; the message gives the reason.
     """
     surface = TwinSurface(twin)
     rows: dict[int, dict[str, Any]] = {}
@@ -261,12 +263,12 @@ def with_events(
 def _row_of(
     one: StagedEvent, motion: Motion, twin: Twin, surface: TwinSurface
 ) -> tuple[dict[str, Any], Motion]:
-    """Return the row of an event staged within SUMO, and the motion with what marks its place."""
+    """Return the entry of an event staged within SUMO, and the motion with its static objects."""
     reaction, tracks = one.reaction, one.tracks
     told = {**reaction.told, "seam_m": round(one.seam_m, 4)}
     bodies = _bodies_of(reaction, twin)
     if bodies:
-        # Cones and what lies on a lane stand where they are told to.
+        # Static objects on a lane have fixed positions.
         motion, tracks = inserted(motion, bodies, surface, through_walls=True)
     others = Surroundings(motion)
     row = event_row(
@@ -283,7 +285,7 @@ def _row_of(
 
 
 def _bodies_of(reaction: Reaction, twin: Twin) -> list[PrescribedPath]:
-    """Return what stands on the lane for an event that closes it."""
+    """Return the static objects on the lane of an event that closes it."""
     event = reaction.event
     if not isinstance(event, WorkZone | Debris):
         return []
@@ -298,13 +300,13 @@ def _bodies_of(reaction: Reaction, twin: Twin) -> list[PrescribedPath]:
 def _put_in(
     event: Event, number: int, motion: Motion, surface: TwinSurface
 ) -> tuple[dict[str, Any], Motion]:
-    """Return the row of an event whose actors are put in, and the motion with them."""
+    """Return the entry of an event with inserted actors, and the motion with them."""
     others = Surroundings(motion)
     twin = surface.solid.twin
     setting = Setting(twin, others, int(motion.manifest["seed"]), number, surface.solid)
     told: dict[str, Any] = {}
 
-    def stage(one: Any) -> tuple[Scripted, Insertion]:  # noqa: ANN401 - of any event
+    def stage(one: Any) -> tuple[Scripted, Insertion]:  # noqa: ANN401 - any event
         found = PUT_IN[event.event](one, setting)
         made = Insertion.of(motion, found.paths, surface)
         if met := surface.solid.met_by(made.rows, motion.step_s):

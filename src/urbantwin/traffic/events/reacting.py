@@ -1,4 +1,4 @@
-"""Events that others react to: staged within SUMO, beside the same traffic without them."""
+"""Events that others react to: staged within SUMO, next to the same traffic without them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ __all__ = [
     "spliced",
 ]
 
-#: Events that SUMO's vehicles take part in, and what is missing where one cannot be staged.
+#: Events that SUMO's vehicles take part in, and the reason if one cannot be staged.
 REACTING = {
     "hard_brake": "no vehicle drove past the place",
     "collision": "no two vehicles drove one close behind the other at the place",
@@ -55,11 +55,12 @@ REACTING = {
     "work_zone": "the lane was never free there",
     "debris": "the lane was never free there",
 }
-#: Who comes in for an event does so this far before the place, and goes on so far, metres.
+#: Length of the route of vehicles that enter for an event, before and beyond the place, metres.
 _COMES_M, _GOES_M = 150.0, 200.0
-#: Where a motion goes over into the one with events, differences fade out within this, seconds.
+#: Duration over which differences fade out where the motion changes into the one with events,
+#: seconds.
 _FADES_S = 2.0
-#: How wide a work zone is at most, metres.
+#: Maximum width of a work zone, metres.
 _ZONE_M = 2.0
 
 
@@ -67,7 +68,7 @@ class NotStagedError(StageError):
     """An event could not be staged.
 
     Attributes:
-        number: of the event in its scenario.
+        number: number of the event in its scenario.
     """
 
     def __init__(self, problem: str, number: int) -> None:
@@ -77,12 +78,12 @@ class NotStagedError(StageError):
 
 @dataclass(frozen=True)
 class Plan:
-    """What SUMO is to stage.
+    """The events that SUMO is to stage.
 
     Attributes:
-        rows: an event each, as ``staging`` takes them; times from SUMO's start.
-        added: trips of who comes in for an event, numbered after the demand's.
-        spots: place of each event, by its number.
+        rows: one entry per event, in the form of ``staging``; times from SUMO's start.
+        added: trips of vehicles that enter for an event, numbered after the demand's.
+        spots: position of each event, by its number.
     """
 
     rows: tuple[dict[str, Any], ...]
@@ -92,15 +93,15 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Reaction:
-    """What became of an event within SUMO; times are the motion's.
+    """The outcome of an event within SUMO; times are the motion's.
 
     Attributes:
-        number: of the event in its scenario.
+        number: number of the event in its scenario.
         event: the event.
-        trips: of its actors, the main one first.
-        from_s: when it begins.
-        until_s: and ends.
-        told: what else is known of it.
+        trips: trips of its actors, the main one first.
+        from_s: begin of the event.
+        until_s: end of the event.
+        told: further results.
     """
 
     number: int
@@ -114,16 +115,16 @@ class Reaction:
 def plan_events(
     events: Sequence[tuple[int, Event]], twin: Twin, demand: Demand, start_s: float
 ) -> Plan:
-    """Return what SUMO is to stage.
+    """Return the events in the form that SUMO's process stages.
 
     Args:
         events: number of each in its scenario, and the event.
-        twin: where.
-        demand: who is there without the events.
+        twin: the twin.
+        demand: trips without the events.
         start_s: SUMO's time at which the motion starts.
 
     Raises:
-        StageError: a place is no lane of a street.
+        StageError: a place is not on a lane of a street.
     """
     rows, spots = [], {}
     added: list[Trip] = []
@@ -166,10 +167,10 @@ def plan_events(
 def reactions(
     simulated: Simulated, events: Sequence[tuple[int, Event]], start_s: float, until_s: float
 ) -> list[Reaction]:
-    """Return what became of the events.
+    """Return the outcomes of the events.
 
     Raises:
-        NotStagedError: one could not be staged; what was missing is told.
+        NotStagedError: an event could not be staged; the message gives the reason.
     """
     by_number = dict(events)
     found = []
@@ -211,7 +212,7 @@ def reactions(
 
 
 def changed_from(events: Sequence[tuple[int, Event]]) -> float:
-    """Return the first time at which an event may have changed anything, seconds of the motion."""
+    """Return the first time at which an event may change the motion, seconds."""
     return min(event.at_s for _, event in events)
 
 
@@ -220,19 +221,19 @@ def spliced(
 ) -> tuple[pa.Table, dict[int, int], float]:
     """Return the table without the events up to a time, and with them from then on.
 
-    Paths are smoothed over some metres, and people kept apart, with an eye to what comes: what
-    happens later would move the rows before it. Who looks at the time before the events finds the
-    very bytes of a motion without them; from then on the difference fades out.
+    Smoothing of paths and resolving of conflicts look ahead, so that later events would change
+    earlier rows. Here the rows before the events are byte-identical to a motion without them;
+    afterwards the difference fades out.
 
     Args:
         without: actors of the same traffic without the events; tracks are numbers of trips.
-        with_them: actors with them; tracks are numbers of the same trips.
-        from_s: when the first event begins.
+        with_them: actors with the events; tracks are numbers of the same trips.
+        from_s: begin of the first event.
 
     Returns:
-        The table, tracks numbered as they are without the events and after them who comes with
-        them; the number of each track by its trip; and how far anybody stands, in the last step
-        before the events, from where it would stand with them, metres.
+        The table, with tracks numbered as without the events, followed by the event's own actors;
+            the track of each trip; and the largest distance between the two versions in the last
+            step before the events, metres.
     """
     before = without.filter(pc.less(without["time_s"], from_s - 1e-6))
     after = with_them.filter(pc.greater_equal(with_them["time_s"], from_s - 1e-6))
@@ -252,10 +253,7 @@ def spliced(
 
 
 def _apart(without: pa.Table, with_them: pa.Table, from_s: float) -> dict[int, NDArray[np.float64]]:
-    """Return how far each track is, in the last step before a time, from where it is with events.
-
-    (2,) metres, by track.
-    """
+    """Return each track's displacement (2,) by events in the last step before a time, metres."""
     times = without["time_s"].to_numpy()
     earlier = times[times < from_s - 1e-6]
     if not len(earlier):
@@ -269,7 +267,7 @@ def _apart(without: pa.Table, with_them: pa.Table, from_s: float) -> dict[int, N
 
 
 def _faded(table: pa.Table, apart: dict[int, NDArray[np.float64]], from_s: float) -> pa.Table:
-    """Return rows moved by what their tracks are apart at a time, less and less from then on."""
+    """Return rows shifted by their tracks' displacements, which fade out after a time."""
     times = table["time_s"].to_numpy()
     share = np.clip(1.0 - (times - from_s) / _FADES_S, 0.0, 1.0)
     none = np.zeros(2)
@@ -282,12 +280,12 @@ def _faded(table: pa.Table, apart: dict[int, NDArray[np.float64]], from_s: float
 
 
 def everybody(demand: Demand, plan: Plan) -> Demand:
-    """Return the demand with who comes in for events."""
+    """Return the demand with the trips that events add."""
     return replace(demand, trips=(*demand.trips, *plan.added))
 
 
 def _lanes_that_do(event: PlacedEvent, spot: Spot, twin: Twin) -> list[str]:
-    """Return the place's lane, and those beside it unless the very lane was asked for."""
+    """Return the place's lane, and parallel ones unless that lane was requested by id."""
     if event.place.lane is not None:
         return [spot.lane.id]
     road = next(one for one in twin.roads.roads if one.id == spot.lane.road)
@@ -312,7 +310,7 @@ def _obstacle(event: WorkZone | Debris, spot: Spot) -> dict[str, Any]:
 def _arrivals(
     event: EmergencyVehicle | Convoy, number: int, spot: Spot, twin: Twin, at_s: float
 ) -> list[Trip]:
-    """Return the trips of who comes in."""
+    """Return the trips of vehicles that enter for an event."""
     way, _ = lane_way(
         twin.roads, spot.lane, spot.along_m, event.users, back_m=_COMES_M, ahead_m=_GOES_M
     )
@@ -327,7 +325,7 @@ def _arrivals(
 
 
 def _emergency_mesh() -> tuple[str, str]:
-    """Return the class and mesh of a vehicle with blue light: one of its own, or a large van."""
+    """Return the class and asset of a vehicle with a blue light: dedicated, or a large van."""
     for kind in ("car", "truck"):
         for name in asset_names(kind):
             if any(word in name for word in ("ambulance", "police", "fire")):
@@ -338,7 +336,7 @@ def _emergency_mesh() -> tuple[str, str]:
 def _coming(
     event: EmergencyVehicle | Convoy, arrivals: Sequence[Trip], names: Sequence[str]
 ) -> dict[str, Any]:
-    """Return what SUMO has to know of who comes in."""
+    """Return SUMO's input about the vehicles that enter."""
     emergency = isinstance(event, EmergencyVehicle)
     types: dict[str, dict[str, Any]] = {}
     vehicles = []

@@ -1,4 +1,4 @@
-"""``scenario.yaml``: rare events, each by its name with its parameters, at a place and a time."""
+"""``scenario.yaml``: rare events by name, with parameters, place and time."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ Vehicle = Literal["car", "truck", "bus", "motorcycle", "bicycle"]
 
 
 class Event(Strict):
-    """What every event has.
+    """Fields of all events.
 
     Attributes:
         event: its name.
-        at_s: when, seconds of the motion.
-        within_s: how much later, or for actors that are put in how much earlier or later, it may
-            be, so that it meets the traffic that it needs or finds room.
+        at_s: requested time, seconds of the motion.
+        within_s: tolerance of the time, seconds, within which the event finds the traffic or room
+            that it needs: later, or for inserted actors also earlier.
     """
 
     event: str
@@ -75,9 +75,9 @@ class PlacedEvent(Event):
     """An event at a place.
 
     Attributes:
-        place: where.
-        within_m: how far from there it may be, on the same lane if the place names one, where the
-            place itself has not the traffic or the room that it needs.
+        place: the requested place.
+        within_m: distance within which another place may be used (on the same lane if the place
+            names one) if the requested one lacks the traffic or room that it needs, metres.
     """
 
     place: Place
@@ -93,7 +93,7 @@ class HardBrake(PlacedEvent):
 
 
 class RedLightRunning(PlacedEvent):
-    """The next vehicle that comes to a red signal on the place's lane drives on."""
+    """The next vehicle that approaches a red signal on the place's lane drives on."""
 
     within_s: Within = 90.0
 
@@ -106,20 +106,20 @@ class StalledVehicle(PlacedEvent):
 
 
 class Collision(PlacedEvent):
-    """A driver does not see that the vehicle ahead brakes; both stay as wrecks."""
+    """A driver does not notice that the vehicle ahead brakes; both stay as wrecks."""
 
     deceleration: Braking = 8.0
     within_s: Within = 90.0
 
 
 class EmergencyVehicle(PlacedEvent):
-    """A vehicle with blue light comes through a place, and others make way."""
+    """A vehicle with a blue light passes a place, and others make way."""
 
     speed_factor: Annotated[float, Field(ge=0.5, le=2.0)] = 1.4
 
 
 class Convoy(PlacedEvent):
-    """Trucks one behind the other, through a place."""
+    """Trucks that pass a place one behind the other."""
 
     count: Annotated[int, Field(ge=2, le=30)] = 5
 
@@ -130,7 +130,7 @@ class Convoy(PlacedEvent):
 
 
 class WorkZone(PlacedEvent):
-    """Cones and barriers close a part of a lane, from its start (the place) on."""
+    """Cones and barriers close a part of a lane, from the place onwards."""
 
     length_m: Annotated[float, Field(ge=5.0, le=200.0)] = 20.0
     lasts_s: Lasting | None = None
@@ -138,21 +138,21 @@ class WorkZone(PlacedEvent):
 
 
 class Debris(PlacedEvent):
-    """Something that was lost lies on a lane."""
+    """A lost object lies on a lane."""
 
     lasts_s: Lasting | None = None
     within_s: Within = 90.0
 
 
 class NearMiss(PlacedEvent):
-    """Somebody crosses the way of a vehicle of the traffic, by as little as is asked for.
+    """An actor crosses the path of a vehicle of the traffic with a requested margin.
 
     Attributes:
-        actor: who crosses.
+        actor: class of the crossing actor.
         pet_s: post-encroachment time: it passes before the vehicle (``passes: before``) or after.
-        ttc_s: least time to collision: it is on a course to collide, and brakes.
+        ttc_s: least time to collision: it is on a collision course, and brakes.
         passes: before or after the vehicle.
-        speed: of who crosses, m/s; usual for the class where not given.
+        speed: speed of the crossing actor, m/s; default: usual for the class.
     """
 
     actor: Literal["car", "motorcycle", "bicycle", "pedestrian"] = "bicycle"
@@ -170,12 +170,12 @@ class NearMiss(PlacedEvent):
 
     @property
     def users(self) -> str:
-        """The vehicle whose way is crossed is on the place's lane."""
+        """The class of the vehicle whose path is crossed."""
         return "car"
 
 
 class ChildBetweenParkedCars(PlacedEvent):
-    """A child runs out from between two parked cars, before a vehicle of the traffic."""
+    """A child runs out from between two parked cars, in front of a vehicle."""
 
     pet_s: Apart = 1.0
     speed: Pace = 3.0
@@ -183,21 +183,21 @@ class ChildBetweenParkedCars(PlacedEvent):
 
 
 class WrongWay(PlacedEvent):
-    """Somebody drives against the direction of a lane."""
+    """A vehicle drives against the direction of a lane."""
 
     actor: Vehicle = "car"
     speed: Pace = 8.0
 
 
 class Passage(PlacedEvent):
-    """One more comes along the lane at a place."""
+    """An additional actor passes along the lane at a place."""
 
     actor: Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian"] = "bicycle"
     speed: Pace | None = None
 
 
 class UTurn(PlacedEvent):
-    """Somebody turns round on the street."""
+    """A vehicle makes a U-turn on the street."""
 
     actor: Vehicle = "car"
     speed: Pace = 4.0
@@ -215,7 +215,7 @@ class BicycleWithoutLight(PlacedEvent):
 
 
 class Crowd(PlacedEvent):
-    """People stand together."""
+    """A group of standing pedestrians."""
 
     count: Annotated[int, Field(ge=2, le=300)] = 20
     lasts_s: Lasting = 30.0
@@ -227,16 +227,16 @@ class Crowd(PlacedEvent):
 
 
 class Trajectory(Event):
-    """Somebody follows a trajectory, whoever is in the way.
+    """An actor follows a trajectory, regardless of other actors.
 
     Attributes:
         actor: its class.
-        name: as the trajectory's file calls it.
-        asset: its body; a usual one of the class where not given.
-        time_s: moments, ascending, seconds of the motion.
-        x: where it is then: the middle of its bounds, metres of the site.
-        y: the same, north.
-        yaw_deg: where it faces, degrees counter-clockwise from east; where it goes if not given.
+        name: its name in the trajectory's file.
+        asset: its asset; default: a usual one of the class.
+        time_s: ascending times, seconds of the motion.
+        x: east coordinate of the centre of its bounds at these times, site frame, metres.
+        y: north coordinate, metres.
+        yaw_deg: heading, degrees counter-clockwise from east; default: the direction of travel.
     """
 
     actor: str = "car"
@@ -262,12 +262,13 @@ class Trajectory(Event):
 
 
 class BlockedSensor(Event):
-    """A truck stands before a sensor of the twin's rig.
+    """A truck stands in front of a sensor of the twin's rig.
 
     Attributes:
-        sensor: its name; the first of the rig where not given.
-        lasts_s: how long it stands there.
-        least_share: of the junction that the sensor sees without it, what it has to hide.
+        sensor: its name; default: the first of the rig.
+        lasts_s: duration of the stop.
+        least_share: least share that it hides of the part of the junction that the sensor sees
+            without it.
     """
 
     sensor: str | None = None
@@ -275,7 +276,7 @@ class BlockedSensor(Event):
     least_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
 
 
-#: Events by their names.
+#: Events by name.
 EVENTS: dict[str, type[Event]] = {
     "near_miss": NearMiss,
     "collision": Collision,
@@ -298,16 +299,17 @@ EVENTS: dict[str, type[Event]] = {
 
 
 def load_scenario(path: Path, twin: Twin | None, until_s: float) -> list[dict[str, Any]]:
-    """Read a scenario and return its events as ``traffic.scenario`` holds them.
+    """Read a scenario and return its events in the form of ``traffic.scenario``.
 
     Args:
         path: the ``scenario.yaml``, or a ``.xosc`` (ASAM OpenSCENARIO XML).
-        twin: whose lanes, streets and crossings it names; ``None``: they are not looked for.
-        until_s: length of the motion, seconds.
+        twin: the twin whose lanes, streets and crossings are named; ``None``: places are not
+            checked.
+        until_s: duration of the motion, seconds.
 
     Raises:
-        InputError: the file is wrong, or names what the twin does not have; file and line are
-            named.
+        InputError: the file is wrong, or names a place that the twin does not have; the message
+            names file and line.
     """
     if path.suffix.lower() == ".xosc":
         from urbantwin.traffic.events.openscenario import openscenario_events
@@ -346,14 +348,14 @@ def load_scenario(path: Path, twin: Twin | None, until_s: float) -> list[dict[st
 def one_passage(
     actor: str, street: str | None, twin: Twin, from_s: float, until_s: float
 ) -> dict[str, Any]:
-    """Return the event of one more actor, half-way through a time, as ``traffic.scenario`` has it.
+    """Return an event of an additional actor in an interval, as in ``traffic.scenario``.
 
     Args:
         actor: its class.
-        street: a street's name; ``None`` for the lane nearest to the anchor.
-        twin: whose lanes there are.
-        from_s: seconds of the motion.
-        until_s: the same.
+        street: name of a street; ``None``: the lane nearest to the anchor.
+        twin: the twin.
+        from_s: begin of the interval, seconds of the motion.
+        until_s: end of the interval, seconds of the motion.
 
     Raises:
         InputError: no such class or street, or no lane for it.
@@ -375,5 +377,5 @@ def one_passage(
 
 
 def scenario_events(told: Sequence[Mapping[str, Any]]) -> list[Event]:
-    """Return events as `load_scenario` told them."""
+    """Return events from the form that `load_scenario` returns."""
     return [EVENTS[one["event"]].model_validate(dict(one), strict=True) for one in told]

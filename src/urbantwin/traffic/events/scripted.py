@@ -1,4 +1,4 @@
-"""Events whose actors' ways are ours: they are put into a motion, and nobody else changes."""
+"""Events with scripted paths: their actors are inserted into a motion, others do not change."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ __all__ = ["USUAL_SPEED_MS", "Scripted", "Setting", "WaySignals", "bicycle_witho
 
 
 class WaySignals:
-    """Whether somebody who goes along a way evenly comes to a red signal.
+    """Check of red signals for an actor that moves along a path at constant speed.
 
     Args:
-        way: the way.
+        way: the path.
         place_m: a place on it, metres from its start.
         speed: m/s.
-        roads: whose signals there are.
-        motion: in which they show something.
+        roads: the road network with its signals.
+        motion: the motion with the signals' states.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class WaySignals:
                 self.stops.append((later_s, shown))
 
     def __call__(self, at_s: float) -> str | None:
-        """Return what is in the way of who is at the place at a time."""
+        """Return a red signal that an actor at the place at a time meets; ``None`` if none."""
         for later_s, links in self.stops:
             time_s = at_s + later_s
             if time_s < 0:
@@ -79,7 +79,7 @@ class WaySignals:
 
 __all__ += ["drive_along", "first_free", "passage", "span_of", "trajectory", "wrong_way"]
 
-#: Who is put in drives as fast as its class does in towns, m/s.
+#: Usual speeds of inserted actors in towns, m/s.
 USUAL_SPEED_MS = {
     "car": 8.0,
     "truck": 7.0,
@@ -88,28 +88,29 @@ USUAL_SPEED_MS = {
     "bicycle": 5.0,
     "pedestrian": 1.4,
 }
-#: Who is put in stays at least so far from everybody else, metres.
+#: Least gap of inserted actors to all others, metres.
 CLEAR_M = 0.25
-#: Times that are tried lie so far apart, seconds.
+#: Spacing of the times that are tried, seconds.
 _TRIED_EVERY_S = 0.5
-#: Every so many steps are looked at before all of them.
+#: Every n-th step is checked first, before all of them.
 _SOME_STEPS = 8
-#: Moments of a path lie so far apart, seconds.
+#: Spacing of the times of a path, seconds.
 MOMENT_S = 0.1
-#: Paths begin and end so far from the place, metres; nearer where others are in the way.
+#: Length of paths before and beyond the place, metres; shorter ones are tried if others are in the
+#: way.
 REACHES_M = (60.0, 35.0, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What an event happens in.
+    """The surroundings of an event.
 
     Attributes:
-        twin: where.
-        others: who is there.
-        seed: of random choices of this event.
-        number: of the event, which chooses its meshes.
-        solid: what stands there.
+        twin: the twin.
+        others: actors of the motion.
+        seed: random seed.
+        number: number of the event, which selects its assets.
+        solid: static obstacles.
     """
 
     twin: Twin
@@ -120,20 +121,20 @@ class Setting:
 
     @property
     def until_s(self) -> float:
-        """The last step of the motion."""
+        """Time of the motion's last step, seconds."""
         return float(self.others.motion.times()[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """Who is put into a motion for an event.
+    """The actors inserted for an event.
 
     Attributes:
-        paths: who, and how they move.
-        from_s: when the event begins.
-        until_s: and ends.
-        with_track: the track of the traffic that it is about; ``None`` for whoever comes nearest.
-        told: what is to be said of it besides.
+        paths: their paths.
+        from_s: begin of the event.
+        until_s: end of the event.
+        with_track: the track of the traffic that it concerns; ``None``: the nearest.
+        told: further entries of the report.
     """
 
     paths: tuple[PrescribedPath, ...]
@@ -149,16 +150,16 @@ def first_free(
     build: Callable[[float], Sequence[PrescribedPath]],
     refuses: Callable[[float], str | None] | None = None,
 ) -> tuple[float, Sequence[PrescribedPath]]:
-    """Return the time nearest to the event's at which its actors run into nobody, and the actors.
+    """Return the time nearest to the event's at which its actors hit no other, and the actors.
 
     Args:
-        event: says when, and how far from that.
-        setting: where it happens.
+        event: gives the requested time and its tolerance.
+        setting: the surroundings.
         build: makes the actors for a time.
-        refuses: says what else is in the way at a time.
+        refuses: returns another reason against a time, or ``None``.
 
     Raises:
-        StageError: there is no such time; who is in the way is told.
+        StageError: there is no such time; the message names the actor in the way.
     """
     in_the_way = ""
     for at_s in _times(event, setting.until_s):
@@ -174,7 +175,8 @@ def first_free(
                 continue
             found = None
             if in_the_way:
-                # Most times are refused, and by somebody who is in the way for a second or more.
+                # Most times are rejected because of an actor that is in the way for a second or
+                # more.
                 some = np.arange(0, len(passage.time_s), _SOME_STEPS)
                 found = setting.others.nearest(passage.of_rows(some))
             if found is None or found.gap_m >= CLEAR_M:
@@ -214,20 +216,19 @@ def drive_along(
     *,
     until_s: float | None = None,
 ) -> PrescribedPath:
-    """Return somebody who goes along a way evenly, and is at a place on it at a time.
+    """Return an actor that moves along a path at constant speed and is at a place at a time.
 
     Args:
-        way: the way.
-        place_m: the place, metres from the way's start.
+        way: the path.
+        place_m: the place, metres from the path's start.
         at_s: the time.
         speed: m/s.
-        actor_class: who.
+        actor_class: its class.
         asset: its mesh.
-        until_s: the end of the motion, before and after which nobody is kept; ``None`` for all of
-            the way.
+        until_s: end of the motion, to which the actor is cut; ``None``: the whole path.
 
     Raises:
-        StageError: nothing of it is within the motion.
+        StageError: no part of it is within the motion.
     """
     first, last = at_s - place_m / speed, at_s + (way.length - place_m) / speed
     if until_s is not None:
@@ -240,23 +241,23 @@ def drive_along(
 
 
 def wrong_way(event: WrongWay, setting: Setting) -> Scripted:
-    """Drive against the direction of the lane at the place."""
+    """Make a vehicle that drives against the direction of the lane at the place."""
     return _along_lane(event, setting, event.actor, event.speed, backwards=True)
 
 
 def bicycle_without_light(event: BicycleWithoutLight, setting: Setting) -> Scripted:
-    """Ride along the lane at the place, on the kerb's side."""
+    """Make a bicycle along the lane at the place, on the kerb's side."""
     return _along_lane(event, setting, "bicycle", event.speed, told={"unlit": True})
 
 
 def passage(event: Passage, setting: Setting) -> Scripted:
-    """Come along the lane at the place, as anybody does."""
+    """Make an additional actor along the lane at the place."""
     speed = event.speed or USUAL_SPEED_MS[event.actor]
     return _along_lane(event, setting, event.actor, speed, heeds_signals=True)
 
 
 def trajectory(event: Trajectory, setting: Setting) -> Scripted:
-    """Follow a trajectory that is given."""
+    """Make an actor with a given trajectory."""
     mesh = event.asset or usual_asset(event.actor, setting.number)
     times = np.array(event.time_s)
     kept = times < setting.until_s + MOMENT_S
@@ -276,16 +277,16 @@ def _along_lane(
     heeds_signals: bool = False,
     told: dict[str, Any] | None = None,
 ) -> Scripted:
-    """Go along the lane at the place evenly, two-wheelers on the kerb's side if there is room.
+    """Make an actor along the lane at constant speed, two-wheelers on the kerb's side.
 
-    Where others are in the way of the whole of it, a shorter part is gone along.
+    If other actors block the whole path, a shorter part of it is used.
     """
     spot = find_spot(event.place, setting.twin, event.users)
     mesh = usual_asset(actor_class, setting.number)
     refused: StageError | None = None
     reaches = [(reach_m, reach_m) for reach_m in REACHES_M]
     if heeds_signals:
-        # At worst it comes from where the place's own lane begins: behind the stop line.
+        # The shortest path starts at the begin of the place's own lane, beyond the stop line.
         reaches.append((spot.along_m, REACHES_M[-1]))
     lateral = _lateral(actor_class, spot, setting.twin)
     for (back_m, ahead_m), beside_m in product(reaches, lateral):
@@ -321,7 +322,7 @@ def _along_lane(
 
 
 def crowd(event: Crowd, setting: Setting) -> Scripted:
-    """Let people stand together on what is walked on around the place."""
+    """Make a group of standing pedestrians on the walkable area around the place."""
     spot = find_spot(event.place, setting.twin, event.users)
     roads = setting.twin.roads
     walked = shapely.union_all(
@@ -330,8 +331,8 @@ def crowd(event: Crowd, setting: Setting) -> Scripted:
     random = np.random.Generator(np.random.Philox(key=[setting.seed, 7000 + setting.number]))
     from_s, until_s = event.at_s, min(event.at_s + event.lasts_s, setting.until_s)
     paths: list[PrescribedPath] = []
-    # A crowd of 1.5 people per square metre still lets everybody stand (Fruin, Pedestrian Planning
-    # and Design, 1971: level of service D).
+    # 1.5 persons per square metre still allow standing (Fruin, Pedestrian Planning and Design,
+    # 1971: level of service D).
     radius = float(np.sqrt(event.count / 1.5 / np.pi)) + 0.5
     taken: list[NDArray[np.float64]] = []
     for trial in range(200 * event.count):
@@ -371,14 +372,14 @@ def crowd(event: Crowd, setting: Setting) -> Scripted:
 
 
 def span_of(paths: Sequence[PrescribedPath], told: dict[str, Any]) -> Scripted:
-    """Return actors, from when the first comes until the last has gone."""
+    """Return actors as an event from the first appearance to the last disappearance."""
     first = min(float(path.time_s[0]) for path in paths)
     last = max(float(path.time_s[-1]) for path in paths)
     return Scripted(tuple(paths), first, last, told=told)
 
 
 def _lateral(actor_class: str, spot: Spot, twin: Twin) -> tuple[float, ...]:
-    """Return how far to the left of the lane's middle to try, metres: two-wheelers at the kerb."""
+    """Return lateral offsets to try, metres to the left; two-wheelers at the kerb first."""
     if actor_class not in ("bicycle", "motorcycle"):
         return (0.0,)
     kerb = -1.0 if twin.roads.driving_side == "right" else 1.0

@@ -1,4 +1,4 @@
-"""Who else is where in a motion, asked by time and place."""
+"""Queries of a motion's actors by time and place."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from urbantwin.traffic.prescribed import PrescribedPath
 
 __all__ = ["Surroundings", "passage_of_path"]
 
-#: Boxes whose middles are farther apart than this do not come near each other, metres.
+#: Boxes whose centres are farther apart than this are ignored, metres.
 _FAR_M = 25.0
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """Who came nearest: track, distance between the boxes in metres, when."""
+    """The nearest actor: track, gap between the boxes in metres, and time."""
 
     track: int
     gap_m: float
@@ -30,12 +30,12 @@ class Nearest:
 
 
 class _Others(NamedTuple):
-    """Boxes (N,) beside moments of a passage.
+    """Boxes (N,) near a passage at its times.
 
     Attributes:
-        number: (N,) of the moment.
-        track: (N,) whose box.
-        xy: (N, 2) its middle, metres.
+        number: (N,) index of the time.
+        track: (N,) track id.
+        xy: (N, 2) centre, metres.
         yaw: (N,) rad.
         length: (N,) metres.
         width: (N,) metres.
@@ -56,11 +56,11 @@ class _Others(NamedTuple):
 
 
 def _nearest(passage: Passage, others: _Others) -> Nearest | None:
-    """Return whose box comes nearest to a passage; of several the first in time."""
+    """Return the box nearest to a passage; of equally near ones the first in time."""
     if not len(others.number):
         return None
-    # Between middles less both outer circles a gap is no smaller, less both inner ones no larger:
-    # few boxes need to be looked at closely.
+    # A gap is at least the distance of the centres less both outer radii, and at most that less
+    # both inner radii: few boxes need the exact distance.
     apart = np.linalg.norm(others.xy - passage.xy[others.number], axis=1)
     outer = (np.hypot(others.length, others.width) + np.hypot(passage.length, passage.width)) / 2
     inner = (np.minimum(others.length, others.width) + min(passage.length, passage.width)) / 2
@@ -85,7 +85,7 @@ class Surroundings:
         self.time_s = np.asarray(table["time_s"].to_numpy(), np.float64)
         self._steps, begins = np.unique(self.time_s, return_index=True)
         self._begins = np.append(begins, len(self.time_s))
-        if not len(self._steps):  # nobody is ever there
+        if not len(self._steps):  # no actors at all
             self._steps, self._begins = np.array([np.inf]), np.zeros(2, np.int64)
         self.track = np.asarray(table["track"].to_numpy(), np.int64)
         self.xy = np.column_stack([table[name].to_numpy() for name in ("x", "y")])
@@ -108,7 +108,7 @@ class Surroundings:
         return self._order[first:last]
 
     def passage(self, track: int) -> Passage:
-        """Return how a track moves."""
+        """Return the passage of a track."""
         rows = self.rows_of(track)
         ahead = np.column_stack([np.cos(self.yaw[rows]), np.sin(self.yaw[rows])])
         return Passage(
@@ -121,7 +121,7 @@ class Surroundings:
         )
 
     def nearest(self, passage: Passage, ignoring: frozenset[int] = frozenset()) -> Nearest | None:
-        """Return who comes nearest to a passage whose moments are steps of the motion."""
+        """Return the nearest actor to a passage whose times are steps of the motion."""
         if not len(passage.time_s):
             return None
         step = np.searchsorted(self._steps, passage.time_s - 1e-6).clip(0, len(self._steps) - 1)
@@ -140,7 +140,7 @@ class Surroundings:
         return _nearest(passage, moving.and_others(self._parked_near(passage)))
 
     def _parked_near(self, passage: Passage) -> _Others:
-        """Return the parked vehicles at the moments at which a passage is near them."""
+        """Return the parked vehicles near a passage, at the times of nearness."""
         parked = self._parked
         xy = np.column_stack([parked["x"], parked["y"]])
         away = np.linalg.norm(xy[:, None] - passage.xy, axis=2)
@@ -160,17 +160,17 @@ class Surroundings:
         near_m: float = 2.0,
         least_ms: float = 2.0,
     ) -> list[tuple[int, float]]:
-        """Return the tracks that pass a place, and when, the nearest to a time first.
+        """Return the tracks that pass a place, with their times, the nearest to a time first.
 
         Args:
             xy: (2,) the place.
             at_s: the time.
-            within_s: how far from it.
-            classes: whom to take.
-            yaw: where it goes, within 60 degrees, rad; ``None`` for anywhere.
-            until_s: it is there before.
-            near_m: its middle comes as near as this.
-            least_ms: and is as fast as this.
+            within_s: tolerance of the time.
+            classes: classes of actors to consider.
+            yaw: heading, within 60 degrees, rad; ``None``: any.
+            until_s: latest time.
+            near_m: largest distance of its centre from the place.
+            least_ms: least speed, m/s.
         """
         away = np.hypot(*(self.xy - xy).T)
         right = np.cos(self.yaw - (self.yaw if yaw is None else yaw)) > 0.5
@@ -185,7 +185,7 @@ class Surroundings:
 
 
 def passage_of_path(path: PrescribedPath, motion: Motion) -> Passage:
-    """Return how a prescribed actor moves, at the steps of a motion."""
+    """Return the passage of a prescribed actor at the steps of a motion."""
     times = motion.times()
     times = times[(times >= path.time_s[0] - 1e-6) & (times <= path.time_s[-1] + 1e-6)]
     heading = path.heading()

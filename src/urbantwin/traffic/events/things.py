@@ -1,4 +1,4 @@
-"""What stands on a lane that is closed, and what was lost on one: bodies that sensors see."""
+"""Static objects of events: cones and barriers on a closed lane, and lost objects."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from urbantwin.traffic.prescribed import PrescribedPath
 
 __all__ = ["DEBRIS", "debris", "work_zone"]
 
-#: What was lost.
+#: Asset of the lost object.
 DEBRIS = "pallet"
-#: Cones stand so far from each other at most, metres (German rules, RSA 21: 5 m across in towns).
+#: Maximum spacing of cones, metres (German rules, RSA 21: 5 m across in towns).
 _CONES_APART_M = 3.0
-#: Half of what a cone and a barrier take across and along, metres.
+#: Half of the extent of a cone and of a barrier, metres.
 _CONE_M, _BARRIER_M = 0.2, 0.25
 
 
@@ -26,10 +26,10 @@ def work_zone(
 
     Args:
         lane: the lane.
-        from_m: where it begins, metres from the lane's start.
-        to_m: where it ends.
-        width_m: how wide it is, about the middle of the lane.
-        times: from when until when they stand there, seconds.
+        from_m: begin of the part, metres from the lane's start.
+        to_m: end of the part.
+        width_m: width of the part, centred on the lane.
+        times: begin and end of the event, seconds.
     """
     bodies = [
         _standing(lane, along_m, 0.0, "barrier", times, turned)
@@ -45,12 +45,12 @@ def work_zone(
 
 
 def debris(lane: Lane, along_m: float, times: tuple[float, float]) -> list[PrescribedPath]:
-    """Return what was lost on a lane; its far end is a place, as it is for who comes.
+    """Return the lost object on a lane.
 
     Args:
         lane: the lane.
-        along_m: its middle, metres from the lane's start.
-        times: from when until when it lies there, seconds.
+        along_m: its centre, metres from the lane's start.
+        times: begin and end of the event, seconds.
     """
     return [_standing(lane, along_m, 0.0, DEBRIS, times)]
 

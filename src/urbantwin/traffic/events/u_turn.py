@@ -1,4 +1,4 @@
-"""Somebody who turns round on the street."""
+"""U-turns on the street."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from urbantwin.twin import Twin
 
 __all__ = ["TurnInThree", "turn_in_three", "u_turn"]
 
-#: Turned so far when the far kerb is reached, rad.
+#: Heading change of the first move of a three-point turn, rad.
 _FIRST = np.radians(75.0)
-#: Mean speed between two reversals, m/s; pause at each, s; braking before and speeding up after.
+#: Mean speed within a move, m/s; pause after each, s; braking before and acceleration after, m/s2.
 _PACE_MS, _PAUSE_S, _GENTLE_MS2 = 1.5, 0.8, 2.0
 _EVERY_M, _EVERY_S = 0.1, 0.1
 
 
 class TurnInThree(NamedTuple):
-    """Where somebody is who turns round in three moves.
+    """Path of a three-point turn.
 
     Attributes:
-        time_s: (N,) from when the second move, backwards, is half done.
+        time_s: (N,) seconds, relative to the middle of the second move, backwards.
         xy: (N, 2) site frame, metres.
-        yaw: (N,) where it faces, rad, without leaps.
-        moves: (M, 2) places of the three moves alone.
+        yaw: (N,) heading, rad, unwrapped.
+        moves: (M, 2) points of the three moves alone.
     """
 
     time_s: NDArray[np.float64]
@@ -54,18 +54,18 @@ class TurnInThree(NamedTuple):
 def turn_in_three(
     spot: Spot, back: Spot, radius: float, before: Way, away: Way, speed: float
 ) -> TurnInThree | None:
-    """Return a turn of three moves on circles of one radius; ``None`` where none leads back.
+    """Return a three-point turn on circles of one radius; ``None`` if none reaches the lane back.
 
-    Turned by a and then by b, it has moved across by R (1 - cos a), back by R (cos a - cos b), and
-    on by R (1 + cos b): together 2 R (1 - cos a + cos b), which is how far the lanes are apart.
+    With heading changes a and then b, it moves across by R (1 - cos a), back by R (cos a - cos b),
+    and on by R (1 + cos b): together 2 R (1 - cos a + cos b), the distance of the lanes.
 
     Args:
-        spot: where it begins, on the way there.
-        back: a place on the lane that leads back.
-        radius: of the middle of the vehicle, metres.
-        before: the way to the spot.
-        away: the way onwards from the place on the lane back.
-        speed: on both, m/s.
+        spot: begin of the turn.
+        back: a place on the lane in the opposite direction.
+        radius: turning radius of the vehicle's centre, metres.
+        before: path to the spot.
+        away: path onwards from the place on the lane back.
+        speed: speed on both, m/s.
     """
     ahead = np.array([np.cos(spot.yaw), np.sin(spot.yaw)])
     left = np.array([-ahead[1], ahead[0]])
@@ -120,7 +120,7 @@ def turn_in_three(
 def _line(
     way: Way, speed: float, *, stops: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (N,), places and headings of who goes along a way and stops or sets off there.
+    """Return times (N,), positions and headings along a path with a stop at its end or its begin.
 
     Times begin at 0.
     """
@@ -139,13 +139,13 @@ def _line(
     return times, way.at(station), np.unwrap(heading)
 
 
-#: Somebody turns round as far from the place as this, along the lane, where there is room, metres.
+#: Offsets along the lane at which a U-turn is tried, metres.
 _SHIFTS_M = tuple(sorted((5.0 * k for k in range(-6, 7)), key=abs))
-#: The tightest turns of vehicles, radius of the middle of the vehicle, metres: what U-turns try.
+#: Turning radii of the vehicles' centres that are tried, metres, down to the tightest.
 _RADII_M = {"car": (5.5, 5.0, 4.5), "bicycle": (3.0, 2.0), "motorcycle": (4.0, 3.0)}
 _LARGE_RADII_M = (9.0, 8.0)
-#: A junction no farther than this is turned round in where the street has no room, at places so
-#: far beyond the stop line, onto lanes that are no farther than this, metres, and lead back.
+#: Maximum distance to a junction that is used if the street has no room, places beyond the stop
+#: line, and maximum distance of the lane back, metres.
 _TO_JUNCTION_M, _BEYOND_M, _WIDE_M = 60.0, (2.0, 5.0, 8.0, 12.0), 30.0
 _PARALLEL = -0.95
 #: Share of a U-turn that may lie beside the carriageway.
@@ -153,7 +153,7 @@ _BESIDE = 0.03
 
 
 def u_turn(event: UTurn, setting: Setting) -> Scripted:
-    """Turn round from the place's lane to the one of the other direction, where there is room."""
+    """Make a U-turn from the place's lane to the opposite one, where there is room."""
     asked = find_spot(event.place, setting.twin, event.users)
     refused: StageError | None = None
     for shift_m in _SHIFTS_M:
@@ -177,10 +177,10 @@ def u_turn(event: UTurn, setting: Setting) -> Scripted:
 def _turned_round(
     event: UTurn, setting: Setting, spot: Spot, shift_m: float, back: Spot | None = None
 ) -> Scripted:
-    """Turn round at a spot, to a place on the way back.
+    """Make a U-turn at a spot, to a place on the lane back.
 
     Raises:
-        StageError: there is no room or no time for it.
+        StageError: there is no room, or no free time.
     """
     back = _opposite(event, spot, setting.twin) if back is None else back
     there, place_m = lane_way(
@@ -208,7 +208,7 @@ def _turned_round(
     for reach_m in REACHES_M:
         before = there.at(np.arange(max(place_m - reach_m, 0.0), place_m, 0.5))
         after = away.at(np.arange(begin_m, min(begin_m + reach_m, away.length), 0.5))
-        # The way back begins where the turn has led to, ahead or behind.
+        # The path back begins where the turn ends, which may lie ahead or behind.
         keep = (after - turn[-1]) @ np.array([np.cos(back.yaw), np.sin(back.yaw)]) > 0.4
         way = Way(np.vstack([before, turn, after[keep]]))
         middle = way.station_of(turn[len(turn) // 2])
@@ -241,10 +241,10 @@ def _in_three(
     away: Way,
     begin_m: float,
 ) -> Scripted | None:
-    """Turn round in three moves, where there is room for that; two-wheelers have no need to.
+    """Make a three-point turn, if there is room; two-wheelers never need one.
 
     Raises:
-        StageError: there is room, and no time for it.
+        StageError: there is room, but no free time.
     """
     if event.actor in ("bicycle", "motorcycle"):
         return None
@@ -280,7 +280,7 @@ def _in_three(
 
 
 def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
-    """Return the nearest place on a lane that leads the other way."""
+    """Return the nearest place on a lane in the opposite direction."""
     found = []
     for lane in twin.roads.lanes:
         if lane.kind not in ("driving", "bus") or event.actor not in lane.allowed:
@@ -305,9 +305,9 @@ def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
 
 
 def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, Spot]]:
-    """Yield places in the junction at the end of a lane, and on lanes that leave it the other way.
+    """Yield places in the junction at the end of a lane, and on opposite lanes from there.
 
-    Streets whose directions are parted by an island can be turned round on nowhere else.
+    Streets with a median allow U-turns only there.
     """
     lane = asked.lane
     if lane.length - asked.along_m > _TO_JUNCTION_M:
@@ -330,16 +330,16 @@ def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, 
 
 
 def _place(lane: Lane, along_m: float) -> NDArray[np.float64]:
-    """Return a place on a lane (2,)."""
+    """Return a point on a lane (2,)."""
     point = shapely.LineString(lane.centre[:, :2]).interpolate(along_m)
     return np.array([point.x, point.y])
 
 
 def _omega(spot: Spot, back: Spot, radius: float) -> NDArray[np.float64]:
-    """Return a turn (N, 2) of a radius onto the way back: outwards first where that is too near.
+    """Return a turn (N, 2) of a given radius onto the lane back, outwards first if too near.
 
-    Between lanes that are less than two radii apart it leads away by an angle a, round by a half
-    turn and 2 a, and back by a: cos a = (apart / 2 + radius) / (2 radius).
+    Between lanes less than two radii apart it leads away by an angle a, round by a half turn and 2
+    a, and back by a: cos a = (apart / 2 + radius) / (2 radius).
     """
     ahead = np.array([np.cos(spot.yaw), np.sin(spot.yaw)])
     left = np.array([-ahead[1], ahead[0]])

@@ -1,8 +1,8 @@
-"""Who waits at stops, gets on and off, in SUMO's process.
+"""Boarding and alighting at stops, in SUMO's process.
 
-Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``worker``). For SUMO, who
-waits and who is away both stand at the stop, and are seen by nobody; this says when somebody gets
-on, who gets off, and lets them walk on.
+Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``). In SUMO, both waiting and
+absent passengers stand at the stop, and neither is recorded. This module decides who boards and
+alights, and lets alighted passengers walk on.
 """
 
 from __future__ import annotations
@@ -11,24 +11,26 @@ from typing import Any
 
 import libsumo
 
-#: SUMO's number of a stage of waiting.
+#: SUMO's number of a waiting stage.
 _WAITING = 1
-#: Doors open so long after the halt, then one after the other comes so much later, seconds
-#: (Transit Capacity and Quality of Service Manual 2013, chapter 6: 1.75 s to 2.5 s through a door
-#: of a bus without payment; several doors are open).
+#: Time from the halt until the doors open, and between consecutive passengers, seconds (Transit
+#: Capacity and Quality of Service Manual 2013, chapter 6: 1.75 s to 2.5 s through a door of a bus
+#: without payment; several doors are open).
 DOORS_S, EACH_S = 1.0, 1.8
-#: So many have the time to get on during a halt; who got on is away for so long, seconds.
+#: Maximum number of passengers per halt and direction, and least time between boarding and
+#: alighting, seconds.
 MOST, AWAY_S = 6, 90.0
-#: Who halts farther from the stop's end is behind another, metres.
+#: A vehicle halting farther from the stop's end is behind another, metres.
 _THERE_M = 3.0
 
 
 class Boarding:
-    """Lets people get on and off.
+    """Boarding and alighting passengers.
 
     Args:
-        told: ``stops``: by number its lane, end and walking time; ``alight``: by stop how many get
-            off at each halt; ``people``: by name its stop and how it begins.
+        told: ``stops``: number -> end, metres, and walking time, seconds; ``alight``: by stop,
+            number of alighting passengers at each halt; ``people``: by name, its stop and first
+            activity.
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
@@ -40,14 +42,14 @@ class Boarding:
         self.halted: dict[str, set[str]] = {name: set() for name in self.stops}
         self.halts = dict.fromkeys(self.stops, 0)
         self.walks_on: list[tuple[float, str]] = []
-        #: What happened: time, what, who, at which stop, of which vehicle, as the how manieth.
+        #: Events: time, kind, passenger, stop, vehicle, and rank among the passengers of the halt.
         self.events: list[tuple[float, str, int, int, int, int]] = []
         for name, state in self.state.items():
             if state == "waits":
                 self._note(0.0, "waits", name, -1, 0)
 
     def look(self, now_s: float) -> None:
-        """See, once a second, who arrived and what halts."""
+        """Update waiting passengers and halted vehicles, once a second."""
         if not self.stops:
             return
         for at_s, name in [one for one in self.walks_on if one[0] <= now_s]:
@@ -74,7 +76,7 @@ class Boarding:
             self.halted[stop] = here
 
     def _exchange(self, stop: str, vehicle: str, now_s: float, present: set[str]) -> None:
-        """Let people off and on."""
+        """Let passengers alight and board."""
         own = [n for n, one in self.stop_of.items() if one == stop and n in present]
         own.sort(key=lambda name: (self.since[name], int(name)))
         away = [n for n in own if self.state[n] == "rides" and self.since[n] <= now_s - AWAY_S]

@@ -1,4 +1,4 @@
-"""Signals that serve counted traffic: programs of a network timed anew for who was counted."""
+"""Signal programs computed anew for counted traffic."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = ["flows_of_trips", "net_for_counts", "timing_told"]
 def net_for_counts(twin: Twin, demand: Demand, hours: float, out: Path) -> Path:
     """Write the twin's network with programs for a counted demand, and return its path.
 
-    Programs that the site plans stay, and all those of an imported map.
+    Programs given by the site stay, and so do all those of an imported map.
 
     Args:
-        twin: whose network.
-        demand: who sets out.
-        hours: within which.
+        twin: the twin.
+        demand: the trips.
+        hours: duration of the demand, hours.
         out: the file to write.
     """
     if twin.site.get("roads", {}).get("file"):
@@ -46,11 +46,11 @@ def net_for_counts(twin: Twin, demand: Demand, hours: float, out: Path) -> Path:
 
 
 def flows_of_trips(demand: Demand, hours: float) -> dict[tuple[str, str, str], float]:
-    """Return (edge, next edge, the one after that) -> cars an hour, as programs are made for.
+    """Return cars per hour by three consecutive edges, as signal programs are computed from.
 
     Args:
-        demand: who sets out.
-        hours: within which.
+        demand: the trips.
+        hours: duration of the demand, hours.
     """
     found: dict[tuple[str, str, str], float] = defaultdict(float)
     for trip in demand.trips:
@@ -62,10 +62,10 @@ def flows_of_trips(demand: Demand, hours: float) -> dict[tuple[str, str, str], f
 
 
 def timing_told(net: Path, roads: RoadNetwork) -> tuple[RoadNetwork, dict[str, Any]]:
-    """Return the lanes with the programs of a network, and what of them is timed anew.
+    """Return the lanes with the programs of a network, and the programs that differ.
 
     Returns:
-        The lanes, and program -> ``cycle_s``, ``green_s`` of its phases, and what they were.
+        The lanes, and program -> new ``cycle_s`` and ``greens_s`` of its phases, and the old ones.
     """
     programs = []
     told: dict[str, Any] = {}

@@ -1,12 +1,12 @@
-"""Drives SUMO so that vehicles slow down in bends: ``python drive.py``, or part of a simulation.
+"""Lower speeds of vehicles in curves: a script (``python drive.py``), or part of a simulation.
 
-Where ``gates.json`` is beside it, gates meter the inflow, too (``gates.py``), and where
-``one_lane.json`` is, vehicles wait for oncoming ones on streets of one lane (``one_lane.py``).
+Gates meter the inflow if ``gates.json`` is beside it (``gates.py``). Vehicles wait for oncoming
+ones on streets of one lane if ``one_lane.json`` is (``one_lane.py``).
 
-A lane has one speed in SUMO, so a street that bends somewhere has the speed of its straight part.
-Here each vehicle's greatest speed is set, step by step, to what the lane allows where it is.
+In SUMO a lane has one speed, so a street with a curve has the speed of its straight part. This sets
+each vehicle's maximum speed, step by step, to the speed at its position on the lane.
 
-This file stands by itself, beside ``curves.json`` in an exported SUMO folder.
+The file is self-contained and stands beside ``curves.json`` in an exported SUMO folder.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from typing import Any
 
 import libsumo
 
-#: Parameter of a vehicle type: its speed in bends, against what ``curves.json`` says.
+#: Parameter of a vehicle type: factor on the speeds of ``curves.json``.
 IN_BENDS = "urbantwin.in_bends"
 
 
 class Curves:
-    """Slows vehicles down on and before the curves of the lanes that they are on.
+    """Lowers speeds on and before the curves of lanes.
 
     Args:
         curves: ``speeds``: by lane, the speed every ``spacing_m`` metres from its start, m/s;
-            ``rear_m``: how far behind its front the rear of a vehicle is taken to be, metres.
+            ``rear_m``: assumed distance from the front of a vehicle to its rear, metres.
     """
 
     def __init__(self, curves: dict[str, Any]) -> None:
@@ -39,7 +39,7 @@ class Curves:
         self.share: dict[str, float] = {}
 
     def slow_down(self) -> None:
-        """Set the greatest speed of everybody who drives for the step to come."""
+        """Set the maximum speed of each vehicle for the next step."""
         for name in libsumo.vehicle.getIDList():
             along = self.speeds.get(libsumo.vehicle.getLaneID(name))
             if along is None and name not in self.usual:
@@ -50,7 +50,7 @@ class Curves:
             if along is not None:
                 allowed = along[min(int(at_m / self.spacing_m), len(along) - 1)]
                 allowed = min(usual, allowed * self._share(name))
-            if at_m < self.rear_m:  # the rear is on the lane before
+            if at_m < self.rear_m:  # the rear is on the previous lane
                 allowed = min(allowed, self.last.get(name, usual))
             self.last[name] = allowed
             libsumo.vehicle.setMaxSpeed(name, allowed)
@@ -58,7 +58,7 @@ class Curves:
                 del self.usual[name], self.last[name]
 
     def _share(self, vehicle: str) -> float:
-        """Return how fast a vehicle is in bends, against what is usual: of its type."""
+        """Return the speed factor in curves of a vehicle's type."""
         kind = libsumo.vehicle.getTypeID(vehicle)
         if kind not in self.share:
             self.share[kind] = float(libsumo.vehicletype.getParameter(kind, IN_BENDS) or 1.0)

@@ -1,4 +1,4 @@
-"""The network that SUMO drives on: the twin's, with what a demand asks of it."""
+"""The network that SUMO simulates: the twin's, adapted to a demand."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def driven_net(
     """Return SUMO's network: the twin's, or one with signals for counts, or with other offsets.
 
     Args:
-        twin: whose network.
+        twin: the twin.
         asked: ``traffic`` of the site.
-        demand: who sets out.
-        duration_s: of the motion.
-        scratch: a folder for networks that differ from the twin's.
+        demand: the trips.
+        duration_s: duration of the motion, seconds.
+        scratch: folder for networks that differ from the twin's.
     """
     net = twin.net_path
     if demand.counted:
         hours = (float(asked["warmup_s"]) + duration_s) / 3600
         net = net_for_counts(twin, demand, hours, scratch / "counted.net.xml")
-        if not asked.get("scenario"):  # events are at places of the twin's own lanes
+        if not asked.get("scenario"):  # events have places on the twin's own lanes
             net = net_with_run_ups(net, demand, scratch / "longer.net.xml")
     if offsets := asked.get("signal_offsets"):
         net = net_with_offsets(net, offsets, scratch / "offset.net.xml")

@@ -1,13 +1,14 @@
-"""Gates: the ends of outer roads meter how many vehicles come into the region.
+"""Gates: the ends of outer roads, which meter the vehicles that enter the region.
 
 Every vehicle of a closed loop returns to the region over an outer road. At the end of that road a
-gate lets the next vehicle in when the requested rate allows it; until then vehicles queue on the
-outer road, as at a ramp meter with queue override (Papageorgiou and Kotsialos, IEEE Transactions
-on Intelligent Transportation Systems 3(4), 2002). During the warm-up a gate at which no vehicle
-waits takes one from its reserve, so that as many vehicles circulate as the requested rate needs.
-After the warm-up no vehicle is added. What waits at the gates is what the streets do not carry.
+gate admits the next vehicle when the requested rate allows it. Until then vehicles queue on the
+outer road, as at a ramp meter with queue override (Papageorgiou and Kotsialos, IEEE Transactions on
+Intelligent Transportation Systems 3(4), 2002).
 
-Bicycles have gates that add but never hold: they do not jam streets.
+During the warm-up a gate without waiting vehicles adds one from its reserve, so that as many
+vehicles circulate as the requested rate needs. After the warm-up no vehicle is added. The queues at
+the gates are the demand that the streets do not carry. Bicycles have gates that add but never hold,
+since they do not jam streets.
 
 Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``).
 """
@@ -20,20 +21,21 @@ from typing import Any
 import libsumo
 import numpy as np
 
-#: Admissions that a gate saves up at most while no vehicle waits at it: during the warm-up, and
-#: after it. The saved admissions let a gate make up for gaps in its arrivals.
+#: Maximum number of admissions that a gate saves up while no vehicle waits: during the warm-up, and
+#: after it. They let a gate make up for gaps in its arrivals.
 MAX_SAVED_IN_WARMUP, MAX_SAVED = 50.0, 3.0
-#: Before the end of the warm-up, s: from when on the mean speed is measured; and when the vehicles
-#: that are still missing at this speed are added, no more than come in this long.
+#: Times before the end of the warm-up, s: start of measuring the mean speed, and addition of the
+#: vehicles that are missing at this speed. At most the vehicles of ``MOST_S`` seconds of inflow are
+#: added.
 MEASURED_S, TOP_UP_S, MOST_S = 60.0, 20.0, 100.0
 #: The time between two admissions is uniform within 1 +- this, times the mean.
 IRREGULARITY = 0.5
-#: Comfortable braking of a vehicle that has to stop at a gate, m/s2, and the distance to the end
-#: of the road from which a standing vehicle waits at the gate, m.
+#: Comfortable braking of a vehicle that stops at a gate, m/s2, and the distance to the end of the
+#: road within which a vehicle counts as at the gate, m.
 BRAKING_MS2, AT_GATE_M = 2.0, 6.0
-#: A gate lets vehicles in regardless of its rate when the queue reaches this close to the start of
-#: its outer road, m, or when its first vehicle has waited this long, s: the queue must not block
-#: the exit of the region, and no vehicle waits for ever.
+#: A gate admits vehicles regardless of its rate if the queue reaches this close to the start of its
+#: outer road, m, or its first vehicle has waited this long, s. So the queue does not block the exit
+#: of the region, and no vehicle waits for ever.
 OVERRIDE_M, MAX_WAIT_S = 12.0, 200.0
 #: No vehicle is admitted while the vehicles in a part of the region take up this share of its
 #: lanes, bumper to bumper: urban networks carry most at a quarter to a third of the jam density
@@ -53,10 +55,10 @@ class _Gate:
         edge: id of the outer road.
         holds: whether vehicles wait for an admission.
         part: number of the part of the network that it leads into, of those of its kind.
-        saved: admissions that the rate allows now; each vehicle that comes in takes one.
-        price: admissions that the next vehicle takes: 1 in the mean.
-        held: vehicle that waits -> since when, s.
-        admitted: vehicles that may come in and have not left the outer road yet.
+        saved: admissions that the rate allows now; each entering vehicle takes one.
+        price: admissions that the next vehicle takes; 1 on average.
+        held: waiting vehicle -> start of waiting, s.
+        admitted: vehicles that are admitted and have not left the outer road yet.
     """
 
     def __init__(self, plan: dict[str, Any], random: np.random.Generator) -> None:
@@ -71,7 +73,7 @@ class _Gate:
         self.admitted: set[str] = set()
 
     def vehicles(self) -> list[str]:
-        """Return the vehicles on the outer road that the gate is for, the first one first."""
+        """Return the vehicles on the outer road that the gate meters, the first one first."""
         vehicle = libsumo.vehicle
         there = [
             name
@@ -82,18 +84,18 @@ class _Gate:
         return sorted(there, key=lambda name: (-vehicle.getLanePosition(name), int(name)))
 
     def pay(self) -> None:
-        """Take one admission, and draw how many the next vehicle takes."""
+        """Take the admissions of one vehicle, and draw those of the next."""
         self.saved -= self.price
         self.price = 1.0 + IRREGULARITY * (2.0 * float(self.random.random()) - 1.0)
 
     def meter(self, now_s: float, *, full: bool, spare: bool) -> None:
-        """Admit or hold the vehicles that come to the end of the road.
+        """Admit or hold the vehicles that reach the end of the road.
 
         Args:
-            now_s: time of the simulation.
-            full: whether its part of the region has no room for more.
-            spare: whether fewer vehicles came in than requested, all gates of the part together: a
-                gate at which more arrive makes up for others.
+            now_s: simulation time.
+            full: whether its part of the region is full.
+            spare: whether fewer vehicles than requested entered through all gates of the part, so
+                that a gate with more arrivals makes up for others.
         """
         vehicle = libsumo.vehicle
         there = self.vehicles()
@@ -124,21 +126,21 @@ class _Gate:
                 self.hold(name, now_s)
 
     def count(self) -> None:
-        """Let all vehicles pass; each takes one admission as it comes onto the outer road."""
+        """Let all vehicles pass; each takes an admission when it enters the outer road."""
         there = set(self.vehicles())
         for _ in there - self.admitted:
             self.pay()
         self.admitted = there
 
     def admit(self, name: str) -> None:
-        """Let a vehicle in."""
+        """Admit a vehicle."""
         self.pay()
         self.admitted.add(name)
         if self.held.pop(name, None) is not None:
             _end_stop(name)
 
     def hold(self, name: str, now_s: float) -> None:
-        """Let a vehicle stop at the end of the road; one that is too near to stop comes in."""
+        """Stop a vehicle at the end of the road; admit it if it is too near to stop."""
         lane = libsumo.vehicle.getLaneIndex(name)
         end_m = libsumo.lane.getLength(f"{self.edge}_{lane}")
         try:
@@ -149,7 +151,7 @@ class _Gate:
             self.held[name] = now_s
 
     def add(self, types: dict[str, str]) -> None:
-        """Add a vehicle from the reserve where none waits and the rate allows one."""
+        """Add a vehicle from the reserve if none waits and the rate allows one."""
         if not self.reserve or self.saved < self.price or self.held:
             return
         for other in libsumo.edge.getLastStepVehicleIDs(self.edge):
@@ -168,7 +170,8 @@ class _Gate:
 def _end_stop(name: str) -> None:
     """Remove the stop at the gate, if there is one.
 
-    SUMO ignores the removal of a stop that is reached in this step: the next second tries again.
+    SUMO ignores the removal of a stop that is reached in this step; it is repeated in the next
+    second.
     """
     stops = libsumo.vehicle.getStops(name, 1)
     if stops and stops[0].duration > WAIT_S / 2:
@@ -184,9 +187,9 @@ class _Part:
     Attributes:
         room: vehicles that fit into the region bumper to bumper.
         passage_m: mean distance from one entry into the region to the next.
-        inside: how many are in the region now.
-        metres: how far they drove while the speed was measured.
-        seconds: for how long, all together.
+        inside: vehicles that are in the region now.
+        metres: distance driven while the speed was measured.
+        seconds: total driving time while the speed was measured.
     """
 
     def __init__(self, room: float, passage_m: float) -> None:
@@ -195,7 +198,7 @@ class _Part:
 
     @property
     def full(self) -> bool:
-        """Whether no more may come in."""
+        """Whether no more vehicles may enter."""
         return 0.0 < FULL_SHARE * self.room <= self.inside
 
 
@@ -205,9 +208,9 @@ class Gates:
     Args:
         job: ``gates``: ``edge``, ``per_hour``, ``holds``, ``reserve`` (numbers of trips) and
             ``part`` of each; ``types``: number of a trip in reserve -> its vehicle type;
-            ``until_s``: vehicles are added before this time; ``parts``: of the network of motor
-            vehicles: ``edges``, ``room``: vehicles that fit into the region bumper to bumper, and
-            ``passage_m``: mean distance from one entry into the region to the next; ``seed``.
+            ``until_s``: end of adding vehicles; ``parts``: ``edges``, ``room`` (vehicles that fit
+            into the region bumper to bumper) and ``passage_m`` (mean distance from one entry into
+            the region to the next); ``seed``.
         outer: ids of all outer roads.
     """
 
@@ -251,10 +254,10 @@ class Gates:
                 gate.add(self.types)
 
     def _top_up(self, now_s: float) -> None:
-        """Measure the speed of motor vehicles; near the end, let gates add those that are missing.
+        """Measure the speed of motor vehicles; near the end, let gates add the missing vehicles.
 
-        As many have to be on their way as come in during the time of the way round (Little's law).
-        Vehicles that wait at gates are not on their way.
+        By Little's law as many vehicles must be moving as enter during the time of a full circuit.
+        Vehicles that wait at gates do not count.
         """
         gates = [gate for gate in self.gates if gate.holds]
         waiting = {name for gate in gates for name in gate.held}
@@ -278,7 +281,7 @@ class Gates:
                 gate.saved += gate.per_second * share
 
     def _too_few(self, gate: _Gate) -> bool:
-        """Return whether fewer vehicles came in than requested, all of a gate's part together."""
+        """Return whether fewer vehicles than requested entered through all gates of a part."""
         own = (x for x in self.gates if (x.holds, x.part) == (gate.holds, gate.part))
         return sum(x.saved for x in own) >= 1.0
 
@@ -292,7 +295,7 @@ class Gates:
         ]
 
     def _part_of(self, name: str) -> _Part | None:
-        """Return the part of the network that a vehicle is on; it never leaves that."""
+        """Return the part of the network that a vehicle is on, which is constant."""
         if name not in self.part_of_vehicle:
             for edge in libsumo.vehicle.getRoute(name):
                 if edge in self.part_of_edge:
@@ -301,7 +304,7 @@ class Gates:
         return self.part_of_vehicle.get(name)
 
     def _count_inside(self) -> None:
-        """Find the parts that have no room for more."""
+        """Count the motor vehicles in the region, by part of the network."""
         for part in self.parts:
             part.inside = 0
         for name in self._motor():

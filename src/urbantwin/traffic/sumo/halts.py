@@ -1,4 +1,4 @@
-"""Where buses and trams halt, as SUMO reads it."""
+"""Stops of buses and trams in SUMO's input."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from urbantwin.traffic.demand.demand import Demand
 
 __all__ = ["ends_of_halts", "write_stops"]
 
-#: Who comes back to a stop halts so much before where it halted last, metres.
+#: A repeated halt at the same stop lies this far before the previous one, metres.
 AGAIN_M = 0.01
 
 
 def ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tuple[int, float]]:
-    """Yield the stop and the end, metres, of each halt.
+    """Yield the stop and the end position, metres, of each halt.
 
-    SUMO takes a halt at or beyond the one before, on the same street, for one of the same passage,
-    and would make all halts of a bus that comes by a single stop again and again at once.
+    SUMO treats a halt at or beyond the previous one on the same street as part of the same passage.
+    It would make all halts of a bus that returns to a single stop at once.
     """
     last, end_m = -1, 0.0
     for halt in halts:
@@ -30,7 +30,7 @@ def ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tu
 
 
 def write_stops(path: Path, demand: Demand) -> None:
-    """Write where buses halt, as SUMO reads it before the routes."""
+    """Write the stops as an additional file of SUMO."""
     root = etree.Element("additional")
     for number, stop in enumerate(demand.stops):
         where = {"startPos": f"{stop.start_m:.2f}", "endPos": f"{stop.end_m:.2f}"}

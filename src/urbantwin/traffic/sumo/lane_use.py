@@ -1,6 +1,6 @@
-"""By which lanes an approach is left, in SUMO's process.
+"""Choice of lanes on approaches, in SUMO's process.
 
-Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``worker``).
+Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``).
 """
 
 from __future__ import annotations
@@ -10,26 +10,26 @@ from typing import Any
 
 import libsumo
 
-#: SUMO's classes of those whom it does not concern.
+#: SUMO's vehicle classes that are not assigned to lanes.
 _OTHERS = ("bicycle", "tram", "pedestrian")
-#: A lane is asked for until somebody looks again, seconds.
+#: Duration of a lane request, seconds: until the next update.
 _KEEPS_S = 1.0
-#: Who is slower is asked for nothing, m/s, and who is longer never, metres: it would stand across
-#: two lanes, and nobody would pass.
+#: Vehicles slower than the first, m/s, get no request, nor do vehicles longer than the second,
+#: metres, which would block two lanes.
 _SLOWEST_MS, _LONGEST_M = 2.0, 8.0
-#: On the road before an approach lanes are chosen so near to its end, metres.
+#: Distance to the end of the road before an approach from which lanes are chosen, metres.
 _BEFORE_M = 150.0
 
 
 class LaneUse:
-    """Leads vehicles onto the lanes of an approach, in the shares that a site says.
+    """Assigns vehicles to the lanes of an approach in given shares.
 
-    Who comes gets the lane that is farthest behind its share (no draw: few vehicles have the shares
-    that many have), on the road before the approach already, since approaches may be short. Whether
-    it comes to its lane in time is up to traffic.
+    A vehicle gets the lane that is farthest below its share; without random draws, few vehicles
+    reach the shares, too. Since approaches may be short, it is assigned on the road before already.
+    Whether it reaches its lane in time depends on traffic.
 
     Args:
-        told: by road ``lanes``: by the road that comes next, shares by the index of a lane.
+        told: by road ``lanes``: by next road, shares by index of a lane.
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
@@ -40,7 +40,7 @@ class LaneUse:
         self.lane_of: dict[str, tuple[str, int | None]] = {}
 
     def look(self) -> None:
-        """See to who is there, at a whole second."""
+        """Update the lane requests, once a second."""
         if not self.told:
             return
         vehicle = libsumo.vehicle
@@ -59,14 +59,14 @@ class LaneUse:
         self.lane_of = {name: lane for name, lane in self.lane_of.items() if name in there}
 
     def _ask(self, name: str, lanes: list[int]) -> None:
-        """Ask a vehicle to change onto the nearest of some lanes of its road, or to stay there."""
+        """Request a change to the nearest of some lanes of the vehicle's road, or to stay there."""
         if lanes and libsumo.vehicle.getSpeed(name) >= _SLOWEST_MS:
             now = libsumo.vehicle.getLaneIndex(name)
             lane = min(lanes, key=lambda one: (abs(one - now), one))
             libsumo.vehicle.changeLane(name, lane, _KEEPS_S)
 
     def _lane(self, name: str, road: str) -> int | None:
-        """Return the lane of an approach that somebody is led to."""
+        """Return the lane of an approach that a vehicle is assigned to."""
         if name not in self.lane_of or self.lane_of[name][0] != road:
             self.lane_of[name] = road, self._chosen(name, road)
         return self.lane_of[name][1]
@@ -75,7 +75,7 @@ class LaneUse:
         vehicle = libsumo.vehicle
         if vehicle.getVehicleClass(name) in _OTHERS or vehicle.getLength(name) > _LONGEST_M:
             return None
-        if vehicle.getStops(name, 1):  # it has a lane already
+        if vehicle.getStops(name, 1):  # the stop determines its lane
             return None
         turn = _next(name, road)
         shares = self.told[road].get(turn)
@@ -92,7 +92,7 @@ class LaneUse:
 
 
 def _next(name: str, road: str | None = None) -> str:
-    """Return the road that a vehicle takes after the one that it is on, or after another."""
+    """Return the road after the one that a vehicle is on, or after a given one."""
     route, at = libsumo.vehicle.getRoute(name), libsumo.vehicle.getRouteIndex(name)
     if road is not None:
         at = next((k for k in range(at, len(route)) if route[k] == road), len(route))

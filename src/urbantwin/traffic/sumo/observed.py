@@ -1,4 +1,4 @@
-"""What was seen of a simulation second by second, whoever it was."""
+"""Statistics of a simulation, second by second."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ __all__ = ["Observed"]
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What was seen each second, by minute (M, from SUMO's start) and class (C).
+    """Statistics sampled each second, by minute (M, from SUMO's start) and class (C).
 
     Attributes:
-        least: (M, C) fewest actors at a time.
-        most: (M, C) most actors at a time.
-        samples: (M, C) actors seen, one each second.
-        metres: (M, C) sum of their speeds: the distance that they travelled.
-        entries: (M, C) how many came from an outer road into the region.
-        longest_halt_s: the longest halt of anybody.
-        vehicle_halt_s: the longest of a vehicle.
-        stuck: (trip, time, lane) of who halted for more than ``simulation.STUCK_S``.
-        queued: lane -> seconds that vehicles stood on it, all of them together.
-        seconds: (M,) seconds of each minute that were seen.
+        least: (M, C) least number of actors at a time.
+        most: (M, C) largest number of actors at a time.
+        samples: (M, C) number of samples of actors, one per actor and second.
+        metres: (M, C) sum of their speeds: the distance travelled.
+        entries: (M, C) number of entries from an outer road into the region.
+        longest_halt_s: longest halt of any actor.
+        vehicle_halt_s: longest halt of a vehicle.
+        stuck: (trip, time, lane) of actors that halted for more than ``simulation.STUCK_S``.
+        queued: lane -> total seconds that vehicles stood on it.
+        seconds: (M,) number of sampled seconds in each minute.
     """
 
     least: NDArray[np.float64]

@@ -1,11 +1,12 @@
-"""Streets with one lane for both directions: vehicles wait until nobody comes towards them.
+"""Streets with one lane for both directions, on which vehicles wait for oncoming traffic.
 
-In SUMO both directions are edges of their own in one place, so SUMO knows of no oncoming traffic
-there. Before every step this finds the vehicles that come to such a street. One enters when no
-vehicle drives against it on all of the streets of this kind that follow each other on its route, up
-to the next place where two can pass: it then needs nothing that another vehicle has, and no two
-wait for each other. The vehicle that came first goes first, and those close behind follow it.
-Bicycles pass beside a car and do not wait.
+In SUMO both directions are separate edges in one place, so SUMO ignores oncoming traffic there.
+Before every step this finds the vehicles that approach such a street. A vehicle enters if none
+drives against it on all consecutive streets of this kind on its route, up to the next place where
+two can pass. So it needs no space that another holds, and no two block each other.
+
+Vehicles enter in the order of arrival, and close followers go with the first. Bicycles pass beside
+a car and do not wait.
 
 Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``).
 """
@@ -17,31 +18,31 @@ from typing import Any
 
 import libsumo
 
-#: Braking before the street, m/s2, hardest braking, m/s2, and where a vehicle waits before the end
-#: of its lane, m.
+#: Braking before the street, m/s2, hardest braking, m/s2, and waiting position before the end of
+#: the lane, m.
 BRAKING_MS2, HARDEST_MS2, BEFORE_M = 2.0, 4.5, 1.0
-#: A vehicle asks to enter where it would have to brake, or so much farther away, s and m.
+#: A vehicle requests entry at its braking distance plus this time, s, and distance, m.
 AHEAD_S, AHEAD_M = 1.0, 8.0
-#: A vehicle that comes so soon after another one follows it, s, unless an oncoming one has waited
-#: for so long, s.
+#: A vehicle that arrives within the first time after another follows it, s, unless an oncoming one
+#: has waited for the second time, s.
 FOLLOWS_S, PATIENCE_S = 5.0, 40.0
-#: A vehicle that has waited for so long, s, takes another way, if there is one that comes back to
-#: one of so many of the streets that were to come.
+#: A vehicle that has waited this long, s, takes a detour, if one rejoins its route within this
+#: number of edges.
 GIVES_UP_S, REJOINS = 45.0, 12
-#: A vehicle that has entered has left the road before when its rear is so far beyond, m.
+#: A vehicle that has entered has left the previous road if its rear is this far beyond, m.
 CLEAR_M = 1.0
 #: Classes of vehicles that do not wait: bicycles have room, trams have rails.
 _OTHERS = ("bicycle", "tram")
 
-#: What a vehicle that may enter has: the edge that it comes from, and the edges of its own.
+#: The edge from which an admitted vehicle enters, and the edges that it holds.
 _Passage = tuple[str, list[str]]
 
 
 class OneLaneStreets:
-    """Streets on which vehicles wait for each other.
+    """Streets on which vehicles wait for oncoming ones.
 
     Args:
-        known: what ``one_lane_streets`` returned.
+        known: result of ``one_lane_streets``.
     """
 
     def __init__(self, known: dict[str, Any]) -> None:
@@ -55,7 +56,7 @@ class OneLaneStreets:
         self.slowed: set[str] = set()
 
     def heed(self, step_s: float) -> None:
-        """Admit or hold the vehicles that come to these streets; called before every step."""
+        """Admit or hold the vehicles that approach these streets; called before every step."""
         if not self.street:
             return
         self._leave()
@@ -114,9 +115,9 @@ class OneLaneStreets:
         return self.passages[name][1] if name in self.passages else []
 
     def _asks(self, name: str, edge: str) -> float | None:
-        """Return how far a vehicle is from the end of its lane; ``None`` if it need not ask yet.
+        """Return a vehicle's distance to the end of its lane if it requests entry, else ``None``.
 
-        Nor does one that waits at a red light or at a stop.
+        A vehicle at a red light or with a stop on this edge makes no request.
         """
         vehicle = libsumo.vehicle
         speed = vehicle.getSpeed(name)
@@ -130,14 +131,14 @@ class OneLaneStreets:
         return float(ahead_m)
 
     def _waits_at_red(self, name: str) -> bool:
-        """Whether the end of a vehicle's lane has a signal that is red."""
+        """Return whether the signal at the end of a vehicle's lane is red."""
         vehicle = libsumo.vehicle
         ahead_m = libsumo.lane.getLength(vehicle.getLaneID(name)) - vehicle.getLanePosition(name)
         signals: Any = vehicle.getNextTLS(name)
         return bool(signals and signals[0][2] < ahead_m + 1.0 and signals[0][3] in "rR")
 
     def _run(self, name: str) -> list[str]:
-        """Return the edges of one lane ahead of a vehicle, to where the next two can pass."""
+        """Return the edges of one lane ahead of a vehicle, up to the next passing place."""
         run: list[str] = []
         route = libsumo.vehicle.getRoute(name)
         for edge in route[libsumo.vehicle.getRouteIndex(name) + 1 :]:
@@ -148,13 +149,13 @@ class OneLaneStreets:
         return run
 
     def _go_round(self, name: str) -> None:
-        """Lead a vehicle another way that its lane leads to, back to one of its next streets.
+        """Reroute a vehicle over another link of its lane that rejoins its route.
 
-        A queue behind a vehicle that waits may reach round to those that it waits for.
+        A queue behind a waiting vehicle may otherwise reach round to those that it waits for.
         """
         vehicle = libsumo.vehicle
         route, at = vehicle.getRoute(name), vehicle.getRouteIndex(name)
-        # A vehicle that was given parameters has a type of its own, which routes do not know.
+        # A vehicle with own parameters has a type of its own, which ``findRoute`` does not know.
         kind = vehicle.getTypeID(name).removesuffix(f"@{name}")
         best: tuple[float, list[str]] | None = None
         for link in libsumo.lane.getLinks(vehicle.getLaneID(name)):
@@ -178,7 +179,7 @@ class OneLaneStreets:
         )
 
     def _leave(self) -> None:
-        """Give back the edges that vehicles have left, and note those that entered regardless."""
+        """Release the edges that vehicles have left; register vehicles that were not admitted."""
         vehicle = libsumo.vehicle
         here = set(vehicle.getIDList())
         for name, (entry, edges) in list(self.passages.items()):
@@ -203,7 +204,7 @@ class OneLaneStreets:
 
 
 def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
-    """Whether vehicles that drive over some edges meet on a street."""
+    """Return whether vehicles that drive over the given edges meet on a street."""
     there: dict[str, set[str]] = {}
     for edge in second:
         there.setdefault(street[edge], set()).add(edge)
@@ -214,6 +215,6 @@ def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
 
 
 def _safe(gap_m: float) -> float:
-    """Return the speed from which a vehicle stops within a distance, m/s."""
+    """Return the speed from which a vehicle can stop within a distance, m/s."""
     reaction = BRAKING_MS2 * 0.5
     return max(-reaction + math.sqrt(reaction**2 + 2 * BRAKING_MS2 * max(gap_m, 0.0)), 0.0)

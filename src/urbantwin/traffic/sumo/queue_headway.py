@@ -1,8 +1,8 @@
-"""Headways of those who leave queues, in SUMO's process.
+"""Headways of vehicles that leave queues, in SUMO's process.
 
-Who sets out after standing keeps more time to who is ahead than who drives in a platoon all along,
-and less and less of it as it drives; SUMO's drivers know one headway for all that. Part of SUMO's
-worker: nothing of UrbanTwin may be imported here (see ``worker``).
+A driver that starts from standstill keeps a longer headway than one that drives in a platoon, and
+reduces it while driving; SUMO's drivers have one constant headway. Part of SUMO's worker: imports
+nothing of UrbanTwin (see ``worker``).
 """
 
 from __future__ import annotations
@@ -11,33 +11,34 @@ from typing import Any
 
 import libsumo
 
-#: Parameter of a vehicle type: the headway of who stands, seconds.
+#: Parameter of a vehicle type: headway when leaving a queue, seconds.
 IN_QUEUES = "urbantwin.queue_headway"
-#: Who is slower stands, m/s.
+#: Speed below which a vehicle counts as standing, m/s.
 STANDS_MS = 0.5
-#: Who has set out comes to its usual headway by so much each second. So queues are left faster and
-#: faster, as at the junctions of Greenshields, Schapiro and Ericksen (Traffic Performance at Urban
-#: Street Intersections, Yale, 1947); who keeps it to the stop line leaves them slower and slower
-#: the farther behind it stood. And whoever is behind slows down by a tenth at most.
+#: Change of the headway towards the usual one per second after starting. So the discharge rate of a
+#: queue rises, as at the junctions of Greenshields, Schapiro and Ericksen (Traffic Performance at
+#: Urban Street Intersections, Yale, 1947); if the headway were kept to the stop line, it would
+#: fall. Followers then slow down by a tenth at most.
 _COMES_BACK = 0.1
-#: A queue reaches back from where it waits over roads that lead there so near before it, metres, as
-#: maps cut streets; and past another signal, where no three cars fit between the two.
+#: Maximum distance over which a queue extends back over the roads before its signal, metres, since
+#: maps split streets; and length of a road, metres, too short for three cars, over which a queue
+#: extends past another signal.
 _BEFORE_M, _BETWEEN_M = 150.0, 25.0
-#: SUMO's letters of links on which nobody waits, and on which who gives way does.
+#: SUMO's states of links on which vehicles do not wait, and on which they yield.
 _GOES_ON, _GIVES_WAY = "M", "m=swZ"
-#: SUMO's classes of those whom an approach's headway does not concern.
+#: SUMO's vehicle classes to which an approach's headway does not apply.
 _OTHERS = ("bicycle", "tram", "pedestrian")
 
 
 class QueueHeadways:
-    """Lets who stands keep another headway, and come back to its own when it has set out.
+    """Gives standing vehicles another headway, which returns to the usual one after they start.
 
-    It is that of the road at which its queue waits: the road where it stands, or one that follows,
-    where drivers wait for a signal or give way.
+    The headway is that of the road at which the queue waits: the vehicle's own road, or a later one
+    where vehicles wait for a signal or yield.
 
     Args:
-        told: by road ``queue_headway_s``, which goes before that of a vehicle's type.
-        of_types: whether any type may have one.
+        told: by road ``queue_headway_s``, which overrides that of a vehicle's type.
+        of_types: whether any vehicle type has such a headway.
     """
 
     def __init__(self, told: dict[str, Any], of_types: bool = True) -> None:
@@ -49,12 +50,12 @@ class QueueHeadways:
         self.of_any = of_types or bool(self.roads)
         self.kinds: dict[str, float | None] = {}
         self.stood: set[str] = set()
-        #: Vehicle -> its usual headway, of those who have another.
+        #: Vehicle -> its usual headway, for vehicles with a changed one.
         self.usual: dict[str, float] = {}
         self.one_queue: dict[tuple[str, str], bool] = {}
 
     def look(self) -> None:
-        """See who stands, and who has set out, at a whole second."""
+        """Update standing and started vehicles, once a second."""
         if not self.of_any:
             return
         vehicle = libsumo.vehicle
@@ -76,7 +77,7 @@ class QueueHeadways:
         self.stood, self.usual = stood, usual
 
     def _stands(self, name: str) -> None:
-        """Give a vehicle that has come to stand the headway of its queue."""
+        """Set the headway of a vehicle that has just stopped to that of its queue."""
         vehicle = libsumo.vehicle
         road = vehicle.getRoadID(name)
         headway_s = None if road.startswith(":") else self._headway(name, self._queue(name, road))
@@ -85,9 +86,9 @@ class QueueHeadways:
             vehicle.setTau(name, headway_s)
 
     def _queue(self, name: str, road: str) -> tuple[str, ...]:
-        """Return the roads from the one where a vehicle stands to the one at whose end it waits.
+        """Return the roads from a vehicle's own to the one at whose end its queue waits.
 
-        Where nobody waits within 150 m, that is the road where it stands.
+        If there is none within 150 m, only its own road.
         """
         vehicle = libsumo.vehicle
         route, at = vehicle.getRoute(name), vehicle.getRouteIndex(name)
@@ -103,7 +104,7 @@ class QueueHeadways:
         return tuple(roads)
 
     def _one_queue(self, road: str, following: str) -> bool:
-        """Return whether who stands on a road waits with those at the end of the next."""
+        """Return whether a queue on a road continues that at the end of the next road."""
         if (road, following) not in self.one_queue:
             states = [
                 link[5]
@@ -118,8 +119,8 @@ class QueueHeadways:
         return self.one_queue[road, following]
 
     def _headway(self, name: str, roads: tuple[str, ...]) -> float | None:
-        """Return the headway that a vehicle keeps who stands in a queue; none: its usual."""
-        # A vehicle that was told anything has a type of its own.
+        """Return the headway of a vehicle standing in a queue; ``None``: its usual one."""
+        # A vehicle with own parameters has a type of its own.
         kind = libsumo.vehicle.getTypeID(name).removesuffix(f"@{name}")
         if kind not in self.kinds:
             told = libsumo.vehicletype.getParameter(kind, IN_QUEUES)

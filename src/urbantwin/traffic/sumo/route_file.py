@@ -1,4 +1,4 @@
-"""The demand as SUMO reads it: types of vehicles, trips, halts at stops."""
+"""The demand in SUMO's format: vehicle types, trips, halts at stops."""
 
 from __future__ import annotations
 
@@ -15,29 +15,28 @@ from urbantwin.traffic.sumo.halts import ends_of_halts
 
 __all__ = ["types_of_reserve", "write_routes"]
 
-#: SUMO's walkers keep to stripes of this width, and none may be wider, metres.
+#: Width of the stripes of SUMO's pedestrians, which also limits theirs, metres.
 _STRIPE_M = 0.64
-#: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
+#: Dwell time of a bus at a stop, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
-#: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
-#: stops of streetcars), for so long, seconds.
+#: Dwell time of a tram, with more doors and passengers, seconds (the same: 30 s and less for most
+#: stops of streetcars).
 TRAM_DWELL_S = 20.0
-_LONG_S = 1e6  # waiting has no end but the bus
-_USUAL_GAP_M = 2.5  # SUMO's, of those of whom nothing else is told
+_LONG_S = 1e6  # longer than any simulation: the wait ends when the passenger boards
+_USUAL_GAP_M = 2.5  # SUMO's default
 
 
 def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> None:
-    """Write the demand as SUMO reads it: types of vehicles, then the trips.
+    """Write the demand in SUMO's format: vehicle types, then the trips.
 
-    A type is a mesh and the gap that its driver keeps when it stands, which SUMO knows of types
-    alone.
+    A vehicle type is an asset with a gap at standstill, which SUMO takes from the type alone.
     """
     root = etree.Element("routes")
     types = _write_types(root, demand, asset)
-    # SUMO wants them in the order of setting out.
+    # SUMO requires the order of departure.
     for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
-        if trip.beside:  # SUMO knows the one who leads
+        if trip.beside:  # SUMO simulates only the leader of a group
             continue
         common = {"id": str(number), "type": types[number], "depart": f"{trip.depart_s:.2f}"}
         edges = " ".join(trip.edges)
@@ -56,7 +55,7 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             how = {"departLane": "best", "departSpeed": "max", "departPos": "base"}
             if trip.anywhere:
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
-            if trip.in_reserve:  # a gate adds the vehicle when it needs one
+            if trip.in_reserve:  # a gate adds the vehicle when needed
                 vehicle = etree.SubElement(root, "route", id=f"route-{number}", edges=edges)
             else:
                 vehicle = etree.SubElement(root, "vehicle", **common, **how)
@@ -78,7 +77,7 @@ def types_of_reserve(demand: Demand) -> dict[str, str]:
 
 
 def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], Asset]) -> list[str]:
-    """Write the types of vehicles; return what that of each trip is called."""
+    """Write the vehicle types; return the name of each trip's type."""
     types = [_type_of(trip, demand) for trip in demand.trips]
     kinds = {
         (trip.actor_class, trip.asset, *one) for trip, one in zip(demand.trips, types, strict=True)
@@ -86,7 +85,7 @@ def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], As
     for actor_class, name, type_name, gap_m in sorted(kinds):
         kind, mesh = ACTOR_KINDS[actor_class], asset(name)
         bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
-        if actor_class == "pedestrian":  # a dog beside is seen to when paths are parted
+        if actor_class == "pedestrian":  # a group's conflicts are resolved later
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
@@ -100,7 +99,7 @@ def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], As
 
 
 def _type_of(trip: Trip, demand: Demand) -> tuple[str, str]:
-    """Return what the type of a trip's vehicle is called, and its gap when it stands, metres."""
+    """Return the name of a trip's vehicle type, and its gap at standstill, metres."""
     values = {
         **ACTOR_KINDS[trip.actor_class].parameters,
         **demand.manners.get(trip.actor_class, {}),
@@ -113,5 +112,5 @@ def _type_of(trip: Trip, demand: Demand) -> tuple[str, str]:
 
 
 def _add_wait(person: etree._Element, edge: str, at_m: float) -> None:
-    """Add that somebody waits until it is told to walk on."""
+    """Add a wait that lasts until the process ends it."""
     etree.SubElement(person, "stop", edge=edge, endPos=f"{at_m:.2f}", duration=f"{_LONG_S:g}")

@@ -1,4 +1,4 @@
-"""The rows that SUMO's process wrote, as columns."""
+"""The rows written by SUMO's process, as columns."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 __all__ = ["row_columns"]
 
-#: So many rows are read at a time: an hour of them is not in memory twice.
+#: Number of rows read at a time, so that the table is not in memory twice.
 _ROWS_READ = 1 << 17
 
 
 def row_columns(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the columns of a table (NPY) some rows at a time; x and y together are ``front``."""
+    """Read the columns of a table (NPY) in parts; x and y are joined as ``front`` (N, 2)."""
     with path.open("rb") as file:
         np.lib.format.read_magic(file)
         (count,), _, kinds = np.lib.format.read_array_header_1_0(file)

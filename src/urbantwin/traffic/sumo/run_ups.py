@@ -1,4 +1,4 @@
-"""Room for who comes in: roads that begin shortly before a stop line, lengthened."""
+"""Extension of entry roads that begin shortly before a stop line."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["net_with_run_ups", "without_run_ups"]
 
-#: Roads that vehicles come in by are made so long, metres, where they are shorter than this: room
-#: to slow down from 50 km/h, and for a queue of twenty.
+#: Length to which entry roads are extended, metres, if they are shorter than the second: room to
+#: slow down from 50 km/h, and for a queue of twenty.
 _LONG_M, _SHORT_M = 150.0, 60.0
-#: Lanes of a road that bends differ by so much in length, metres.
+#: Difference in length between the lanes of a curved road, metres.
 _CURVED_M = 20.0
-#: Who comes is there when its front has passed the map's beginning by so much, metres.
+#: A vehicle is in the motion once its front has passed the map's border by this, metres.
 _FRONT_M = 4.0
 
 
 def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
-    """Write a network whose short first roads begin farther out, and return its path.
+    """Write a network whose short entry roads begin farther out, and return its path.
 
-    Maps of lanes (Lanelet2, OpenDRIVE) often begin a few car lengths before the stop line. Whoever
-    sets out there has no room to slow down, and queues do not form. The roads go on straight, away
-    from the map.
+    Maps of lanes (Lanelet2, OpenDRIVE) often begin a few car lengths before the stop line. Vehicles
+    that depart there have no room to slow down, and queues cannot form. The roads are extended
+    straight, away from the map.
 
     Args:
         net: SUMO's network.
-        demand: who sets out.
-        out: the file to write; not written where no road is short.
+        demand: the trips.
+        out: the file to write; not written if no road is short.
     """
     first = {trip.edges[0] for trip in demand.trips if trip.actor_class != "pedestrian"}
     walked = {
@@ -51,12 +51,12 @@ def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
 
 
 def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simulated:
-    """Return what was simulated from where the map begins on.
+    """Return SUMO's output without the rows beyond the map.
 
     Args:
-        simulated: on a network with run-ups, or without.
+        simulated: output on a network with or without extended roads.
         net: the network.
-        roads: the lanes as they are.
+        roads: the lanes of the map.
     """
     gone = np.zeros(len(simulated.step), np.bool_)
     lanes = {name: number for number, name in enumerate(simulated.lanes)}
@@ -75,7 +75,7 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
 
 
 def _lengthened(root: etree._Element, edges: Collection[str]) -> int:
-    """Lengthen the short ones of some edges; return how many."""
+    """Lengthen the short ones of some edges; return their number."""
     found = 0
     for edge in root.iterfind("edge"):
         lanes = edge.findall("lane")

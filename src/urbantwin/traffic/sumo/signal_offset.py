@@ -1,4 +1,4 @@
-"""Signals whose cycles begin later: a network with other offsets of its programs."""
+"""Networks with shifted offsets of their signal programs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ def net_with_offsets(net_path: Path, offsets: Mapping[str, float], out: Path) ->
 
     Args:
         net_path: the network.
-        offsets: seconds by which the cycle of a program begins later than in the network, by its
-            id.
+        offsets: delay of the cycle by program id, seconds.
         out: the file to write.
 
     Raises:

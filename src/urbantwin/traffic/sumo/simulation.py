@@ -47,43 +47,41 @@ __all__ = [
 
 _WORKER = Path(__file__).with_name("worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
-MARGIN_S = 3.0  # seen before the first and after the last step, to know where everybody is heading
-_STUCK_S = (
-    180  # longer than any red; a vehicle that waits so long is in a deadlock and is taken out
-)
+MARGIN_S = 3.0  # recorded before the first and after the last step, for headings
+_STUCK_S = 180  # longer than any red; a vehicle that waits longer is in a deadlock and is removed
 _BLOCKER_S = 60
-_SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
-STUCK_S = 300.0  # who stays and halts for longer is reported
+_SQUEEZE_S = 120  # pedestrians that block each other for longer squeeze past
+STUCK_S = 300.0  # longer halts of circulating actors are reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
 
-#: What `Simulated` has of each row.
+#: Columns of `Simulated` with one value per row.
 ROWS = ("step", "trip", "front", "angle_deg", "speed", "lane")
 
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """What SUMO did, one row per actor and step, in SUMO's conventions.
+    """SUMO's output, one row per actor and step, in SUMO's conventions.
 
     Attributes:
-        step: (N,) number of the step of the motion; ``MARGIN_S`` before and after it are here too.
+        step: (N,) step of the motion; includes ``MARGIN_S`` before and after it.
         trip: (N,) index of the demand's trip.
         front: (N, 2) middle of the front bumper, site frame, m.
         angle_deg: (N,) heading, clockwise from north.
         speed: (N,) m/s.
         lane: (N,) index into ``lanes``.
         lanes: ids of lanes.
-        signals: (step, program, state of every link), where a program's state changed.
-        teleports: vehicles that SUMO took out because they were stuck.
-        collisions: pairs of actors that SUMO saw overlap.
-        collided: of each of these pairs when they first did (seconds of the motion), x and y, the
-            lane, and the numbers of the two trips; by time.
+        signals: (step, program, state of every link) at each change of a program's state.
+        teleports: number of vehicles that SUMO removed because they were stuck.
+        collisions: number of pairs of actors that SUMO reported as overlapping.
+        collided: for each of these pairs its first time (seconds of the motion), x and y, the lane,
+            and the numbers of the two trips; by time.
         departed: trips that entered the network.
         sumo: SUMO's version.
-        observed: what was seen each second, warm-up included.
-        staged: what became of each event that was staged (``staging.Staging.told``).
-        boarded: seconds of the motion, ``waits``, ``boards`` or ``alights``, trip, stop, the trip
-            of the vehicle, and the how manieth, of who takes a bus or a tram.
+        observed: statistics of each second, warm-up included.
+        staged: outcome of each staged event (``staging.Staging.told``).
+        boarded: events of passengers: seconds of the motion, ``waits``, ``boards`` or ``alights``,
+            trip, stop, the vehicle's trip, and rank among the passengers of the halt.
     """
 
     step: NDArray[np.int32]
@@ -104,12 +102,12 @@ class Simulated:
     collided: tuple[tuple[float, float, float, str, str, str], ...] = ()
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Simulated:
-        """Return some of the rows: a mask (N,) or indices; all else stays."""
+        """Return the output with some of the rows: a mask (N,) or indices."""
         rows: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ROWS}
         return replace(self, **rows)
 
     def by_trip(self) -> NDArray[np.int64]:
-        """Return the rows by trip and step."""
+        """Return the order of the rows by trip and step."""
         return np.asarray(np.lexsort([self.step, self.trip]))
 
     def of_trip(self, trip: int, by_trip: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -117,22 +115,22 @@ class Simulated:
 
         Args:
             trip: its number.
-            by_trip: the rows as `by_trip` returns them.
+            by_trip: result of `by_trip`.
         """
-        ends = np.array([trip, trip + 1], self.trip.dtype)  # of another type all would be copied
+        ends = np.array([trip, trip + 1], self.trip.dtype)  # another type would copy the column
         return by_trip[slice(*np.searchsorted(self.trip, ends, sorter=by_trip))]
 
 
 def with_rows(
     whole: list[Simulated], more: Sequence[Mapping[str, NDArray[np.generic]]]
 ) -> Simulated:
-    """Return the rows of the one in a list, which is taken out of it, and then those of ``more``.
+    """Return the output in a list, which is removed from it, with the rows of ``more`` appended.
 
-    Where nobody else has it, no more than a column is in memory twice: of an hour that is a hundred
-    megabytes less.
+    Without other references, at most one column is in memory twice, which saves a hundred megabytes
+    for an hour of traffic.
 
     Args:
-        whole: what SUMO did, one.
+        whole: list of one output.
         more: further rows, by the names of `ROWS`.
     """
     one = whole.pop()
@@ -143,7 +141,7 @@ def with_rows(
     return replace(one, **rows)
 
 
-def simulate(  # noqa: PLR0913 - SUMO has as many sides
+def simulate(  # noqa: PLR0913 - all inputs of SUMO
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -157,19 +155,19 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
-    """Run the demand through SUMO in a process of its own.
+    """Run the demand through SUMO in a separate process.
 
     Args:
         net_path: the SUMO network.
-        demand: who sets out.
-        asset: the mesh of a name, with its length, width and height.
-        warmup_s: simulated before the first step that is kept.
-        steps: how many steps are kept.
-        step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
+        demand: the trips.
+        asset: returns the mesh of a name, with its length, width and height.
+        warmup_s: duration simulated before the first recorded step.
+        steps: number of recorded steps.
+        step_s: time between steps, seconds; SUMO's own step is at most 0.1 s and divides it.
         seed: SUMO's seed.
-        staged: events that others react to, as ``staging`` takes them.
-        roads: the lanes, where trams meet other traffic.
-        scratch: a folder for SUMO's files; the system's when not given.
+        staged: events that others react to, in the form of ``staging``.
+        roads: the lanes, for conflicts of trams with other traffic.
+        scratch: folder for SUMO's files; ``None``: the system's.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -192,7 +190,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     return _worked(net_path, demand, asset, options, job, trams, scratch, progress)
 
 
-def observe(  # noqa: PLR0913 - the same
+def observe(  # noqa: PLR0913 - all inputs of SUMO
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -206,19 +204,19 @@ def observe(  # noqa: PLR0913 - the same
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
-    """Run those who circulate through SUMO without keeping their positions.
+    """Run a circulating demand through SUMO without recording positions.
 
     Args:
         net_path: the SUMO network.
-        demand: who circulates.
-        asset: the mesh of a name, with its length, width and height.
-        seconds: for how long.
+        demand: the circulating demand.
+        asset: returns the mesh of a name, with its length, width and height.
+        seconds: duration of the simulation.
         step_ms: SUMO's step.
         seed: SUMO's seed.
         warmup_s: gates add vehicles before this time.
-        trams: where they meet other traffic (``tram_conflicts``).
-        outputs: what SUMO shall write of its own: its options and their values.
-        scratch: a folder for SUMO's files; the system's when not given.
+        trams: conflicts of trams with other traffic (``tram_conflicts``).
+        outputs: SUMO's options for its own output files, and their values.
+        scratch: folder for SUMO's files; ``None``: the system's.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -284,7 +282,7 @@ def _folder_in(scratch: Path) -> Iterator[Path]:
 
 
 def sumo_substeps(step_s: float) -> tuple[int, int]:
-    """Return a motion's step in milliseconds, and how many of SUMO's own steps make it.
+    """Return a motion's step in milliseconds, and the number of SUMO's own steps in it.
 
     Raises:
         InputError: the step is not a whole number of milliseconds, SUMO's resolution of time.
@@ -303,25 +301,25 @@ def sumo_substeps(step_s: float) -> tuple[int, int]:
 
 
 def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> dict[str, object]:
-    """Return how SUMO simulates a twin's traffic: its options and their values.
+    """Return SUMO's options for a twin's traffic, and their values.
 
     Args:
         sumo_step_ms: SUMO's own step.
-        seed: of SUMO's random choices.
-        circulates: whether everybody stays: then no actor is removed, however long it waits.
+        seed: SUMO's seed.
+        circulates: whether all actors stay: then none is removed, however long it waits.
     """
-    # Who stands on a junction for long no longer bars others: a last resort, by which two who wait
-    # for each other do not lock up the whole network.
+    # After this time on a junction, a vehicle no longer blocks others: a last resort, so that two
+    # that wait for each other do not lock the whole network.
     waits = {"time-to-teleport": _STUCK_S, "ignore-junction-blocker": _BLOCKER_S}
     if circulates:
-        # Nobody is lifted off the road.
+        # Vehicles are never removed.
         waits |= {"time-to-teleport": -1, "pedestrian.striping.jamtime": _SQUEEZE_S}
     return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,
         "lateral-resolution": _SUBLANE_M,
         **waits,
-        # Told, not acted upon: SUMO's own way out is to lift the vehicle off the road.
+        # Collisions are reported only: SUMO's default would remove the vehicle.
         "collision.action": "warn",
         "collision.check-junctions": "true",
         "intermodal-collision.action": "warn",
@@ -347,10 +345,10 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
     """Run the worker to its end.
 
     Raises:
-        StageError: it failed or died; SUMO's first error is in the message.
+        StageError: it failed or died; the message holds SUMO's first error.
     """
     messages = job.with_name("messages.txt")
-    # -P: the worker's folder holds modules of ours that must not shadow anyone else's.
+    # -P: modules in the worker's folder must not shadow others of the same name.
     command = [sys.executable, "-P", str(_WORKER), str(job)]
     with (
         messages.open("wb") as stderr,
@@ -371,7 +369,7 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
 
 
 def _first_error(messages: Path, returncode: int) -> str:
-    """Return SUMO's first error, else the last line that it said, else how it died."""
+    """Return SUMO's first error, else its last message, else how the process ended."""
     lines = [
         line.strip() for line in messages.read_text(errors="replace", encoding="utf-8").splitlines()
     ]
@@ -386,7 +384,7 @@ def _first_error(messages: Path, returncode: int) -> str:
 
 
 def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
-    """Read what the worker wrote; the motion begins so long after SUMO."""
+    """Read the worker's results; the motion begins ``warmup_s`` after SUMO's start."""
     outcome: dict[str, Any] = json.loads(texts.read_text(encoding="utf-8"))
     rows = row_columns(arrays)
     minutes = outcome["minutes"]

@@ -1,8 +1,8 @@
-"""Events staged in a running SUMO, where others have to react to them.
+"""Events staged in a running SUMO, to which other traffic reacts.
 
-Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``worker``). Each event
-is a small machine that looks for its vehicle once its time has come, acts on it step by step, and
-notes what it did. Nothing is asked of SUMO before the first event's time that would change it.
+Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``). Each event is a state machine
+that selects its vehicle at the requested time, controls it step by step, and records what happened.
+Before the first event's time nothing changes the simulation.
 """
 
 from __future__ import annotations
@@ -15,28 +15,29 @@ import libsumo
 #: SUMO's speed modes (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html): all checks, none,
 #: and all but right of way and red lights.
 _USUAL, _UNCHECKED, _BLIND_TO_SIGNALS = 31, 0, 7
-#: The same, and who is on the junction already does not count.
+#: The same, also ignoring vehicles on the junction.
 _RUTHLESS = 39
-#: SUMO's lane-change mode without any change of its own.
+#: SUMO's lane-change modes: no changes, and the default.
 _KEEPS_LANE, _USUAL_CHANGES = 512, 1621
-_SLOWEST_MS = 3.0  # who is slower is not taken for an event that needs somebody who drives
+_SLOWEST_MS = 3.0  # slower vehicles are not selected for events that need a moving one
 _COMFORTABLE_MS2 = 2.5
-#: A wreck slides to a stop with this, m/s2 (locked wheels on dry asphalt: 0.7 g).
+#: Deceleration of a wreck, m/s2 (locked wheels on dry asphalt: 0.7 g).
 _SLIDING_MS2 = 6.9
-#: Who stops somewhere sees from so far that it has to, metres.
+#: Distance within which a vehicle is selected that has to stop at a place, metres.
 _SEEN_M = 120.0
-#: Who is so near before a blue light, metres, and moves so far to a side, makes way.
+#: Distance ahead of a blue light within which a vehicle makes way, and lateral movement that counts
+#: as making way, metres.
 _HEARS_M, _ASIDE_M = 30.0, 0.3
 _OBSTACLE = "obstacle-"
 
 
 class Staged(ABC):
-    """One event: waits for its time and its vehicle, acts, and notes what happened.
+    """An event: waits for its time and vehicle, acts, and records what happened.
 
     Args:
-        told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, ``lanes`` that will
-            do, ``along_m`` and its own.
-        taken: names of vehicles that have a part in some event.
+        told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, acceptable ``lanes``,
+            ``along_m`` and fields of its kind.
+        taken: names of vehicles that take part in any event.
     """
 
     tries = 0
@@ -53,7 +54,7 @@ class Staged(ABC):
         return str(self.told["lane"])
 
     def act(self, now_s: float, step_s: float) -> None:
-        """Do what is to be done before the next step."""
+        """Act before the next step."""
         if now_s < self.told["at_s"] or self.state in ("done", "missed"):
             return
         if self.state == "waits":
@@ -72,9 +73,9 @@ class Staged(ABC):
 
     @abstractmethod
     def _begin(self, now_s: float) -> bool:
-        """Look for a vehicle, and return whether the event began with it."""
+        """Select a vehicle; return whether the event began."""
 
-    def _go_on(self, now_s: float, step_s: float) -> None:  # noqa: B027 - not all have more to do
+    def _go_on(self, now_s: float, step_s: float) -> None:  # noqa: B027 - optional
         pass
 
     def _end(self, now_s: float) -> None:
@@ -82,14 +83,14 @@ class Staged(ABC):
             self.state, self.until_s = "done", now_s
 
     def _free(self, lane: str) -> list[str]:
-        """Return who is on a lane and has no part in another event."""
+        """Return the vehicles on a lane that take part in no event."""
         there = filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
         return [name for name in there if name not in self.taken]
 
     def _reaching(self, before_m: float, after_m: float) -> list[str]:
-        """Return who drives between two distances before the place, the nearest first.
+        """Return the moving vehicles between two distances before the place, the nearest first.
 
-        On the place's lane, and then on the others beside it that will do.
+        Those on the place's lane precede those on the other acceptable lanes.
         """
         found = []
         for rank, lane in enumerate(self.told["lanes"]):
@@ -101,7 +102,7 @@ class Staged(ABC):
 
 
 class HardBrake(Staged):
-    """Whoever reaches the place brakes to a stop, stands, and drives on."""
+    """The vehicle that reaches the place brakes to a stop, stands, and drives on."""
 
     stopped_s = -1.0
 
@@ -128,7 +129,7 @@ class HardBrake(Staged):
 
 
 class Collision(Staged):
-    """Somebody brakes or stands, and whoever follows does not see it; both stay as wrecks."""
+    """A vehicle brakes or stands, and its follower does not react; both stay as wrecks."""
 
     touched_s = -1.0
     common = 0.0
@@ -163,11 +164,11 @@ class Collision(Staged):
             libsumo.vehicle.setSpeed(follower, speeds[0])
             ahead = libsumo.vehicle.getLeader(follower, 60.0)
             if ahead and ahead[0] == leader:
-                # SUMO's distance leaves the follower's own gap out.
+                # SUMO's distance excludes the follower's minimum gap.
                 gap = ahead[1] + libsumo.vehicle.getMinGap(follower)
                 if gap <= (speeds[0] - braked) * step_s:
                     self.touched_s = now_s
-                    # Alike and inelastic: the two go on together.
+                    # Inelastic collision of equal masses: both move on together.
                     self.common = (speeds[0] + braked) / 2
                     self.note["speed_at_impact"] = round(speeds[0], 3)
                     self.note["speed_of_other"] = round(braked, 3)
@@ -180,7 +181,7 @@ class Collision(Staged):
 
 
 class RedLight(Staged):
-    """Whoever comes to a red signal on the lane drives on."""
+    """A vehicle that approaches a red signal on the lane drives on."""
 
     speed = 0.0
     impatient = False
@@ -190,7 +191,7 @@ class RedLight(Staged):
         return any(self._runs(lane) for lane in self.told["lanes"])
 
     def _runs(self, lane: str) -> bool:
-        """Return whether the first vehicle on a lane comes to a red signal; it then drives on."""
+        """Return whether the first vehicle on a lane approaches a red signal; it then drives on."""
         length = libsumo.lane.getLength(lane)
         found = [
             (length - libsumo.vehicle.getLanePosition(name), int(name), name)
@@ -203,8 +204,8 @@ class RedLight(Staged):
         signals = libsumo.vehicle.getNextTLS(name)
         if not signals or signals[0][3] not in "rR":
             return False
-        # In time to come to a stop gently: it sees the red and does not care. Where nobody comes
-        # so for long, the first who waits drives off.
+        # It could stop comfortably, and does not. If none approaches for long, the first waiting
+        # vehicle starts.
         comes = speed >= _SLOWEST_MS and 0.5 * speed < to_line < max(2.5 * speed, 12.0)
         if not comes and not (self.impatient and to_line < 4.0):
             return False
@@ -231,14 +232,14 @@ class RedLight(Staged):
             and libsumo.vehicle.getSpeed(name) < 0.5
             and now_s > self.from_s + 3.0
         ):
-            # Others drove before it all the same: the next one does it.
+            # Cross traffic went first: the next vehicle is selected.
             free(name)
             self.state, self.who, self.note = "waits", [], {}
             self.tries += 1
 
 
 class Stalled(Staged):
-    """Whoever can still stop at the place does so, and stays."""
+    """A vehicle that can still stop at the place does so, and stays."""
 
     halted_s = -1.0
 
@@ -259,9 +260,9 @@ class Stalled(Staged):
         return False
 
     def _coming(self) -> list[tuple[str, float, str]]:
-        """Return who comes to the place: lane, metres to the place, name; the nearest first.
+        """Return the vehicles that approach the place: lane, metres to it, name; the nearest first.
 
-        Where the lane is short they are still on the road before it when they have to brake.
+        If the lane is short, they are still on the road before it when they have to brake.
         """
         found = []
         for name in filter(str.isdigit, libsumo.vehicle.getIDList()):
@@ -293,7 +294,7 @@ class Stalled(Staged):
 
 
 class Arrivals(Staged):
-    """Vehicles come in one behind the other: a convoy, or one with blue light."""
+    """Vehicles that enter one behind the other: a convoy, or one with a blue light."""
 
     def __init__(self, told: dict[str, Any], taken: set[str]) -> None:
         super().__init__(told, taken)
@@ -327,7 +328,7 @@ class Arrivals(Staged):
         return bool(came)
 
     def act(self, now_s: float, step_s: float) -> None:
-        """Look at them every step: they come one after the other."""
+        """Update its vehicles every step, since they enter one after the other."""
         if self.state == "acts":
             present = self._present()
             came = [name for name, _ in self.told["vehicles"] if name in present]
@@ -345,7 +346,7 @@ class Arrivals(Staged):
             super().act(now_s, step_s)
 
     def _look_ahead(self, name: str) -> None:
-        """Note who moves aside before a blue light, and signals that it passes at red."""
+        """Record vehicles that make way for a blue light, and signals passed at red."""
         road, at = libsumo.vehicle.getRoadID(name), libsumo.vehicle.getLanePosition(name)
         for other in libsumo.edge.getLastStepVehicleIDs(road):
             if other == name or not 0 < libsumo.vehicle.getLanePosition(other) - at < _HEARS_M:
@@ -367,7 +368,7 @@ class Arrivals(Staged):
 
 
 class Obstacle(Staged):
-    """Something that stands on a lane: others see a vehicle that does not move."""
+    """An obstacle on a lane, which SUMO simulates as a standing vehicle."""
 
     def _begin(self, now_s: float) -> bool:
         edge, lane = libsumo.lane.getEdgeID(self._lane), self._lane.rsplit("_", 1)[1]
@@ -384,7 +385,7 @@ class Obstacle(Staged):
             self.note["tried"] = True
             self.note |= {"lane": self._lane, "width_m": self.told["width_m"]}
             self.note["along_m"] = [self.told["along_m"], round(end_m, 3)]
-        # Nobody is there, nor comes so fast that it could not stop.
+        # The lane is free, and no vehicle is too close to stop.
         for other in libsumo.lane.getLastStepVehicleIDs(self._lane):
             at = libsumo.vehicle.getLanePosition(other)
             speed = libsumo.vehicle.getSpeed(other)
@@ -397,7 +398,7 @@ class Obstacle(Staged):
                 name, name, name, depart="now", departLane=lane, departPos=f"{end_m:.2f}",
                 departSpeed="0",
             )  # fmt: skip
-            # With a stop it is nothing that SUMO takes for a jam.
+            # With a stop it does not count as jammed.
             try:
                 libsumo.vehicle.setStop(name, edge, end_m, int(lane), 1e6)
             except libsumo.TraCIException:
@@ -408,7 +409,7 @@ class Obstacle(Staged):
         return True
 
     def act(self, now_s: float, step_s: float) -> None:
-        """Let it stand until its time is over."""
+        """Keep the obstacle until its time is over."""
         if self.state == "acts" and self.who[0] in self._present():
             self.note["stands"] = True
         if self.state != "acts":
@@ -432,14 +433,14 @@ KINDS: dict[str, type[Staged]] = {
 
 
 def free(name: str) -> None:
-    """Give a vehicle back to SUMO."""
+    """Return the control of a vehicle to SUMO."""
     libsumo.vehicle.setSpeed(name, -1)
     libsumo.vehicle.setSpeedMode(name, _USUAL)
     libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
 
 
 def is_actor(name: str) -> bool:
-    """Return whether a vehicle is one of the demand, not something that stands in the way."""
+    """Return whether a vehicle is an actor, not a staged obstacle."""
     return not name.startswith(_OBSTACLE)
 
 
@@ -447,7 +448,7 @@ class Staging:
     """All events of a job.
 
     Args:
-        rows: the job's ``staged``; times count from SUMO's start.
+        rows: the job's ``staged``; times are from SUMO's start.
     """
 
     def __init__(self, rows: list[dict[str, Any]]) -> None:
@@ -455,13 +456,13 @@ class Staging:
         self.events = [KINDS[row["event"]](row, coming) for row in rows]
 
     def act(self) -> None:
-        """Do what is to be done before the next step."""
+        """Let all events act before the next step."""
         now_s, step_s = libsumo.simulation.getTime(), libsumo.simulation.getDeltaT()
         for event in self.events:
             event.act(now_s, step_s)
 
     def told(self) -> list[dict[str, Any]]:
-        """Return what happened, event by event; times from SUMO's start."""
+        """Return the outcome of each event; times from SUMO's start."""
         return [
             {
                 "number": one.told["number"],

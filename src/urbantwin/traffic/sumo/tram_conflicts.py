@@ -1,7 +1,7 @@
-"""Where trams and the rest of traffic meet: what ``trams`` has to know of rails and lanes.
+"""Conflicts of trams with other traffic: the input of ``trams`` about rails and lanes.
 
-Rails are a part of SUMO's network by themselves, so SUMO knows of no tram in the way of a car. Here
-it is found on which stretches of lanes somebody would be touched by a tram, and which signals a
+Rails are a separate part of SUMO's network, so that SUMO ignores trams that cross the path of a
+car. This finds the stretches of lanes on which a tram would touch a vehicle, and the signals that a
 tram obeys.
 """
 
@@ -22,30 +22,31 @@ from urbantwin.roads import RoadNetwork, Track
 
 __all__ = ["tram_conflicts"]
 
-#: Half the width of a tram, of a bus, and room between them, metres.
+#: Half the width of a tram, of a bus, and the gap between them, metres.
 REACH_M = 1.2 + 1.25 + 0.15
-#: In a bend the bodies of a tram are chords: by half a square of their length over the radius,
-#: metres^2, it is wider; rails bend no more than this, 1/m.
+#: In a curve the bodies of a tram are chords: its half width grows by this square of length over
+#: radius, metres^2; curvature of rails is limited to the second, 1/m.
 CHORD_M2, SHARPEST_PER_M = 9.0, 0.08
-#: Lanes are looked at so often, metres.
+#: Spacing of the points along lanes that are checked, metres.
 STEP_M = 0.5
-#: Where a lane runs with the rails by less than this, a tram is somebody who drives ahead.
+#: Angle between lane and rails below which a tram counts as traffic ahead on the lane.
 SHARED_COS = float(np.cos(np.radians(25.0)))
-#: A tram obeys the signal of a lane that runs with it, so far beside it at most; at others it stops
-#: so far before whatever crosses its way, metres.
+#: Maximum distance of a parallel lane whose signal a tram obeys; at other signals it stops this far
+#: before the first conflict, metres.
 BESIDE_M, BEFORE_M = 9.0, 3.0
-#: Two signals of one program nearer to each other than this are one place to stop, metres.
+#: Signals of one program that are nearer to each other than this are one stop, metres.
 SAME_M = 25.0
 
 
 def tram_conflicts(net_path: Path, roads: RoadNetwork | None) -> dict[str, Any]:
-    """Return what ``trams.Trams`` takes; empty where there are no rails.
+    """Return the input of ``trams.Trams``; empty without rails.
 
     - ``tracks``: edge -> points (N, 2) of the track's line;
-    - ``zones``: lane of a street -> rows of the track's edge, from where to where along the lane
-      and along the track, and whether both run together there;
-    - ``signals``: edge of a track -> rows of where the front has to stop, the program, the links
-      that let it go while one of them is green, and those that must not be green.
+    - ``outer``: edges of outer tracks;
+    - ``zones``: lane of a street -> rows of the track's edge, begin and end along the lane and
+      along the track, and whether both run together there;
+    - ``signals``: edge of a track -> rows of the stop position of the front, the program, the links
+      of which one must be green, and those that must not be green.
     """
     if roads is None or not roads.tracks:
         return {}
@@ -73,7 +74,7 @@ def tram_conflicts(net_path: Path, roads: RoadNetwork | None) -> dict[str, Any]:
 
 
 def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
-    """Return the stretches of a lane's line that a tram on a track reaches to."""
+    """Return the stretches of a lane's line that a tram on a track reaches."""
     rails, whole = shapely.LineString(track.line[:, :2]), shapely.LineString(line)
     if rails.distance(whole) > REACH_M + CHORD_M2 * SHARPEST_PER_M:
         return []
@@ -104,7 +105,7 @@ def _bend(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def _links(net_path: Path) -> list[dict[str, Any]]:
-    """Return the connections that signals govern."""
+    """Return the connections that signals control."""
     root = etree.parse(net_path).getroot()
     return [
         {
@@ -125,7 +126,7 @@ def _signals(
     zones: dict[str, list[Any]],
     links: Sequence[dict[str, Any]],
 ) -> list[list[Any]]:
-    """Return where a tram on a track stops for signals."""
+    """Return the stops of a tram on a track at signals."""
     rails = shapely.LineString(track.line[:, :2])
     crossing: defaultdict[str, list[tuple[float, float, int]]] = defaultdict(list)
     beside: defaultdict[str, list[tuple[float, float, int]]] = defaultdict(list)

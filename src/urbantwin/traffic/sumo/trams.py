@@ -1,11 +1,10 @@
-"""Trams among the rest of traffic, in SUMO's process: everybody sees everybody.
+"""Interaction of trams with other traffic, in SUMO's process.
 
-SUMO drives trams over their own rails and knows nothing of what they meet there. Before every step
-this finds what is in a tram's way (vehicles, people, signals that tell it to stop) and how fast it
-may be, and who must wait for a tram or follow it. Trams have the right of way where no signal
-tells.
+SUMO runs trams on separate rails and ignores crossing traffic. Before every step this finds what is
+in a tram's way (vehicles, pedestrians, red signals) and limits its speed, and it finds the vehicles
+that must wait for a tram or follow it. Without signals, trams have the right of way.
 
-This file is found by its path and imports nothing of UrbanTwin (see ``worker``).
+The file is loaded by its path and imports nothing of UrbanTwin (see ``worker``).
 """
 
 from __future__ import annotations
@@ -18,37 +17,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-#: From where to where ahead rails lie, whether a tram takes them, and where on its way.
+#: Begin and end of rails ahead, whether a tram needs them, and the position on the tram's path.
 _Stretch = tuple[float, float, bool, float]
 
-#: Braking for what is seen in time, and as hard as it has to be, m/s2.
+#: Comfortable and hardest braking, m/s2.
 TRAM_BRAKING, TRAM_HARDEST = 1.1, 2.7
 CAR_BRAKING, CAR_HARDEST = 3.0, 6.0
-#: Half the width of a tram with room beside it, metres; room before who stands in the way. In a
-#: bend its bodies are chords: by half a square of their length over the radius, metres^2, wider.
+#: Half the width of a tram with clearance, and gap to obstacles ahead, metres. In a curve its
+#: bodies are chords: its half width grows by this square of length over radius, metres^2.
 HALF_M, GAP_M, CHORD_M2 = 1.5, 2.5, 9.0
-#: How far ahead a tram looks, metres; others wait for it when it comes within so many seconds.
+#: Look-ahead of a tram, metres; others wait for it if it arrives within this time, seconds.
 AHEAD_M, COMING_S = 90.0, 6.0
-#: Vehicles farther from a tram than this are not looked at, metres.
+#: Vehicles farther from a tram are ignored, metres.
 AROUND_M = 110.0
-#: People are expected where they will be so much later, seconds; they wait so far from the rails.
+#: Prediction time of pedestrians, seconds, and their waiting distance from the rails, metres.
 EXPECTED_S, KERB_M = 1.2, 1.0
-#: Who drives waits so far before the rails, metres.
+#: Waiting position of vehicles before the rails, metres.
 BEFORE_M = 1.0
-#: How far ahead on its way somebody looks for rails; room that a car needs between two, metres.
+#: Look-ahead of vehicles for rails, and room that a car needs between two tracks, metres.
 WAY_M, ROOM_M = 70.0, 7.0
-#: Where no street runs with the rails, a tram that waited for so long is given its way, seconds.
+#: Where no street runs parallel to the rails, a tram that has waited this long proceeds, seconds.
 PATIENCE_S = 15.0
-#: A junction with signals is at most so long, metres.
+#: Maximum extent of a signalised junction, metres.
 JUNCTION_M = 100.0
-#: SUMO's checks of a speed that is set, without that of the greatest braking.
+#: SUMO's checks of a set speed, except that of the maximum deceleration.
 SPEED_MODE = 31 - 4
-#: No lane changes of a vehicle's own beside a tram, else SUMO's default.
+#: SUMO's lane-change modes: no changes beside a tram, and the default.
 NO_CHANGE, ANY_CHANGE = 512, 1621
 
 
 class _Tram:
-    """One tram in a step: its way, and where its ends are along it."""
+    """A tram in a step: its path, and the positions of its ends along it."""
 
     def __init__(self, name: str, tracks: dict[str, Any]) -> None:
         self.name = name
@@ -69,7 +68,7 @@ class _Tram:
         self.front = 0.0
         while k < len(route) and (k <= index or total < self.front + AHEAD_M):
             line, along = tracks[route[k]]
-            # Of a track that comes twice, the part near the front counts.
+            # Of a track that occurs twice, the part near the front counts.
             self.starts[route[k]] = total
             if k == index:
                 self.front = total + at
@@ -85,11 +84,11 @@ class _Tram:
         bend = np.abs(turn) / np.maximum((self.legs[1:] + self.legs[:-1]) / 2, 2.0)
         self.half = HALF_M + CHORD_M2 * np.minimum(np.concatenate([[0.0], bend, [0.0]]), 0.08)
         self.stops = libsumo.vehicle.isStopped(name)
-        # How far it can go, and how far it could if nobody crossed its way, metres.
+        # Free distance ahead, and the same without crossing traffic, metres.
         self.free = self.room = AHEAD_M
 
     def locate(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return how far along the way points (M, 2) are, and how far aside."""
+        """Return positions along the path and lateral distances of points (M, 2)."""
         rel = points[:, None] - self.line[None, :-1]
         at = np.clip((rel * self.unit[None]).sum(axis=2), 0.0, self.legs[None])
         off = rel - at[..., None] * self.unit[None]
@@ -100,10 +99,10 @@ class _Tram:
 
 
 class Trams:
-    """Makes trams and others heed each other.
+    """Controls trams and the traffic around them.
 
     Args:
-        known: what ``tram_conflicts.tram_conflicts`` returned.
+        known: result of ``tram_conflicts.tram_conflicts``.
     """
 
     def __init__(self, known: dict[str, Any]) -> None:
@@ -126,7 +125,7 @@ class Trams:
         self.waiting: set[str] = set()
 
     def heed(self, step_s: float) -> None:
-        """Set speeds for the step to come."""
+        """Set speeds for the next step."""
         if not self.tracks:
             return
         now = [
@@ -189,7 +188,7 @@ class Trams:
         return bool(at > length and libsumo.lane.getLength(lane) - at > AHEAD_M)
 
     def _obey_signals(self, tram: _Tram, step_s: float) -> None:
-        """Stop before signals; one that was passed counts no more on the same junction."""
+        """Stop a tram at signals; one that was passed no longer counts on the same junction."""
         held, driven = False, libsumo.vehicle.getDistance(tram.name)
         passed = self.passed.setdefault(tram.name, {})
         for edge, start in tram.starts.items():
@@ -209,7 +208,7 @@ class Trams:
                     if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
                         passed[program] = driven
                         go = True
-                # Who can no longer stop goes on, as at yellow.
+                # A tram that can no longer stop proceeds, as at yellow.
                 if go or ahead < tram.speed**2 / (2 * TRAM_BRAKING) - 1.0:
                     held = held or (go and ahead < 3.0 and tram.speed < 0.1)
                     continue
@@ -219,7 +218,7 @@ class Trams:
         self.held[tram.name] = self.held.get(tram.name, 0.0) + step_s if held else 0.0
 
     def _vehicles_ahead(self, tram: _Tram, names: list[str], trams: set[str]) -> set[str]:
-        """Note who is in a tram's way; return them."""
+        """Limit a tram's free distance by vehicles in its way; return their names."""
         found = set()
         for name in names:
             if name == tram.name:
@@ -234,7 +233,7 @@ class Trams:
                 continue
             found.add(name)
             gap = float(at[inside].min()) - tram.front - GAP_M
-            # Who drives ahead goes on; who crosses does not.
+            # A vehicle driving ahead moves on; a crossing one does not.
             yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
             k = int(np.searchsorted(tram.along[:-1], at[inside].min(), "right")) - 1
             along = float(tram.unit[k] @ np.array([math.cos(yaw), math.sin(yaw)]))
@@ -263,7 +262,7 @@ class Trams:
         return np.vstack([middle + half * left, middle, middle - half * left])
 
     def _people(self, tram: _Tram, people: list[str], where: Floats) -> set[str]:
-        """Brake for people on the rails; return those who wait until a tram has passed."""
+        """Brake for pedestrians on the rails; return those that wait until a tram has passed."""
         near = np.flatnonzero(np.hypot(*(where - tram.nose).T) < AROUND_M)
         if not len(near):
             return set()
@@ -289,7 +288,7 @@ class Trams:
         return waits
 
     def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
-        """Return, by lane, the stretches that a tram is on, or will be soon."""
+        """Return, by lane, the stretches that a tram occupies now or soon."""
         found: dict[str, list[Any]] = {}
         reach = tram.front + min(tram.room, tram.speed * COMING_S + 12.0)
         if tram.stops:
@@ -300,10 +299,10 @@ class Trams:
                     found.setdefault(lane, []).append((a, b, start + c, start + d, together))
         return found
 
-    def _most(  # noqa: PLR0912 - all that a tram is to others
+    def _most(  # noqa: PLR0912 - all effects of a tram on others
         self, tram: _Tram, name: str, reserved: dict[str, list[Any]], in_way: bool
     ) -> float | None:
-        """Return how fast a vehicle may be for the sake of a tram; ``None`` for as it likes."""
+        """Return the speed limit of a vehicle because of a tram; ``None``: no limit."""
         speed = libsumo.vehicle.getSpeed(name)
         tail = tram.front - tram.length
         most = math.inf
@@ -329,7 +328,8 @@ class Trams:
         for group in _groups(crossed):
             begin, end = group[0][0], max(row[1] for row in group)
             if begin > 0.3:
-                # Nobody stops on rails: in only if all of them are free, and there is room behind.
+                # No vehicle stops on rails: it enters only if all are free and there is room
+                # beyond.
                 full = ahead_m < end + libsumo.vehicle.getLength(name) + 1.0
                 if not full and not any(row[2] for row in group):
                     continue
@@ -340,7 +340,7 @@ class Trams:
                 if not is_taken:
                     continue
                 if first < 0.3:
-                    continue  # it is there, and the tram sees whether it is in its way
+                    continue  # already on the rails, where the tram reacts to it
                 if first > speed**2 / (2 * CAR_HARDEST):
                     most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
                 elif at > tram.front:
@@ -348,7 +348,7 @@ class Trams:
         return None if most == math.inf else most
 
     def _way_of(self, name: str) -> list[tuple[str, float]]:
-        """Return the lanes of a vehicle's way and how far ahead each begins."""
+        """Return the lanes of a vehicle's path with the distance to the start of each."""
         lane = str(libsumo.vehicle.getLaneID(name))
         offset = -float(libsumo.vehicle.getLanePosition(name))
         found = [(lane, offset)]
@@ -363,7 +363,7 @@ class Trams:
         return found
 
     def _room(self, name: str) -> float:
-        """Return how far ahead of a vehicle somebody stands, metres."""
+        """Return the distance to a standing vehicle ahead, metres; infinite without one."""
         leader = libsumo.vehicle.getLeader(name, WAY_M)
         if not leader or not leader[0] or libsumo.vehicle.getSpeed(leader[0]) > 2.0:
             return math.inf
@@ -377,7 +377,7 @@ class Trams:
 
 
 def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
-    """Return stretches of a way, from where to where, in groups between which nobody has room."""
+    """Return stretches of a path in groups between which there is no room for a car."""
     found: list[list[_Stretch]] = []
     for row in sorted(rows):
         if row[1] < 0:
@@ -390,7 +390,7 @@ def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
 
 
 def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:
-    """Return the speed from which one stops behind somebody who brakes as hard (Gipps), m/s."""
+    """Return the safe speed behind a vehicle that brakes as hard (Gipps), m/s."""
     reaction = braking * 0.5
     return max(
         -reaction + math.sqrt(reaction**2 + ahead_ms**2 + 2 * braking * max(gap_m, 0.0)), 0.0

@@ -1,11 +1,11 @@
-"""One SUMO simulation, in a process of its own: run as a script, never imported.
+"""A SUMO simulation in its own process: run as a script, never imported.
 
-``libsumo`` is global state, prints what it likes and can take its process down, and it brings an
-Arrow library that must not meet pyarrow's. So this file imports nothing of UrbanTwin: it reads a
-job (JSON), drives SUMO and writes what it saw (NPY, JSON). Progress goes to standard output, lines
-``progress FRACTION``; SUMO's messages go to standard error.
+``libsumo`` is global state, prints freely, may crash its process, and brings an Arrow library that
+conflicts with pyarrow's. So this file imports nothing of UrbanTwin: it reads a job (JSON), runs
+SUMO and writes the output (NPY, JSON). Progress goes to standard output as lines ``progress
+FRACTION``; SUMO's messages go to standard error.
 
-The job's fields are those of ``simulation.Job``.
+The job's fields are those that ``simulation`` writes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import libsumo
 import numpy as np
 
 
-# By its path: nothing in this folder may be found by its name (see `simulation`).
+# Loaded by path, since modules of this folder are not importable by name (see `simulation`).
 def _beside(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
     assert spec is not None
@@ -45,27 +45,27 @@ Row = tuple[int, int, float, float, float, float, int]
 TYPES = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
 TYPES += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
 MANY_ROWS = 50_000
-#: Progress is reported so often, seconds.
+#: Interval of progress reports, seconds.
 REPORT_S = 0.5
-#: Who halts for longer, seconds, so far from the middle of its lane, metres, may move sideways on
-#: the spot at this speed, m/s.
+#: A vehicle that halts longer than this, seconds, and this far from the middle of its lane, metres,
+#: may slide sideways at this speed, m/s.
 WEDGED_S, ASIDE_M, SLIDES_MS = 40.0, 0.3, "0.3"
-#: The first of a queue that has halted within a junction for longer, s, drives out of it at this
-#: speed, m/s, without SUMO's checks (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html).
+#: The first of a queue that halts within a junction for longer, s, drives out at this speed, m/s,
+#: without SUMO's checks (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html).
 LOCKED_S, LOCKED_MS, NO_CHECKS, USUAL_CHECKS = 60.0, 2.0, 0, 31
 SIDEWAYS = "laneChangeModel.lcMaxSpeedLatStanding"
 
 
 class Watch:
-    """Collects, second by second, how many there are, how fast, who comes in and who is stuck.
+    """Statistics by second: numbers of actors, speeds, entries and halts.
 
     Args:
         classes: number of the class of each trip.
-        kinds: how many classes there are.
-        outer: edges of outer roads; who leaves them enters the region.
-        stuck_s: who halts for longer is noted.
-        parties: how many more walk with somebody.
-        passengers: who is not counted here: it waits, or is away.
+        kinds: number of classes.
+        outer: edges of outer roads; an actor that leaves them enters the region.
+        stuck_s: longer halts are recorded.
+        parties: number of further members of each leader's group.
+        passengers: passengers of buses and trams, who are not counted here.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Watch:
         self.unlocked: set[str] = set()
 
     def look(self, time_s: float) -> None:
-        """Note how things stand at a whole second."""
+        """Sample the state, once a second."""
         minute = int(time_s // 60)
         while len(self.minutes) <= minute:
             zeros = [0.0] * self.kinds
@@ -132,9 +132,9 @@ class Watch:
             row["most"][kind] = max(row["most"][kind], number)
 
     def _free(self, name: str, halt_s: float) -> None:
-        """Let who halts for long beside the middle of a lane slide back to where it can go on.
+        """Let a vehicle that halts for long beside the middle of a lane slide sideways.
 
-        Two-wheelers that overtake halfway on a lane that is not theirs would stand there for ever.
+        Two-wheelers that overtake halfway on another lane would otherwise stand for ever.
         """
         aside = abs(libsumo.vehicle.getLateralLanePosition(name)) > ASIDE_M
         if halt_s > WEDGED_S and aside and name not in self.freed:
@@ -144,7 +144,7 @@ class Watch:
     def _unlock(self, name: str, halt_s: float) -> None:
         """Let the first of a queue that stands within a junction for long drive out of it.
 
-        Two vehicles that SUMO let into one place wait for each other for ever.
+        Two vehicles that SUMO let into one place would otherwise wait for each other for ever.
         """
         if halt_s < LOCKED_S or not libsumo.vehicle.getRoadID(name).startswith(":"):
             return
@@ -155,7 +155,7 @@ class Watch:
             libsumo.vehicle.setSpeed(name, LOCKED_MS)
 
     def _back_to_usual(self) -> None:
-        """Let vehicles that were freed or unlocked drive as usual once they are on their way."""
+        """Restore SUMO's control of freed and unlocked vehicles once they move on."""
         there = set(libsumo.vehicle.getIDList())
         for name in self.freed & there:
             if libsumo.vehicle.getSpeed(name) > 1.0:
@@ -169,10 +169,10 @@ class Watch:
 
 
 class Recorder:
-    """Notes, step by step, where everybody is and what the signals show.
+    """Records positions and signal states, step by step.
 
     Args:
-        arrays: the file (NPY) that positions are written to as they come: an hour of them takes
+        arrays: the file (NPY) to which positions are written continuously; for an hour they take
             hundreds of megabytes.
     """
 
@@ -189,9 +189,9 @@ class Recorder:
         self.departed: set[int] = set()
 
     def count_incidents(self) -> None:
-        """Count what went wrong in the step just made, and take out who was stuck."""
+        """Count teleports, collisions and departures of the last step; remove stuck vehicles."""
         for name in libsumo.simulation.getStartingTeleportIDList():
-            # SUMO would set it down elsewhere; for the onlooker it is gone.
+            # SUMO would insert it elsewhere; here it is removed.
             libsumo.vehicle.remove(name)
             self.teleports += 1
         for collision in libsumo.simulation.getCollisions():
@@ -205,7 +205,7 @@ class Recorder:
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedPersonIDList()}
 
     def record(self, step: int) -> None:
-        """Note positions and changes of signals as step ``step`` of the motion."""
+        """Record positions and changes of signals as step ``step`` of the motion."""
         for domain in (libsumo.vehicle, libsumo.person):
             for name in sorted(filter(events.is_actor, domain.getIDList()), key=int):
                 x, y = domain.getPosition(name)
@@ -225,13 +225,13 @@ class Recorder:
                 self.signals.append((step, program, state))
 
     def pack(self) -> None:
-        """Write the rows so far."""
+        """Write the buffered rows."""
         self.file.write(np.array(self.rows, TYPES).tobytes())
         self.count += len(self.rows)
         self.rows = []
 
     def _write_header(self) -> None:
-        """Write how many rows there are; NumPy leaves room for the number to grow."""
+        """Write the header with the number of rows; NumPy reserves space for its growth."""
         told = {
             "descr": np.lib.format.dtype_to_descr(np.dtype(TYPES)),
             "fortran_order": False,
@@ -246,7 +246,7 @@ class Recorder:
         staged: list[dict[str, Any]],
         boarded: list[Any],
     ) -> None:
-        """Write what is left of the positions, and everything else (JSON)."""
+        """Write the remaining positions, and everything else (JSON)."""
         self.pack()
         self.file.seek(0)
         self._write_header()
@@ -314,7 +314,7 @@ def simulate(job: dict[str, Any]) -> None:
 
 
 def end_with_the_run() -> None:
-    """End this process when the run that started it is killed: its end of stdin is closed then."""
+    """Exit when the parent process dies, which closes stdin."""
     while os.read(sys.stdin.fileno(), 1):
         pass
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What SUMO's worker needs beside SUMO's own files: gates, speeds in bends, streets of one lane."""
+"""Input of SUMO's worker beyond SUMO's own files: gates, speeds in curves, one-lane streets."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from urbantwin.traffic.sumo.route_file import types_of_reserve
 
 __all__ = ["curves_of", "gates_of", "one_lane_streets"]
 
-#: The largest speed that a vehicle drives, as a factor of its lane's speed.
+#: Highest speed of a vehicle, as a factor of its lane's speed.
 _FASTEST = 1.25
-#: On a shorter edge no vehicle waits for another one, metres.
+#: Edges on which vehicles can wait for others have at least this length, metres.
 WAITING_M = 12.0
 
 
 def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
-    """Return the gates of a demand, as ``gates.Gates`` takes them.
+    """Return the gates of a demand, in the form of ``gates.Gates``.
 
     Args:
         demand: the demand.
-        until_s: gates add vehicles before this time of SUMO's.
+        until_s: end of adding vehicles, SUMO's time.
         seed: SUMO's seed.
     """
     return {
@@ -40,9 +40,9 @@ def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
-    """Return the speeds along each lane that bends, as ``curves.Curves`` takes them.
+    """Return the speeds along each curved lane, in the form of ``curves.Curves``.
 
-    A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
+    In SUMO a lane has one speed, although a street with a curve is not slow throughout.
     """
     found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
     root = _root_of(net_path)
@@ -61,8 +61,8 @@ def one_lane_streets(net_path: Path) -> dict[str, Any]:
     """Return the streets with one lane for both directions, as ``one_lane.OneLaneStreets`` takes.
 
     - ``street``: edge -> name of its street, the same for both directions;
-    - ``mouths``: edges from which vehicles come to one;
-    - ``short``: edges on which no vehicle can wait for another.
+    - ``mouths``: edges from which vehicles reach one;
+    - ``short``: edges on which vehicles cannot wait for others.
     """
     root = _root_of(net_path)
     if root is None:
@@ -95,7 +95,7 @@ def one_lane_streets(net_path: Path) -> dict[str, Any]:
 
 
 def _root_of(net_path: Path) -> Any:  # noqa: ANN401 - an element of lxml, which has no types
-    """Return the root of a network of SUMO; ``None`` if it is no XML, which SUMO reports."""
+    """Return the root of a SUMO network; ``None`` if it is no XML, which SUMO reports."""
     try:
         return etree.parse(net_path).getroot()
     except etree.XMLSyntaxError:

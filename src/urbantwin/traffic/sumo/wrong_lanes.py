@@ -1,27 +1,27 @@
-"""Drivers who stand at the end of a lane that does not lead where they want to go.
+"""Vehicles that stand at the end of a lane that does not lead along their route.
 
-Where two want to change into each other's place on a short street, both wait for ever, and
-everybody behind them. People go on where their lane leads, and find their way from there. Part of
-the worker: imports nothing of UrbanTwin.
+Two vehicles on a short street that want each other's lane would wait for ever, and so would all
+behind them. They continue along their lane and are rerouted from there. Part of the worker: imports
+nothing of UrbanTwin.
 """
 
 from __future__ import annotations
 
 import libsumo
 
-#: Who halts for longer, seconds, goes on along its lane: so near to its end, metres, and elsewhere,
-#: where somebody may still make room.
+#: A vehicle that halts for longer than the first time, seconds, this near to the end of its lane,
+#: metres, continues along it; elsewhere only after the second time, since a gap may still open.
 PATIENCE_S, NEAR_M, LONG_S = 30.0, 15.0, 90.0
-#: The way back is looked for to so many of the streets that were to come.
+#: Number of the next edges of the route that the detour may rejoin.
 AHEAD = 12
 
 
 def go_on(name: str, halt_s: float) -> None:
-    """Lead a vehicle that stands in a wrong lane along that lane and back to its way.
+    """Reroute a vehicle that stands in a wrong lane along that lane and back to its route.
 
     Args:
-        name: of the vehicle.
-        halt_s: how long it has stood, seconds.
+        name: name of the vehicle.
+        halt_s: duration of its halt, seconds.
     """
     vehicle = libsumo.vehicle
     lane = vehicle.getLaneID(name)
@@ -33,7 +33,7 @@ def go_on(name: str, halt_s: float) -> None:
     if any(one[0] == lane and one[4] for one in vehicle.getBestLanes(name)):
         return
     at, route = vehicle.getRouteIndex(name), vehicle.getRoute(name)
-    # A vehicle that was told anything has a type of its own, which routes do not know.
+    # A vehicle with own parameters has a type of its own, which ``findRoute`` does not know.
     kind = vehicle.getTypeID(name).removesuffix(f"@{name}")
     best: tuple[float, tuple[str, ...]] | None = None
     for link in libsumo.lane.getLinks(lane):
