@@ -1,4 +1,4 @@
-"""Maps in the Lanelet2 format, read as a lane model."""
+"""Lanelet2 maps, read as a lane model."""
 
 from urbantwin.roads.lanelet2.document import is_lanelet2
 from urbantwin.roads.lanelet2.projection import anchor_of

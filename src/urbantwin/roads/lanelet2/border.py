@@ -1,4 +1,4 @@
-"""Borders of lanes: mapped polylines measured from a reference line."""
+"""Borders of lanes: mapped polylines, measured from a reference line."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from urbantwin.roads.model import Curve, Profile
 
 __all__ = ["Border", "Measured", "profile_of", "stations_between"]
 
-#: Widths and offsets are fitted this well, metres; the errors of lanes side by side add up.
+#: Tolerance of the fit of widths and offsets, metres; errors of adjacent lanes add up.
 TOLERANCE_M = 5e-4
-#: Stations closer than this are one, metres.
+#: Minimum distance of stations, metres.
 SAME_M = 1e-3
-#: Stations are first looked up at this spacing, metres, from so far behind the corner before to so
-#: far ahead of where it should be.
+#: Spacing of the search for a corner's station, metres, and its range behind the previous corner
+#: and ahead of the expected station.
 SAMPLE_M, BACK_M, AHEAD_M = 0.25, 3.0, 10.0
 
 
@@ -27,14 +27,14 @@ class Border:
     points: NDArray[np.float64]
 
     def along(self, curve: Curve) -> Measured:
-        """Return the border as stations of a curve; where it turns back, points are left out."""
+        """Return the border in stations of a curve; points where it turns back are dropped."""
         s = _stations(curve, self.points[:, :2])
         keep = [0]
         for k in range(1, len(s)):
             if s[k] > s[keep[-1]] + 1e-6:
                 keep.append(k)
         if len(keep) == 1:
-            # It stands still or runs back: what can be drawn is a step of a millimetre.
+            # It has no extent along the curve: a step of a millimetre replaces it.
             far = len(s) - 1
             return Measured(
                 curve, self.points[[0, far]], np.array([s[0], s[0] + SAME_M]), len(s) - 2
@@ -44,13 +44,13 @@ class Border:
 
 @dataclass(frozen=True)
 class Measured:
-    """A border beside a curve.
+    """A border measured from a curve.
 
     Attributes:
         curve: the reference line.
-        points: (N, 3) its corners.
-        s: (N,) their stations, ascending.
-        dropped: how many corners were left out because the border turns back there.
+        points: (N, 3) its corners, site frame.
+        s: (N,) stations of the corners, ascending, metres.
+        dropped: number of corners dropped because the border turns back there.
     """
 
     curve: Curve
@@ -59,9 +59,9 @@ class Measured:
     dropped: int
 
     def at(self, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return offset to the left and height (M,), (M,) where the curve's normals meet it.
+        """Return offset to the left and height (M,), (M,) at stations, metres.
 
-        Before its start and beyond its end it stays as far from the curve as there.
+        Before its start and beyond its end the border keeps its offset.
         """
         s = np.clip(s, self.s[0], self.s[-1])
         pose = self.curve.at(s)
@@ -72,14 +72,14 @@ class Measured:
         leg, gap = b - a, a[:, :2] - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
         forward = leg[:, 0] * c + leg[:, 1] * sn
         share = -(gap[:, 0] * c + gap[:, 1] * sn) / np.where(np.abs(forward) < 1e-9, 1e-9, forward)
-        # Rounding of stations must not carry a point far along a line across the road.
+        # Rounding of stations must not move a point far along a line across the road.
         place = a + np.clip(share, 0.0, 1.0)[:, None] * leg
         off = place[:, :2] - pose[:, :2]
         return off[:, 1] * c - off[:, 0] * sn, place[:, 2]
 
     @property
     def room(self) -> float:
-        """The least share of the curve's length that the border keeps in the curve's bends.
+        """Minimum ratio of the border's length to the curve's length in bends.
 
         Negative where the border would fold or turn back.
         """
@@ -88,7 +88,7 @@ class Measured:
         return float(np.min(1.0 - turn * self.at(s)[0])) - 10.0 * self.dropped
 
     def window(self, first: float, last: float) -> Border:
-        """Return the corners between two stations and one more on either side."""
+        """Return the part between two stations, with one more corner on either side."""
         a = max(int(np.searchsorted(self.s, first)) - 1, 0)
         b = min(int(np.searchsorted(self.s, last, side="right")) + 1, len(self.s))
         a, b = min(a, len(self.s) - 2), max(b, min(a, len(self.s) - 2) + 2)
@@ -104,11 +104,11 @@ class Measured:
 
 
 def _stations(curve: Curve, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the stations (N,) of a polyline's corners, found one after another.
+    """Return the stations (N,) of a polyline's corners, determined one after the other.
 
-    A curve may come back to where it was (a loop, a ring): each corner is looked for ahead of the
-    one before it, the first one as early as possible. Corners before the start or beyond the end
-    are measured on the straight continuation.
+    A curve may come back to the same place (a loop, a ring): each corner is searched ahead of the
+    previous one, the first one as early as possible. Corners before the start or beyond the end are
+    measured on the straight continuation.
     """
     grid = np.linspace(0.0, curve.length, max(3, int(curve.length / SAMPLE_M) + 2))
     poses = curve.at(grid)
@@ -138,7 +138,7 @@ def _stations(curve: Curve, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stations_between(first: float, last: float, borders: list[Measured]) -> NDArray[np.float64]:
-    """Return where cubics may begin and end: at corners of borders, and every two metres."""
+    """Return stations at which cubics may begin and end: corners of borders, and every 2 m."""
     corners = np.concatenate([[first, last], *[border.s for border in borders]])
     grid = np.linspace(first, last, max(2, int((last - first) / 2.0) + 2))
     s = np.unique(np.concatenate([corners, grid]))
@@ -151,11 +151,11 @@ def stations_between(first: float, last: float, borders: list[Measured]) -> NDAr
 def profile_of(
     knots: NDArray[np.float64], fine: NDArray[np.float64], value: NDArray[np.float64]
 ) -> Profile:
-    """Return the longest cubics that meet values within ``TOLERANCE_M``, joined without a step.
+    """Return the longest continuous cubics that fit values within ``TOLERANCE_M``.
 
     Args:
-        knots: (K,) where cubics may begin and end.
-        fine: (M,) stations of the values, the knots among them, ascending.
+        knots: (K,) stations at which cubics may begin and end.
+        fine: (M,) stations of the values, including the knots, ascending.
         value: (M,) the values.
     """
     at = np.searchsorted(fine, knots)
@@ -166,7 +166,7 @@ def profile_of(
         best = _cubic(fine[at[k] : at[end] + 1], value[at[k] : at[end] + 1])[0]
         step = 1
         while end < len(knots) - 1:
-            # Reach out in growing steps, and in single ones after the first failure.
+            # Extend in growing steps, and in single ones after the first failure.
             reach = min(end + step, len(knots) - 1)
             row, error = _cubic(fine[at[k] : at[reach] + 1], value[at[k] : at[reach] + 1])
             if error <= TOLERANCE_M:
@@ -184,7 +184,7 @@ def profile_of(
 def _cubic(
     s: NDArray[np.float64], value: NDArray[np.float64]
 ) -> tuple[tuple[float, float, float, float], float]:
-    """Return the cubic that meets the first and the last value and is nearest to the others."""
+    """Return the least-squares cubic through the end values, and its maximum error."""
     length = s[-1] - s[0]
     x = (s - s[0]) / length
     rise = value[-1] - value[0]

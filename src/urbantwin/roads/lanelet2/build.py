@@ -1,4 +1,4 @@
-"""Building streets and connecting roads of lanelets, planned again where a street fails."""
+"""Streets and connecting roads from lanelets, with a new plan where a street fails."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from urbantwin.roads.lanelet2.topology import Topology
 
 __all__ = ["BuiltRoads", "LaneAt", "build_streets_and_junctions"]
 
-#: A longer lost part of a lane is reported, metres.
+#: Minimum length of a lost part of a lane that is reported, metres.
 LOST_M = 0.01
-#: More plans are not tried; real maps need fewer than ten.
+#: Maximum number of plans; real maps need fewer than ten.
 MOST_PLANS = 400
-#: Road, number of the section, lane.
+#: Road id, index of the section, lane id.
 LaneAt = tuple[int, int, int]
 #: Lanelets of a chain and its cuts -> its street; ``None`` if it cannot be built.
 Made = dict[tuple[object, ...], Street | None]
@@ -42,13 +42,13 @@ class BuiltRoads:
 
     Attributes:
         streets: the streets.
-        connecting_roads: the ways through junctions.
-        topology: what leads where.
-        plan: what became of each group of lanelets.
-        shortened: lanelets that lead nowhere at a junction whose end lies across: what lies beyond
-            the end of their street is lost.
-        stubs: lanelets left out because they make neither a street nor a way through a junction:
-            mostly ways within a junction that the border of the map cuts off.
+        connecting_roads: the connecting roads through junctions.
+        topology: links between lanelets.
+        plan: assignment of each group of lanelets.
+        shortened: lanelets without a connecting road at an oblique end of their street: the part
+            beyond that end is lost.
+        stubs: dropped lanelets that make neither a street nor a connecting road, mostly within
+            junctions cut off by the border of the map.
     """
 
     streets: tuple[Street, ...]
@@ -60,7 +60,7 @@ class BuiltRoads:
 
     @cached_property
     def lanes(self) -> dict[int, tuple[LaneAt, ...]]:
-        """Lanelet -> the lanes that were made from it."""
+        """Lanelet -> the lanes made from it."""
         found: dict[int, list[LaneAt]] = {}
         for street in self.streets:
             for number, (lanes, span) in enumerate(zip(street.lanes, street.spans, strict=True)):
@@ -76,9 +76,9 @@ class BuiltRoads:
 
     @cached_property
     def approaches(self) -> dict[int, tuple[tuple[int, int], ...]]:
-        """Lanelet -> (street, lane) that leads to where it ends.
+        """Lanelet -> (street, lane) that leads to its end.
 
-        For a lanelet within a junction that is the lane where ways over it begin.
+        For a lanelet within a junction that is the lane where the connecting roads over it begin.
         """
         found: dict[int, dict[tuple[int, int], None]] = {}
         for street in self.streets:
@@ -100,16 +100,16 @@ def build_streets_and_junctions(
     attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> BuiltRoads:
-    """Build every street and every way through a junction.
+    """Build all streets and connecting roads.
 
     Args:
         lanelets: the map.
-        side: on which side people drive.
-        attributes: what is known of a lanelet, seen along its road.
+        side: driving side, ``right`` or ``left``.
+        attributes: function that returns the attributes of a lanelet along its road.
         ways: tags of the map's ways.
 
     Raises:
-        StageError: no plan works out.
+        StageError: no plan succeeds.
     """
     lanes = {i: n for i, n in lanelets.items() if n.kind not in ("", "crosswalk")}
     drives = {i: n for i, n in lanes.items() if n.drives}
@@ -118,7 +118,7 @@ def build_streets_and_junctions(
     barred: frozenset[int] = frozenset()
     stubs: frozenset[int] = frozenset()
     made: Made = {}
-    # Every round takes a lanelet out of a group, of a kind of use or of the map, for good.
+    # Each round permanently removes a lanelet from a group, from a kind of use or from the map.
     most = min(4 * len(drives) + 1, MOST_PLANS)
     for _ in range(most):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
@@ -149,7 +149,7 @@ def build_streets_and_junctions(
                 return BuiltRoads(
                     tuple(streets), tuple(connecting_roads), topology, plan, short, stubs
                 )
-            # First what nothing leads to or from: what comes after it may then be reached.
+            # First those without predecessor or successor: the next ones may then be reached.
             before = {k for following in topology.successors.values() for k in following}
             ends = {i for i in missed if i not in before or not topology.successors[i]} or missed
             if ends <= barred & apart:
@@ -166,7 +166,7 @@ def build_streets_and_junctions(
 
 
 def _ending(topology: Topology, plan: Plan) -> frozenset[int]:
-    """Return lanelets that lead nowhere beside others that are cut: they must not be cut, too."""
+    """Return lanelets without continuation beside others that are cut: they must not be cut too."""
     before = {k for following in topology.successors.values() for k in following}
     found = set()
     for chain in plan.chains:
@@ -192,7 +192,7 @@ def _streets(
     ways: Mapping[int, dict[str, str]],
     made: Made,
 ) -> tuple[list[Street], list[Chain]]:
-    """Return the streets, and the chains that make none; ``made`` keeps both for the next plan."""
+    """Return the streets, and the chains that make none; ``made`` caches both for the next plan."""
 
     def follows(a: int, b: int) -> bool:
         return b in topology.successors[a]
@@ -211,7 +211,7 @@ def _streets(
         if street is None:
             failed.append(chain)
         else:
-            # The numbers of groups and of roads are those of this plan.
+            # Numbers of groups and roads depend on the plan.
             road = replace(street.road, id=1 + len(streets) + len(failed))
             streets.append(replace(street, road=road, chain=chain))
     return streets, failed
@@ -237,7 +237,7 @@ def _shortened(streets: list[Street], connecting_roads: list[ConnectingRoad]) ->
 def _paths(
     streets: list[Street], topology: Topology, plan: Plan
 ) -> list[tuple[Gate, tuple[int, ...], Gate]]:
-    """Return every way through a junction: where it begins, its lanelets, and where it ends."""
+    """Return all movements through junctions: start, lanelets and end."""
     gates = [gate for street in streets for gate in gates_of(street)]
     exits: dict[int, Gate] = {gate.lanelet: gate for gate in gates if not gate.inward}
     return [

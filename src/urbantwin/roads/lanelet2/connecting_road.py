@@ -1,4 +1,4 @@
-"""Connecting roads: chains of lanelets from one street to another, one lane each."""
+"""Connecting roads: chains of lanelets between two streets, one lane each."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from urbantwin.roads.model import ModelRoad, Profile, RoadLink
 
 __all__ = ["ConnectingRoad", "Gate", "connecting_road_of", "gates_of", "routes"]
 
-#: Most connecting roads that are looked for from one lane.
+#: Maximum number of connecting roads from one lane.
 MOST_ROUTES = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """A lane of a street where it meets a junction.
+    """A lane of a street at a junction.
 
     Attributes:
         street: the street.
         track: the lane.
         lane: its id there.
-        end: whether it is the end of the road, not its start.
+        end: whether it is at the end of the road, not at its start.
         inward: whether traffic leaves the street here.
-        pose: place of the lane's left border in its direction of travel, and that direction.
-        left: (N, 3) left border from the gate on, as far as the map has drawn the lane.
-        right: right border.
+        pose: position of the lane's left border in its direction of travel, and that direction.
+        left: (N, 3) left border beyond the gate, as far as the lane is mapped.
+        right: the same of the right border.
     """
 
     street: Street
@@ -49,13 +49,13 @@ class Gate:
 
     @property
     def lanelet(self) -> int:
-        """The lanelet that the lane ends or begins with."""
+        """Id of the lane's last or first lanelet, at the junction."""
         return self.track.members[-1 if self.end else 0].lanelet.id
 
 
 @dataclass(frozen=True)
 class ConnectingRoad:
-    """A connecting road, and what it was made from."""
+    """A connecting road and its sources."""
 
     road: ModelRoad
     start: Gate
@@ -65,7 +65,7 @@ class ConnectingRoad:
 
     @property
     def area(self) -> shapely.Geometry:
-        """What it covers in plan."""
+        """Its area in plan."""
         road = self.road
         s = np.linspace(0.0, road.length, max(4, int(road.length) + 1))
         section = road.sections[0]
@@ -77,7 +77,7 @@ class ConnectingRoad:
 
 
 def gates_of(street: Street) -> Iterator[Gate]:
-    """Return every lane of a street that is there where the street meets a junction."""
+    """Yield all lanes of a street that reach its ends at junctions."""
     road = street.road
     last = len(street.chain.groups) - 1
     for end, cut in enumerate(street.chain.cuts):
@@ -94,7 +94,7 @@ def gates_of(street: Street) -> Iterator[Gate]:
             lane = section.by_id[identity]
             points = []
             for k, border in enumerate(street.whole[track]):
-                # A lane to the left of the reference line has its outer border on its left.
+                # The outer border of a lane to the left of the reference line is its left one.
                 outer = (identity > 0) == (k == 0)
                 t = road.border(section, lane, at, outer=outer)
                 rest = border.beyond(street.reach[1]) if end else border.before(street.reach[0])
@@ -115,9 +115,9 @@ def routes(
     successors: Mapping[int, tuple[int, ...]],
     inner: frozenset[int],
 ) -> list[tuple[tuple[int, ...], int]]:
-    """Return every path from a lanelet through inner ones to the next outer one.
+    """Return all paths from a lanelet through inner ones to the next outer one.
 
-    Each is the lanelets between and the one where it ends; none leads over a lanelet twice.
+    Each consists of the lanelets between and the last one; none contains a lanelet twice.
     """
     found: list[tuple[tuple[int, ...], int]] = []
     waiting: list[tuple[tuple[int, ...], int]] = [((), k) for k in successors.get(start, ())]
@@ -139,19 +139,19 @@ def connecting_road_of(
     attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> ConnectingRoad:
-    """Return the connecting road of a way through a junction.
+    """Return the connecting road of a movement through a junction.
 
     It begins and ends exactly on the last cross sections of the two streets. Its reference line
-    follows its left border (where people drive on the left: its right one), or its middle where
-    that border turns too tightly.
+    follows its left border (in left-hand traffic its right one), or its centre if that border has
+    too tight bends.
 
     Args:
         identity: id of the road.
-        start: where it begins.
+        start: gate at its start.
         way: the lanelets within the junction, in order.
-        end: where it ends.
-        side: on which side people drive.
-        attributes: what is known of a lane.
+        end: gate at its end.
+        side: driving side, ``right`` or ``left``.
+        attributes: function that returns the attributes of a lanelet along its road.
         ways: tags of the map's ways.
     """
     left = joined([start.left, *(m.left for m in way), end.left])
@@ -189,7 +189,7 @@ def _followed(
     borders = [Border(left), Border(right)]
 
     def along(share: float) -> Followed:
-        """Follow the line at a share of the way from the left border to the right one."""
+        """Follow the line at a share of the distance from the left border to the right one."""
         if share in (0.0, 1.0):
             line = (left if share == 0.0 else right)[:, :2]
         else:
@@ -221,7 +221,7 @@ def _travelled(gate: Gate) -> Member:
 
 
 def _common(rows: Sequence[Row]) -> Row:
-    """Return what holds on all lanelets of a way."""
+    """Return the attributes common to all lanelets of a movement."""
     allowed = set.intersection(*(set(row.allowed) for row in rows))
     return Row(
         rows[0].kind,

@@ -1,4 +1,4 @@
-"""The file of a Lanelet2 map: nodes, ways and relations of OpenStreetMap's XML.
+"""The file of a Lanelet2 map: nodes, ways and relations in OpenStreetMap's XML.
 
 Source: Poggenhans et al., "Lanelet2: a high-definition map framework for the future of automated
 driving", ITSC 2018, and the format's description, ``lanelet2_io/doc`` and
@@ -20,14 +20,14 @@ from urbantwin.number_text import finite_number, whole_number
 __all__ = ["EXPECTED", "Document", "Node", "Relation", "Way", "is_lanelet2", "read_document"]
 
 EXPECTED = "a Lanelet2 map: OSM XML with relations of type=lanelet"
-#: How a relation says that it is a lanelet.
+#: Tag of a relation that is a lanelet.
 _LANELET = re.compile(rb"""<tag\s+(?:k=['"]type['"]\s+v=['"]lanelet['"]|v=['"]lanelet['"]\s+k=)""")
 _CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
 class Node:
-    """A point: degrees (nan where the file says none) and its tags."""
+    """A point: latitude and longitude in degrees (nan if missing) and its tags."""
 
     latitude: float
     longitude: float
@@ -50,18 +50,18 @@ class Relation:
     tags: dict[str, str]
 
     def of_role(self, role: str, kind: str = "way") -> list[int]:
-        """Return ids of the members of a role."""
+        """Return the ids of the members with a role."""
         return [ref for what, ref, name in self.members if what == kind and name == role]
 
 
 @dataclass(frozen=True)
 class Document:
-    """A whole file; ids as the file has them.
+    """A complete file with its own ids.
 
     Attributes:
         path: the file.
-        nodes, ways, relations: what it holds, by id.
-        dropped: errors of the elements that are not used, in the order of reading.
+        nodes, ways, relations: its contents by id.
+        dropped: errors of the dropped elements, in the order of reading.
     """
 
     path: Path
@@ -71,12 +71,12 @@ class Document:
     dropped: tuple[InputError, ...] = ()
 
     def error(self, problem: str, relation: int | None = None) -> InputError:
-        """Return an error that names the file, a relation, and where it lies."""
+        """Return an error with the file, a relation, and its position."""
         place = None if relation is None else f"relation {relation}{self._where(relation)}"
         return InputError(problem, file=self.path, place=place, expected=EXPECTED)
 
     def _where(self, relation: int) -> str:
-        """Return latitude and longitude of the first point of a relation that has both."""
+        """Return the position of a relation as text: its first point with degrees."""
         item = self.relations.get(relation, Relation((), {}))
         ways = (self.ways[ref] for _, ref, _ in item.members if ref in self.ways)
         for node in (self.nodes[n] for way in ways for n in way.nodes if n in self.nodes):
@@ -86,9 +86,9 @@ class Document:
 
 
 def is_lanelet2(path: Path) -> bool:
-    """Return whether a file holds a lanelet: looks for the tag, reads nothing else.
+    """Return whether a file contains a lanelet, by a search for the tag only.
 
-    False for a missing file, a folder and a packed extract.
+    False for a missing file, a folder and a compressed extract.
     """
     try:
         with path.open("rb") as file:
@@ -106,11 +106,11 @@ def is_lanelet2(path: Path) -> bool:
 def read_document(path: Path) -> Document:
     """Read nodes, ways and relations that are not deleted.
 
-    Those with an id that is no number are dropped.
+    Those without a numeric id are dropped.
 
     Raises:
-        InputError: not found, not XML, with a document type or entities, not OSM, or without
-            lanelets.
+        InputError: the file is missing, is not XML or OSM, has a document type or entities, or has
+            no lanelets.
     """
     root = _root(path)
     nodes: dict[int, Node] = {}
@@ -152,7 +152,7 @@ def _root(path: Path) -> etree._Element:
     if not path.is_file():
         problem = "not found" if not path.exists() else "is a folder"
         raise InputError(problem, file=path, expected=EXPECTED)
-    # A file of a stranger: nothing is fetched, no entity is opened, depth is limited.
+    # Untrusted file: no downloads, no expansion of entities, limited depth.
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True
     )

@@ -1,4 +1,4 @@
-"""Groups of lanelets side by side: neighbours share the way of a bound."""
+"""Groups of parallel lanelets: neighbours share the way of a bound."""
 
 from __future__ import annotations
 
@@ -17,63 +17,63 @@ __all__ = ["Group", "Member", "groups_of"]
 
 @dataclass(frozen=True)
 class Member:
-    """A lanelet in a group; ``forward``: whether it runs the way that the group is looked along."""
+    """A lanelet in a group; ``forward``: whether it runs in the group's direction."""
 
     lanelet: Lanelet
     forward: bool
 
     @property
     def left(self) -> NDArray[np.float64]:
-        """The border on the group's left (N, 3), along the group."""
+        """The border on the group's left (N, 3), in the group's direction."""
         return self.lanelet.left if self.forward else self.lanelet.right[::-1]
 
     @property
     def right(self) -> NDArray[np.float64]:
-        """The border on the group's right."""
+        """The border on the group's right (N, 3), in the group's direction."""
         return self.lanelet.right if self.forward else self.lanelet.left[::-1]
 
     @property
     def flipped(self) -> Member:
-        """The same seen from the other end."""
+        """The same in the opposite direction."""
         return Member(self.lanelet, not self.forward)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Lanelets beside each other, from left to right."""
+    """Parallel lanelets from left to right."""
 
     members: tuple[Member, ...]
 
     @property
     def flipped(self) -> Group:
-        """The same seen from the other end."""
+        """The same in the opposite direction."""
         return Group(tuple(member.flipped for member in reversed(self.members)))
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """The lanelets."""
+        """Ids of the lanelets."""
         return tuple(member.lanelet.id for member in self.members)
 
     @property
     def length(self) -> float:
-        """The mean length of its lanelets, metres."""
+        """Mean length of its lanelets, metres."""
         return float(np.mean([member.lanelet.centre.length for member in self.members]))
 
     @property
     def area(self) -> shapely.Geometry:
-        """What it covers in plan."""
+        """Its area in plan."""
         return shapely.union_all([member.lanelet.polygon for member in self.members])
 
 
 def groups_of(lanelets: Mapping[int, Lanelet], apart: frozenset[int]) -> tuple[Group, ...]:
-    """Return groups of lanelets that share bounds, looked along the way that most of them run.
+    """Return groups of lanelets that share bounds, in the direction of the majority.
 
-    Sidewalks close a group; where more than one lanelet lies on the same side of a way they
-    overlap, and none is a neighbour.
+    Sidewalks end a group. If several lanelets lie on the same side of a way they overlap, and none
+    is a neighbour.
 
     Args:
-        lanelets: what may be grouped.
-        apart: lanelets that shall stand alone.
+        lanelets: lanelets that may be grouped.
+        apart: lanelets that form groups of their own.
     """
     beside = _beside(lanelets)
     seen: set[int] = set()
@@ -86,7 +86,7 @@ def groups_of(lanelets: Mapping[int, Lanelet], apart: frozenset[int]) -> tuple[G
         row = [Member(first, forward=True)]
         if identity not in apart and first.drives:
             for turn in (False, True):
-                # Walk to the right, then turn round and walk to the other side.
+                # First to the right, then, turned round, to the other side.
                 row = [member.flipped for member in reversed(row)] if turn else row
                 while row[-1].lanelet.drives or len(row) == 1:
                     other = _right_of(row[-1], beside, lanelets)
@@ -102,11 +102,11 @@ def groups_of(lanelets: Mapping[int, Lanelet], apart: frozenset[int]) -> tuple[G
 
 
 def _beside(lanelets: Mapping[int, Lanelet]) -> dict[tuple[int, bool], list[int]]:
-    """Return (way, whether on the left of the way as it is drawn) -> lanelets there."""
+    """Return (way, whether to the left of the way as drawn) -> lanelets there."""
     found = defaultdict(list)
     for lanelet in lanelets.values():
         for k in (0, 1):
-            # A lanelet lies to the right of its left bound, to the left of its right one.
+            # A lanelet lies to the right of its left bound, and to the left of its right one.
             found[lanelet.ways[k], (k == 1) != lanelet.turned[k]].append(lanelet.id)
     return found
 
@@ -120,5 +120,5 @@ def _right_of(
     if len(beside[way, here]) != 1 or len(beside.get((way, not here), ())) != 1:
         return None
     other = lanelets[beside[way, not here][0]]
-    # Seen along the group the shared bound is its left one.
+    # In the group's direction the shared bound is its left one.
     return Member(other, forward=other.ways[0] == way)

@@ -15,9 +15,9 @@ from urbantwin.roads.model import Curve, LaneSection, Profile, SectionLane, fitt
 
 __all__ = ["Row", "heights_of", "section_of"]
 
-#: Spacing of the samples that cubics are fitted to, metres.
+#: Spacing of the samples to which cubics are fitted, metres.
 FINE_M = 0.25
-#: Heights are followed this well, metres; superelevation, radians.
+#: Tolerance of heights, metres, and of superelevation, radians.
 HEIGHT_M, BANK_RAD = 0.01, 0.001
 
 Pair = tuple[Measured, Measured]
@@ -32,7 +32,8 @@ class Row:
         forward: whether it runs along the road.
         speed_limit: m/s.
         allowed: classes of actors.
-        lines: for the left and the right border: the way, and whether it is drawn against the road.
+        lines: way of the left and of the right border, each with whether it is drawn against the
+            road.
     """
 
     kind: str
@@ -50,13 +51,13 @@ def section_of(
     bank: Profile,
     ways: Mapping[int, dict[str, str]],
 ) -> tuple[LaneSection, Profile]:
-    """Return a lane section and the offset of its lanes over it.
+    """Return a lane section and the offset of its lanes.
 
     Args:
-        reach: stations where it begins and ends.
+        reach: stations of its start and end, metres.
         borders: left and right border of each lane, from left to right.
-        split: how many lanes lie to the left of the reference line.
-        rows: what is known of each.
+        split: number of lanes to the left of the reference line.
+        rows: attributes of each lane.
         bank: superelevation: widths are measured along the tilted surface.
         ways: tags of the map's ways.
     """
@@ -99,12 +100,12 @@ def heights_of(
     stations: Sequence[float],
     orders: Sequence[Sequence[tuple[object, Pair]]],
 ) -> tuple[Profile, Profile]:
-    """Return elevation and superelevation: in each cross section the line through its borders.
+    """Return elevation and superelevation: the least-squares line through each section's borders.
 
     Args:
         curve: the reference line.
-        stations: where sections begin, and the end.
-        orders: for each section its lanes' borders.
+        stations: start stations of the sections, and the end, metres.
+        orders: borders of the lanes of each section.
     """
     s = np.linspace(0.0, curve.length, max(3, int(curve.length) + 2))
     height, slope = np.zeros(len(s)), np.zeros(len(s))
@@ -134,6 +135,6 @@ def _mark(
 ) -> tuple[str, str]:
     mark, change = mark_of(ways.get(line[0], {}), turned=line[1])
     if identity > 0 and " " in mark:
-        # Double lines are named from the inside out.
+        # Double lines are named from the inside outwards.
         mark = " ".join(reversed(mark.split()))
     return mark, change

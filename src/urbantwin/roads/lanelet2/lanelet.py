@@ -1,4 +1,4 @@
-"""Lanelets: two bounds in the direction of travel, their use, and who may use them."""
+"""Lanelets: two bounds in the direction of travel, their kind, and their permitted users."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from urbantwin.roads.lanelet2.traffic_rules import allowed_of, kind_of
 
 __all__ = ["Lanelet", "bounds_of", "lanelet_of"]
 
-#: No lane between two places where lanes meet is longer: one of its points is misplaced.
+#: Maximum length of a bound, metres: in a longer one a point is misplaced.
 LONGEST_M = 10_000.0
-#: Bounds that are nearer to each other than this in the mean are one line, metres.
+#: Bounds with a smaller mean distance are one line, metres.
 NO_WIDTH_M = 0.05
 
 
 @dataclass(frozen=True)
 class Lanelet:
-    """A lanelet, its bounds in its direction of travel.
+    """A lanelet, with its bounds in its direction of travel.
 
     Attributes:
-        id: of its relation.
+        id: id of its relation.
         tags: its tags.
-        ways: ids of the left and of the right bound's way.
+        ways: ids of the ways of the left and of the right bound.
         turned: whether each way runs against the lanelet.
         nodes: ids of the nodes of the left and of the right bound.
         left: (N, 3) left bound, site frame.
@@ -47,7 +47,7 @@ class Lanelet:
 
     @cached_property
     def kind(self) -> str:
-        """The kind of lane, ``crosswalk``, or empty for anything else."""
+        """Kind of lane, ``crosswalk``, or empty for other lanelets."""
         return kind_of(self.tags)
 
     @cached_property
@@ -57,15 +57,15 @@ class Lanelet:
 
     @property
     def drives(self) -> bool:
-        """Whether wheels belong on it."""
+        """Whether it is for vehicles, including parking and shoulders."""
         return self.kind not in ("", "sidewalk", "crosswalk")
 
     @property
     def within(self) -> bool | None:
-        """Whether the map says that it lies within an intersection; ``None``: it does not say.
+        """Whether it is mapped as part of an intersection; ``None`` if unknown.
 
-        ``turn_direction`` is Autoware's; ``intersection`` is there where lanelets were made of
-        a map that says it of every lane.
+        ``turn_direction`` is Autoware's tag; ``intersection`` is set for lanelets converted from
+        maps with this property per lane.
         """
         if "turn_direction" in self.tags:
             return True
@@ -74,17 +74,17 @@ class Lanelet:
 
     @property
     def start(self) -> tuple[int, int]:
-        """First node of the left and of the right bound."""
+        """First nodes of the left and of the right bound."""
         return self.nodes[0][0], self.nodes[1][0]
 
     @property
     def end(self) -> tuple[int, int]:
-        """Last node of the left and of the right bound."""
+        """Last nodes of the left and of the right bound."""
         return self.nodes[0][-1], self.nodes[1][-1]
 
     @cached_property
     def centre(self) -> shapely.LineString:
-        """The line halfway between the bounds."""
+        """Centre line between the bounds."""
         share = np.linspace(0.0, 1.0, 33)
         both = [
             shapely.get_coordinates(
@@ -97,7 +97,7 @@ class Lanelet:
 
     @cached_property
     def polygon(self) -> shapely.Geometry:
-        """The area between the bounds, in plan."""
+        """Area between the bounds in plan."""
         ring = np.vstack([self.left[:, :2], self.right[::-1, :2]])
         return shapely.make_valid(shapely.Polygon(ring))
 
@@ -106,7 +106,7 @@ def bounds_of(document: Document, identity: int, relation: Relation) -> tuple[in
     """Return the ways of a lanelet's left and right bound.
 
     Raises:
-        InputError: a bound is missing, is there twice, or refers to what the file lacks.
+        InputError: a bound is missing, repeated, or refers to missing elements.
     """
     found = []
     for role in ("left", "right"):
@@ -131,14 +131,14 @@ def bounds_of(document: Document, identity: int, relation: Relation) -> tuple[in
 
 
 def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places: Places) -> Lanelet:
-    """Return a lanelet, its bounds turned so that left is left and right is right.
+    """Return a lanelet with its bounds in its direction of travel.
 
-    A way may be drawn either way round: a bound is turned where the other one's middle does not
-    lie on its side.
+    A way may be drawn in either direction: a bound is reversed if the other one's middle does not
+    lie on its proper side.
 
     Raises:
-        InputError: a point of a bound has no place, a bound has no length or too great a one, or
-            there is nothing between the two.
+        InputError: a point of a bound has no position, a bound has no length or is too long, or the
+            lanelet has no width.
     """
     relation = document.relations[identity]
     for node in (node for way in ways for node in document.ways[way].nodes):
@@ -172,7 +172,7 @@ def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places:
 
 
 def _distinct(nodes: tuple[int, ...], places: Places) -> tuple[int, ...]:
-    """Drop nodes that repeat the place before them, but never an end."""
+    """Remove nodes at the position of the previous one, but never an end."""
     kept = [nodes[0]]
     for n in nodes[1:]:
         if np.linalg.norm(places[n][:2] - places[kept[-1]][:2]) > 1e-4:
@@ -187,14 +187,14 @@ def _middle(line: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _side(line: NDArray[np.float64], point: NDArray[np.float64]) -> float:
-    """Return the distance of a point to the left of a polyline; negative to the right."""
+    """Return the distance of a point to the left of a polyline; negative to the right, metres."""
     leg = np.diff(line, axis=0)
     gap = point - line[:-1]
     share = np.clip((gap * leg).sum(axis=1) / (leg**2).sum(axis=1), 0.0, 1.0)
     off = gap - share[:, None] * leg
     distance = np.linalg.norm(off, axis=1)
     k = int(np.argmin(distance))
-    # At a corner two segments are equally near: the one that the point lies more squarely beside.
+    # At a corner two segments are equally near: use the one most perpendicular to the point.
     equal = np.flatnonzero(distance < distance[k] + 1e-9)
     cross = leg[equal, 0] * gap[equal, 1] - leg[equal, 1] * gap[equal, 0]
     best = cross[np.argmax(np.abs(cross) / np.linalg.norm(leg[equal], axis=1))]

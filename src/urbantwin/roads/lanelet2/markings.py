@@ -20,23 +20,23 @@ __all__ = ["BuiltMap", "Host", "areas_of", "hosts_of", "island_ways", "stop_line
 
 #: Width of a stop line along the road, metres (German RMS 1; US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
-#: How far beyond the end of a road a crosswalk or a stop line of it may lie, metres.
+#: Reach of a street beyond its ends for crosswalks and stop lines, metres.
 REACH_M = 15.0
-#: How far from a road something that lies on it may be, metres.
+#: Maximum distance of an object from its road, metres.
 NEAR_M = 3.0
 ISLAND_M = 0.15
 
 
 @dataclass(frozen=True)
 class Host:
-    """A street, drawn out straight where it meets a junction."""
+    """A street, extended straight at its ends."""
 
     road: ModelRoad
     area: shapely.Geometry
     line: shapely.LineString
 
     def local(self, xyz: NDArray[np.float64], s: float) -> NDArray[np.float64]:
-        """Return points (N, 3) ahead, left and up of the reference line at a station.
+        """Return points (N, 3) as ahead, left, up of the reference line at a station.
 
         Heights are those of the road's surface below the points.
         """
@@ -49,12 +49,12 @@ class Host:
         return np.column_stack([gap @ [c, sn], gap @ [-sn, c], up])
 
     def station(self, xy: NDArray[np.float64]) -> float:
-        """Return the station of a point, or of the end that it lies beyond."""
+        """Return the station of a point, clipped to the road, metres."""
         return float(np.clip(self.road.curve.locate(xy[None, :2])[0][0], 0.0, self.road.length))
 
 
 def hosts_of(roads: Iterable[ModelRoad]) -> dict[int, Host]:
-    """Return every street as a host of objects, by id."""
+    """Return all streets as hosts of objects, by id."""
     found = {}
     for road in roads:
         if road.junction >= 0:
@@ -84,7 +84,7 @@ def _beyond(end: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np
 
 
 def stop_lines(document: Document) -> dict[int, tuple[int, ...]]:
-    """Return ways that are stop lines -> the regulatory elements that refer to them."""
+    """Return way of a stop line -> regulatory elements that refer to it."""
     found: dict[int, list[int]] = {
         way: [] for way, item in document.ways.items() if item.tags.get("type") == "stop_line"
     }
@@ -107,13 +107,13 @@ def island_ways(document: Document) -> dict[int, Relation]:
 
 @dataclass(frozen=True, eq=False)
 class BuiltMap:
-    """A map with the streets that were built of it.
+    """A map with the streets built from it.
 
     Attributes:
         document: the map.
-        places: where its nodes lie.
+        places: positions of its nodes.
         lanelets: its lanelets.
-        approaches: lanelet -> street and lane that lead to it.
+        approaches: lanelet -> streets and lanes that lead to it.
         hosts: the streets.
     """
 
@@ -125,7 +125,7 @@ class BuiltMap:
 
     @cached_property
     def governed(self) -> dict[int, list[int]]:
-        """Regulatory element -> the lanelets that it governs."""
+        """Regulatory element -> lanelets that it applies to."""
         found: dict[int, list[int]] = {}
         for lanelet in self.lanelets.values():
             for regulation in lanelet.regulations:
@@ -134,12 +134,12 @@ class BuiltMap:
 
 
 def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadArea, ...]:
-    """Return stop lines, crosswalks and islands, each on the street that it lies on.
+    """Return stop lines, crosswalks and islands, each on its street.
 
     Args:
         built: the map and its streets.
         first: the first free id.
-        notes: takes what found no street.
+        notes: receives the counts of objects without a street.
     """
     document, places, hosts = built.document, built.places, built.hosts
     found: list[RoadArea] = []
@@ -193,7 +193,7 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
 
 
 def _nearest(points: NDArray[np.float64], hosts: Sequence[Host], *, across: bool) -> Host | None:
-    """Return the street that a line lies across, as squarely as possible, or that is nearest."""
+    """Return the street that a line crosses most perpendicularly, or the nearest one."""
     line = shapely.LineString(points)
     chord = points[-1] - points[0]
     best: tuple[float, int] | None = None

@@ -1,9 +1,8 @@
-"""Dividing lanelets into streets and connecting roads of junctions.
+"""Division of lanelets into streets and connecting roads of junctions.
 
-A group of lanelets is a street unless lanes branch, merge or cross on it. Where a group leaves a
-fork, the part of it that still lies over its siblings is cut off and becomes a way through the
-junction; what is left is a street. Groups that are left with nothing, and those that others cross,
-lie within the junction altogether.
+A group of lanelets is a street unless lanes branch, merge or cross on it. At a fork, the part of a
+group that overlaps its siblings is cut off and becomes a connecting road; the rest is a street.
+Groups without a rest, and those crossed by others, lie entirely within the junction.
 """
 
 from __future__ import annotations
@@ -16,26 +15,26 @@ from urbantwin.roads.lanelet2.topology import End, Topology
 
 __all__ = ["Chain", "Plan", "plan_streets"]
 
-#: A way through a junction that is cut off a street is at least so long, metres.
+#: Minimum length of a connecting road cut off a street, metres.
 LEAST_CUT_M = 5.0
-#: What is left between two junctions is a street if it is at least so long, metres.
+#: Minimum length of a remaining street between two junctions, metres.
 LEAST_STREET_M = 10.0
-#: What is left of other streets that are cut, metres, or less where they are short.
+#: Minimum remaining length of other cut streets, metres, less if they are short.
 KEPT_M = 5.0
-#: Distance from the start of a way through a junction to its first crossing, metres.
+#: Distance from the start of a connecting road to its first crossing, metres.
 CLEAR_M = 3.0
-#: Longer groups stay streets even where others cross them, metres.
+#: Longer groups stay streets even if others cross them, metres.
 LONGEST_INNER_M = 120.0
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Groups one after another that make one street.
+    """Consecutive groups that form one street.
 
     Attributes:
-        groups: all looked along the same way.
-        numbers: their places among the groups of the topology.
-        cuts: metres to leave to the junction at both ends; ``None`` where nothing is joined.
+        groups: the groups, all in the same direction.
+        numbers: their indices in the topology.
+        cuts: lengths cut off for the junctions at both ends, metres; ``None`` at free ends.
     """
 
     groups: tuple[Group, ...]
@@ -45,7 +44,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Plan:
-    """Streets, the lanelets within junctions, and those that cross without one."""
+    """Streets, the lanelets within junctions, and crossing pairs outside junctions."""
 
     chains: tuple[Chain, ...]
     inner: frozenset[int]
@@ -56,9 +55,9 @@ def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[i
     """Divide groups into streets and lanelets within junctions.
 
     Args:
-        topology: what leads where.
-        forced: lanelets that turned out too short for a street of their own.
-        barred: lanelets that no way through a junction leads over: they must be streets.
+        topology: links between lanelets.
+        forced: lanelets that are too short for a street of their own.
+        barred: lanelets without a connecting road over them, which must be streets.
     """
     inner = {
         k
@@ -107,7 +106,7 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
 
 
 def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
-    """Return lengths to cut off groups that meet without a way through a junction between them."""
+    """Return lengths to cut off groups that meet without a connecting road between them, metres."""
     chosen: dict[End, float] = dict.fromkeys(_rings(topology), LEAST_CUT_M)
     links = sorted({(e, f) for e, f, _, _ in topology.links})
     for e, f in links:
@@ -115,14 +114,14 @@ def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
             continue
         if topology.is_plain(e) and _joins(topology, e, f):
             continue
-        # The end that most others meet stays whole; among equals the one that comes first.
+        # The end with more partners stays; of equals, the first one.
         cut = f if len(topology.partners[e]) >= len(topology.partners[f]) else e
         chosen[cut] = max(LEAST_CUT_M, topology.overlap(cut) + 1.0, _crossed_from(topology, cut))
     return chosen
 
 
 def _crossed_from(topology: Topology, end: End) -> float:
-    """Return how far from an end a group that leads nowhere is crossed, and a little more."""
+    """Return the distance of the last crossing from an end of a group that leads nowhere."""
     group = topology.groups[end[0]]
     if topology.is_through(end[0]) or group.length > LONGEST_INNER_M:
         return 0.0
@@ -136,7 +135,7 @@ def _crossed_from(topology: Topology, end: End) -> float:
 
 
 def _from_end(topology: Topology, end: End, lanelet: int, along: float) -> float:
-    """Return the distance from an end of a group to a place along one of its lanelets."""
+    """Return the distance from an end of a group to a place along one of its lanelets, metres."""
     from_start = topology.place[lanelet][1] == (end[1] == 0)
     return along if from_start else topology.lanelets[lanelet].centre.length - along
 
@@ -148,7 +147,7 @@ def _is_cut(
     lanelet: int,
     along: float,
 ) -> bool:
-    """Whether a place lies on a way through a junction."""
+    """Return whether a place lies on a connecting road."""
     k = topology.place[lanelet][0]
     return lanelet in inner or any(
         _from_end(topology, (k, e), lanelet, along) < cuts.get((k, e), 0.0) for e in (0, 1)
@@ -156,7 +155,7 @@ def _is_cut(
 
 
 def _rings(topology: Topology) -> list[End]:
-    """Return two ends for every ring of groups that nothing leads into: there it is cut open."""
+    """Return two ends at which each ring of groups without entry is cut open."""
     seen: set[int] = set()
     found = []
     for k in range(len(topology.groups)):
@@ -176,7 +175,7 @@ def _rings(topology: Topology) -> list[End]:
 
 
 def _joins(topology: Topology, e: End, f: End) -> bool:
-    """Whether the lanes of two ends go on into each other in the same order."""
+    """Return whether the lanes of two ends continue into each other in the same order."""
     pairs = {}
     for a, b, one, two in topology.links:
         if {a, b} == {e, f}:
@@ -209,7 +208,7 @@ def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tupl
         row: list[tuple[int, bool]] = [(k, True)]
         seen.add(k)
         for end in (1, 0):
-            # First onwards, then, from the start, backwards.
+            # First forwards, then backwards from the start.
             at: End = (k, end)
             while (other := following(at)) is not None and other[0] not in seen:
                 seen.add(other[0])

@@ -1,4 +1,4 @@
-"""Projecting the nodes of a Lanelet2 map to the site: degrees, or ``local_x``, ``local_y``."""
+"""Projection of the nodes of a Lanelet2 map: from degrees, or ``local_x`` and ``local_y``."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from urbantwin.roads.lanelet2.document import Document, read_document
 
 __all__ = ["Places", "anchor_of", "places_of"]
 
-#: A map that is farther from the anchor than this was not meant for the site, metres.
+#: Maximum distance of a map from the site's anchor, metres.
 FAR_M = 50_000.0
-#: No map has coordinates or heights beyond this, metres.
+#: Maximum absolute coordinate or height, metres.
 LARGEST_M = 1e7
 
-#: Node -> x, y, z in the site frame.
+#: Node -> x, y, z in the site frame, metres.
 Places = dict[int, NDArray[np.float64]]
 
 
 def anchor_of(path: Path) -> tuple[float, float]:
-    """Return latitude and longitude of the middle of a map, degrees.
+    """Return latitude and longitude of the centre of a map, degrees.
 
     Raises:
-        InputError: not a Lanelet2 map, or one that does not say where on the Earth it lies.
+        InputError: it is not a Lanelet2 map, or has no latitudes and longitudes.
     """
     document = read_document(path)
     degrees = np.array([(node.latitude, node.longitude) for node in document.nodes.values()])
@@ -42,21 +42,21 @@ def anchor_of(path: Path) -> tuple[float, float]:
 def places_of(
     document: Document, frame: SiteFrame, used: Mapping[int, int], notes: dict[str, object]
 ) -> Places:
-    """Return where nodes lie; those without a place are left out.
+    """Return the positions of nodes; nodes without one are left out.
 
-    Latitude and longitude are used where they are given. Nodes with ``local_x`` and ``local_y``
-    only are placed by those that have both; if there is none, the map has no place on the Earth:
-    its local axes are taken as east and north from the anchor. Heights (``ele``) count from the
-    node that is nearest to the anchor.
+    Latitude and longitude are used if given. Nodes with only ``local_x`` and ``local_y`` are placed
+    by a fit to nodes that have both. Without any such node the map is not georeferenced: local axes
+    are east and north of the anchor. Heights (``ele``) are relative to the node nearest to the
+    anchor.
 
     Args:
         document: the map.
         frame: the site frame.
-        used: node -> the relation that needs it.
-        notes: takes what was assumed.
+        used: node -> a relation that needs it.
+        notes: receives the assumptions.
 
     Raises:
-        InputError: no node has a place, or a map far from the anchor.
+        InputError: no node has a position, or the map is far from the anchor.
     """
     ids = list(used)
     nodes = [document.nodes[i] for i in ids]
@@ -71,7 +71,7 @@ def places_of(
     placed = np.isfinite(xy).all(axis=1)
     if not placed.any():
         raise document.error(f"node {ids[0]} has no finite latitude and longitude", used[ids[0]])
-    # Heights count from the ground: not from the lamps of traffic lights.
+    # The reference is on the ground, not on a traffic light.
     ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
     away_m = np.where(placed, np.linalg.norm(xy, axis=1), np.inf)
     near = int(np.argmin(np.where(ground, away_m, np.maximum(away_m, 1e9))))
@@ -88,7 +88,7 @@ def places_of(
 
 
 def _unplaced(degrees: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Nodes without degrees; those of maps that never had a place say 0, 0."""
+    """Return the mask of nodes without degrees; unplaced maps have 0, 0."""
     return np.asarray(~np.isfinite(degrees).all(axis=1) | (degrees == 0).all(axis=1))
 
 
@@ -101,12 +101,12 @@ def _numbers(rows: Iterable[tuple[str | None, str | None]], missing: float) -> N
 
 
 def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, object]) -> None:
-    """Place nodes that have local coordinates only."""
+    """Set the positions of nodes with local coordinates only."""
     has = np.isfinite(local).all(axis=1)
     known = np.isfinite(xy).all(axis=1)
     both, need = has & known, has & ~known
     if both.sum() >= 2:
-        # A turn, a scale and a shift as one complex factor and summand.
+        # Rotation, scale and translation as one complex factor and summand.
         a = np.column_stack([local[both] @ [1, 1j], np.ones(both.sum())])
         factor, shift = np.linalg.lstsq(a, xy[both] @ np.array([1, 1j]), rcond=None)[0]
         put = local[need] @ np.array([1, 1j]) * factor + shift

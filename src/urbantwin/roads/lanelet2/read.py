@@ -1,4 +1,4 @@
-"""Converting a Lanelet2 map to the lane model."""
+"""Conversion of a Lanelet2 map to the lane model."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from urbantwin.roads.model.road import with_lane_marks
 
 __all__ = ["Translation", "read_lanelet2", "translate", "translated"]
 
-#: Ways that lie over each other by more than this belong to one junction, square metres.
+#: Connecting roads with a larger overlap belong to one junction, square metres.
 OVERLAP_M2 = 0.5
-#: Least vertical distance of ways that pass over each other, metres.
+#: Minimum vertical distance of roads on different levels, metres.
 CLEARANCE_M = 2.5
 
 
 @dataclass(frozen=True)
 class Translation:
-    """A lane model and where each lanelet is in it.
+    """A lane model, with the place of each lanelet in it.
 
     Attributes:
         model: the lane model.
-        lanes: lanelet -> (road, number of the section, lane) that were made from it. Where a road
-            ends obliquely, the rest of a lane is in the roads that it is joined to.
-        notes: counts, what was assumed and what was left out.
+        lanes: lanelet -> (road, section index, lane) made from it. If a road ends obliquely, the
+            rest of a lane is in the linked roads.
+        notes: counts, assumptions and omissions.
     """
 
     model: LaneModel
@@ -59,18 +59,18 @@ class Translation:
 def read_lanelet2(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, object]]:
     """Read a Lanelet2 map (OSM XML) as a lane model in the site frame.
 
-    Lanelets that share bounds lie on one road; both directions where they share the line between
-    them. Bounds become borders of lanes within a few millimetres; where roads end obliquely, what
-    is missing of a lane belongs to the ways through the junction. ``ways`` of roads are the ids of
-    lanelets. A lanelet, light or sign that cannot be read is dropped: ``dropped`` in the notes
-    lists each with its id, its place and why.
+    Lanelets that share bounds lie on one road, both directions if they share the line between them.
+    Bounds become borders of lanes within a few millimetres. If roads end obliquely, the rest of a
+    lane belongs to the connecting roads. ``ways`` of roads are ids of lanelets. Lanelets, lights
+    and signs that cannot be read are dropped: ``dropped`` in the notes lists each with its id, its
+    position and the reason.
 
     Returns:
-        The model, and notes: counts, what was assumed and what was left out.
+        The model, and notes: counts, assumptions and omissions.
 
     Raises:
-        InputError: not a Lanelet2 map; nothing that vehicles may use, or nothing of it can be
-            read; a map far from the anchor.
+        InputError: it is not a Lanelet2 map, nothing in it is for vehicles or readable, or it is
+            far from the anchor.
         StageError: the lanelets make no roads.
     """
     translation = translate(path, frame)
@@ -78,12 +78,12 @@ def read_lanelet2(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, ob
 
 
 def translate(path: Path, frame: SiteFrame) -> Translation:
-    """Do what ``read_lanelet2`` does, and say where each lanelet is in the model."""
+    """Return the result of ``read_lanelet2`` with the place of each lanelet in the model."""
     return translated(read_document(path), frame)
 
 
 def translated(document: Document, frame: SiteFrame) -> Translation:
-    """Translate a map that was read, or made of another format's."""
+    """Translate a document that was read, or converted from another format."""
     notes: dict[str, object] = {}
     document, lanelets, places = _lanelets(document, frame, notes)
     side = driving_side(frame.latitude, frame.longitude)
@@ -114,10 +114,10 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
 def _lanelets(
     document: Document, frame: SiteFrame, notes: dict[str, object]
 ) -> tuple[Document, dict[int, Lanelet], Places]:
-    """Return the document without what cannot be read, its lanelets, and where its points lie.
+    """Return the document without unreadable elements, its lanelets, and node positions.
 
     Raises:
-        InputError: none of the lanelets can be read, or the map lies far from the anchor.
+        InputError: no lanelet is readable, or the map is far from the anchor.
     """
     dropped = list(document.dropped)
     bounds: dict[int, tuple[int, int]] = {}
@@ -163,7 +163,7 @@ def _lanelets(
                 row for row in relations[identity].members if row[0] != "way" or row[1] not in bad
             )
             relations[identity] = replace(relations[identity], members=members)
-    # Stop lines are ways by themselves.
+    # Stop lines are ways without a relation.
     lost = {way for way in stop_lines(document) if _problem(document, way, places)}
     kept = {identity: way for identity, way in document.ways.items() if identity not in lost}
     sound = replace(document, ways=kept, relations=relations, dropped=tuple(dropped))
@@ -171,7 +171,7 @@ def _lanelets(
 
 
 def _ways_of_others(document: Document) -> dict[int, list[int]]:
-    """Return the ways of lights, signs, stop lines and islands, by their relation."""
+    """Return the ways of lights, signs, stop lines and islands, by relation."""
     found = {}
     for identity, relation in sorted(document.relations.items()):
         if relation.tags.get("type") == "regulatory_element":
@@ -182,7 +182,7 @@ def _ways_of_others(document: Document) -> dict[int, list[int]]:
 
 
 def _problem(document: Document, way: int, places: Places) -> str:
-    """Return what is wrong with a way, empty if nothing is."""
+    """Return a way's error message, empty if it is valid."""
     if way not in document.ways:
         return f"refers to way {way}, which the file lacks"
     nodes = document.ways[way].nodes
@@ -197,7 +197,7 @@ def _problem(document: Document, way: int, places: Places) -> str:
 
 
 def _painted(road: ModelRoad) -> ModelRoad:
-    """Return a road with the lines that are usual; none where ways through a junction overlap."""
+    """Return a street with default lane lines; connecting roads, which overlap, get none."""
     if road.junction >= 0:
         return road
     return replace(road, sections=tuple(with_lane_marks(section) for section in road.sections))
@@ -209,7 +209,7 @@ def _note(
     lanelets: Mapping[int, Lanelet],
     parts: BuiltRoads,
 ) -> None:
-    """Count what was read, left out or looks wrong."""
+    """Add counts of read, dropped and suspicious elements to the notes."""
     counts: Counter[str] = Counter()
     otherwise: list[str] = []
     counts["lanelets"] = len(lanelets)
@@ -247,7 +247,7 @@ def _note(
 
 
 def _loose(parts: BuiltRoads) -> list[int]:
-    """Return lanelets that nothing follows although they end within another one."""
+    """Return lanelets without successor that end within another one."""
     drives = parts.topology.lanelets
     ids = list(drives)
     tree = shapely.STRtree([drives[i].polygon for i in ids])
@@ -271,7 +271,7 @@ def junctions_of(
 
     Args:
         streets: the streets.
-        connecting_roads: the ways through junctions.
+        connecting_roads: the connecting roads.
         first: id of the first junction.
     """
     number = _clusters(connecting_roads)
@@ -311,7 +311,7 @@ def _link(junction: int | None) -> RoadLink | None:
 
 
 def _clusters(connecting_roads: Sequence[ConnectingRoad]) -> list[int]:
-    """Return for each way the number of the first way of its junction."""
+    """Return for each connecting road the index of the first one of its junction."""
     parent = list(range(len(connecting_roads)))
 
     def root(k: int) -> int:
@@ -349,10 +349,10 @@ def _level(a: ConnectingRoad, b: ConnectingRoad, common: shapely.Geometry) -> bo
 
 
 def attributes_of(document: Document) -> Callable[[Member], Row]:
-    """Return a function that gives the attributes of a lanelet, seen along its road.
+    """Return a function that returns the attributes of a lanelet along its road.
 
     The speed limit is that of its tag ``speed_limit``, else of its regulatory element, else of a
-    tag ``maxspeed`` as street maps have it, else that of its subtype and location.
+    tag ``maxspeed`` as in street maps, else that of its subtype and location.
     """
     limits: dict[int, float | None] = {}
     for identity, relation in document.relations.items():

@@ -1,4 +1,4 @@
-"""Reference lines: smooth curves along the polylines of bounds."""
+"""Reference lines: smooth curves along polylines."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ __all__ = ["Followed", "Pose", "curve_through", "smooth_curve", "trimmed"]
 #: x, y, heading.
 Pose = tuple[float, float, float]
 
-#: Bends shorter than these are smoothed away, metres; the first that lets no lane fold is taken.
+#: Wavelengths below which bends are smoothed, metres; the first without folded lanes is used.
 WAVELENGTHS_M = (10.0, 5.0, 14.0, 20.0, 28.0, 40.0)
 STEP_M = 0.5
 MOST_POINTS = 4000
-#: A line straighter than this is written as a line, metres and radians.
+#: Maximum deviation of a curve that is written as a line, metres and radians.
 STRAIGHT_M, STRAIGHT_RAD = 1e-3, 5e-5
-#: Lanes on the inside of a bend keep this share of the reference line's length.
+#: Minimum ratio of a border's length on the inside of a bend to that of the reference line.
 LEAST_SHARE = 0.12
 
 
 @dataclass(frozen=True)
 class Followed:
-    """A reference line and what lies beside it.
+    """A reference line and the borders beside it.
 
     Attributes:
         curve: the line.
         borders: the borders, measured from it.
-        room: the least share of its length that they keep in its bends; below ``LEAST_SHARE`` no
-            curve was found without a fold, and this is the best.
+        room: minimum ratio of their length to its length in bends; below ``LEAST_SHARE`` this is
+            the best of the curves, all of which have folds.
     """
 
     curve: Curve
@@ -49,16 +49,16 @@ class Followed:
 def smooth_curve(
     line: NDArray[np.float64], beside: Sequence[Border], pins: tuple[Pose, Pose]
 ) -> Followed:
-    """Return a smooth curve that follows a polyline roughly, so that no lane beside it folds.
+    """Return a smooth curve along a polyline without folds of the lanes beside it.
 
-    Points every half metre minimise the squared distance to the polyline plus the squared third
-    derivative, weighted so that bends of a given wavelength are halved (a smoothing spline:
-    Reinsch 1967). The bounds themselves are not smoothed: they are measured from this curve.
+    Points every half metre minimise the squared distance to the polyline plus the weighted squared
+    third derivative. The weight halves bends of a given wavelength (a smoothing spline: Reinsch
+    1967). The bounds themselves are not smoothed: they are measured from this curve.
 
     Args:
-        line: (N, 2) what to follow.
-        beside: borders of lanes; along the curve each must go on without turning back.
-        pins: where and how it shall begin and end, exactly.
+        line: (N, 2) the polyline.
+        beside: borders of lanes, which must not turn back along the curve.
+        pins: exact poses of the start and the end.
     """
     best: Followed | None = None
     for wavelength in WAVELENGTHS_M:
@@ -74,7 +74,7 @@ def smooth_curve(
 
 
 def curve_through(points: NDArray[np.float64], first: float, last: float) -> Curve:
-    """Return a curve through points with headings at the ends: a line where that is straight."""
+    """Return a curve through points with given end headings; a line if it is straight."""
     chord = points[-1] - points[0]
     length = float(np.hypot(*chord))
     heading = math.atan2(chord[1], chord[0])

@@ -21,34 +21,34 @@ __all__ = ["POSTED", "controllers_of", "sign_ways", "signals_of"]
 
 #: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
-#: Height of their middle over the road where the map has none, metres (US MUTCD 4D.15).
+#: Default height of their centres above the road, metres (US MUTCD 4D.15).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
-#: Height of a sign's middle, metres (German VzKat: lower edge at 2.0 to 2.25 m).
+#: Default height of a sign's centre, metres (German VzKat: lower edge at 2.0 to 2.25 m).
 SIGN_M = 2.5
 #: Signals moved by more than this to the end of their road are counted, metres.
 BEYOND_M = 1.0
 #: Subtypes of regulatory elements that refer to lights or signs; others refer to areas.
 POSTED = ("traffic_light", "traffic_sign", "speed_limit", "right_of_way", "all_way_stop")
-#: Subtypes of a way that are lights for pedestrians.
+#: Subtypes of a way that are pedestrian lights.
 WALKER_SUBTYPES = {"red_green", "white"}
 _SIGN = re.compile(r"^([a-z]{2})\s*([0-9]+(?:\.[0-9]+)?)(?:-([0-9]+))?$", re.IGNORECASE)
 
 
 def sign_ways(relation: Relation) -> list[int]:
-    """Return the ways of a regulatory element that stand for lights or signs."""
+    """Return the ways of a regulatory element that are lights or signs."""
     return relation.of_role("refers") if relation.tags.get("subtype") in POSTED else []
 
 
 def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadSignal, ...]:
-    """Return a signal for each light or sign and each street that it is for.
+    """Return a signal for each light or sign and each street that it applies to.
 
-    A signal stands where the map has it; beyond the end of its street, as lights on the far side
-    of a junction do, it is moved back to that end.
+    A signal has its mapped position. If that is beyond the end of its street, as for lights on the
+    far side of a junction, it is moved back to that end.
 
     Args:
         built: the map and its streets.
         first: the first free id.
-        notes: takes what was moved and what found no street.
+        notes: receives the counts of moved signals and of those without a street.
     """
     document, hosts = built.document, built.hosts
     found: list[RoadSignal] = []
@@ -92,9 +92,9 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
 def controllers_of(
     signals: Sequence[RoadSignal], hosts: Mapping[int, Host], first: int
 ) -> tuple[tuple[RoadSignal, ...], tuple[SignalController, ...]]:
-    """Return the signals with their programs, and one controller for each junction that has lights.
+    """Return the signals with their programs, and one controller per junction with lights.
 
-    The map says which lanes a light is for, not when it changes: programs have no phases.
+    The map assigns lights to lanes but has no timing: programs have no phases.
     """
     junction_of: dict[int, int] = {}
     for signal in signals:
@@ -129,7 +129,7 @@ def _program(junction: int, signal: RoadSignal) -> str:
 
 
 def _beyond(host: Host, place: NDArray[np.float64]) -> float:
-    """Return how far beyond the ends of a street a point lies."""
+    """Return the distance of a point beyond the ends of a street, metres."""
     s = float(host.road.curve.locate(place[None, :2])[0][0])
     return max(-s, s - host.road.length, 0.0)
 

@@ -18,11 +18,11 @@ from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
 
 __all__ = ["Street", "StreetTooShort", "Track", "joined", "street_of"]
 
-#: What is left of a street between its junctions is at least so long, metres.
+#: Minimum remaining length of a street between its junctions, metres.
 LEAST_M = 1.0
-#: A lane section is at least so long, metres.
+#: Minimum length of a lane section, metres.
 LEAST_SECTION_M = 0.2
-#: Over this length the direction of a border at its end is measured, metres.
+#: Length over which the direction of a border at its end is measured, metres.
 END_M = 3.0
 
 
@@ -32,16 +32,16 @@ class StreetTooShort(Exception):  # noqa: N818 - not an error: the chain is plan
 
 @dataclass(frozen=True, eq=False)
 class Street:
-    """A road, and how it was measured.
+    """A road with its measurements.
 
     Attributes:
         road: the road.
-        chain: what it was made from.
-        lanes: for each section: track -> id of the lane.
-        spans: for each section: the groups of the chain that it holds.
-        whole: for each track, both borders on the reference line as it was before it was cut.
-        reach: stations of that line where the road begins and ends.
-        dropped: corners of borders that turn back.
+        chain: the groups that it was made from.
+        lanes: per section: track -> id of the lane.
+        spans: per section: indices of its groups in the chain.
+        whole: per track, both borders on the untrimmed reference line.
+        reach: stations of that line at which the road begins and ends, metres.
+        dropped: number of border corners that turn back.
     """
 
     road: ModelRoad
@@ -55,11 +55,11 @@ class Street:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A lane that goes on through several groups.
+    """A lane that continues through several groups.
 
     Attributes:
-        first: number of the first group in the chain.
-        members: one lanelet for each group from there on.
+        first: index of the first group in the chain.
+        members: one lanelet per group from there on.
         left: its left border along the chain (N, 3).
         right: its right border.
     """
@@ -88,15 +88,15 @@ def street_of(
         identity: id of the road.
         chain: the groups.
         follows: whether one lanelet leads to another.
-        side: on which side people drive.
-        attributes: what is known of a lane.
+        side: driving side, ``right`` or ``left``.
+        attributes: function that returns the attributes of a lanelet along its road.
         ways: tags of the map's ways, for the lines between lanes.
 
     Raises:
-        StreetTooShort: its ends are so oblique that nothing is left between them.
+        StreetTooShort: its ends are so oblique that nothing remains between them.
     """
     tracks = tracks_of(chain.groups, follows)
-    # Lanes side by side share a border: it is measured once.
+    # Adjacent lanes share a border, which is measured once.
     borders = {
         line.tobytes(): Border(line) for track in tracks for line in (track.left, track.right)
     }
@@ -154,10 +154,10 @@ def street_of(
 
 
 def divider(group: Group, side: str) -> int:
-    """Return how many lanes lie to the left of the reference line.
+    """Return the number of lanes to the left of the reference line.
 
-    On the right people drive: all before the first lane that runs along the group. On the left:
-    all up to the last one that does.
+    In right-hand traffic: all before the first lane that runs along the group. In left-hand
+    traffic: all up to the last such lane.
     """
     ahead = [k for k, m in enumerate(group.members) if m.lanelet.drives and m.forward]
     if not ahead:
@@ -166,7 +166,7 @@ def divider(group: Group, side: str) -> int:
 
 
 def _middle_line(chain: Chain, side: str) -> NDArray[np.float64]:
-    """Return the border (N, 2) between directions, drawn out until no border reaches farther."""
+    """Return the border (N, 2) between directions, extended beyond all other borders."""
     lines = []
     for group in chain.groups:
         k = divider(group, side)
@@ -194,10 +194,10 @@ def _pose(point: NDArray[np.float64], ahead: NDArray[np.float64]) -> Pose:
 def _reach(
     chain: Chain, tracks: Sequence[Track], whole: Mapping[Track, tuple[Measured, Measured]]
 ) -> tuple[float, float]:
-    """Return where the road begins and ends.
+    """Return the stations at which the road begins and ends, metres.
 
-    Where something is joined, where the last border begins, so that all lanes are there across
-    the road; at the border of the map, where the first does.
+    At a junction all lanes must exist across the road; at a free end it is sufficient that one
+    does.
     """
     last = len(chain.groups) - 1
     head, tail = chain.cuts
@@ -245,7 +245,7 @@ def _sections(
         ]
         at = float(np.mean(seams))
         if at < stations[-1] + LEAST_SECTION_M:
-            # The section before it was cut off: this one begins where that one did.
+            # The previous section was cut off: this one begins at its start.
             spans[-1] = [k]
         elif at < curve.length - LEAST_SECTION_M:
             spans.append([k])
@@ -292,7 +292,7 @@ def _linked(
 
 
 def _said(members: Sequence[Member], key: str) -> str:
-    """Return what most lanelets say; among equals the first."""
+    """Return the most frequent value of a tag; of equals the first."""
     said = [m.lanelet.tags[key] for m in members if m.lanelet.tags.get(key)]
     return max(said, key=said.count, default="")
 
@@ -305,7 +305,7 @@ def _class(members: Sequence[Member]) -> str:
 
 
 def joined(lines: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return polylines as one, without points that repeat the one before."""
+    """Return polylines joined to one, without consecutive duplicate points."""
     points = np.vstack(lines)
     step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
     kept = points[np.concatenate([[True], step > 1e-4])]
@@ -316,7 +316,7 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
     """Return the lanes of a chain of groups.
 
     Args:
-        groups: all looked along the same way.
+        groups: the groups, all in the same direction.
         follows: whether one lanelet leads to another.
     """
     open_: list[tuple[int, list[Member]]] = []

@@ -1,4 +1,4 @@
-"""Topology of lanelets: successors, where groups meet, and where they cross."""
+"""Topology of lanelets: successors, connections of groups, and crossings."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from urbantwin.roads.lanelet2.lanelet import Lanelet
 
 __all__ = ["End", "Topology"]
 
-#: Number of a group, and which end of it: 0 start, 1 end.
+#: Index of a group, and its end: 0 start, 1 end.
 End = tuple[int, int]
-#: Least vertical distance of ways on different levels, metres.
+#: Minimum vertical distance of roads on different levels, metres.
 CLEARANCE_M = 2.5
 
 
 @dataclass(frozen=True)
 class Topology:
-    """What leads where.
+    """Links between lanelets and groups.
 
     Attributes:
-        lanelets: those that wheels use, by id.
-        groups: lanelets side by side; sidewalks among them have no part in the topology.
+        lanelets: lanelets for vehicles, by id.
+        groups: groups of parallel lanelets; their sidewalks are not part of the topology.
     """
 
     lanelets: Mapping[int, Lanelet]
@@ -35,7 +35,7 @@ class Topology:
 
     @cached_property
     def successors(self) -> dict[int, tuple[int, ...]]:
-        """Lanelet -> those whose bounds begin with the points that its own end with."""
+        """Lanelet -> lanelets whose bounds begin with the last points of its own."""
         starts = defaultdict(list)
         for lanelet in self.lanelets.values():
             starts[lanelet.start].append(lanelet.id)
@@ -46,7 +46,7 @@ class Topology:
 
     @cached_property
     def place(self) -> dict[int, tuple[int, bool]]:
-        """Lanelet -> its group and whether it runs along the group."""
+        """Lanelet -> its group, and whether it runs along the group."""
         return {
             member.lanelet.id: (k, member.forward)
             for k, group in enumerate(self.groups)
@@ -55,7 +55,7 @@ class Topology:
 
     @cached_property
     def links(self) -> list[tuple[End, End, int, int]]:
-        """Every step from a lanelet to the next: the ends that meet there, and the two."""
+        """All links between lanelets: the two ends of groups, and the two lanelets."""
         rows = []
         for a, following in self.successors.items():
             for b in following:
@@ -65,7 +65,7 @@ class Topology:
 
     @cached_property
     def partners(self) -> dict[End, set[End]]:
-        """End -> the ends that lanelets of it lead to or come from."""
+        """End -> ends linked to it."""
         found: dict[End, set[End]] = defaultdict(set)
         for e, f, _, _ in self.links:
             found[e].add(f)
@@ -73,11 +73,11 @@ class Topology:
         return found
 
     def is_through(self, group: int) -> bool:
-        """Whether something is joined to both ends of a group."""
+        """Return whether both ends of a group are linked."""
         return bool(self.partners.get((group, 0))) and bool(self.partners.get((group, 1)))
 
     def is_plain(self, end: End) -> bool:
-        """Whether an end meets exactly one other, of another group, that meets nothing else."""
+        """Return whether an end has one link, to an end of another group without other links."""
         mine = self.partners.get(end, set())
         if len(mine) != 1:
             return False
@@ -86,9 +86,9 @@ class Topology:
 
     @cached_property
     def crossing(self) -> list[tuple[tuple[int, float], tuple[int, float]]]:
-        """Pairs of lanelets whose middles cross at the same height, without sharing an end.
+        """Pairs of lanelets whose centre lines cross at the same height, without a common end.
 
-        Each with the distance from its start to where they cross, metres.
+        Each with the distance of the crossing from its start, metres.
         """
         ids = list(self.lanelets)
         lines = [self.lanelets[i].centre for i in ids]
@@ -111,7 +111,7 @@ class Topology:
         return found
 
     def overlap(self, end: End) -> float:
-        """Return how far from an end a group lies over those that leave from the same place."""
+        """Return the length from an end where a group overlaps groups of the same origin."""
         group = self.groups[end[0]]
         siblings = {e for p in self.partners[end] for e in self.partners[p]} - {end}
         reach = 0.0

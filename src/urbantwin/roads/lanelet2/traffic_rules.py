@@ -9,7 +9,7 @@ from urbantwin.taxonomy import ROAD_USERS
 
 __all__ = ["PAINTED", "allowed_of", "default_speed", "kind_of", "mark_of", "speed_of"]
 
-#: Subtype of a lanelet -> kind of lane; empty: no lane of ours.
+#: Subtype of a lanelet -> kind of lane; empty if there is none.
 KINDS = {
     "": "driving", "road": "driving", "highway": "driving", "play_street": "driving",
     "exit": "driving", "bus_lane": "bus", "bus_bay": "bus", "bicycle_lane": "bicycle",
@@ -18,7 +18,7 @@ KINDS = {
     "parking": "parking", "parking_lane": "parking", "crosswalk": "crosswalk",
     "bicycle_crossing": "crosswalk", "rail": "", "tram": "",
 }  # fmt: skip
-#: Kind of lane -> who may use it where no tag says (LaneletAndAreaTagging.md, table of subtypes).
+#: Default users by kind of lane (LaneletAndAreaTagging.md, table of subtypes).
 USERS = {
     "driving": ("car", "truck", "bus", "motorcycle", "bicycle"),
     "bus": ("bus",),
@@ -29,7 +29,7 @@ USERS = {
     "shoulder": (),
     "": (),
 }
-#: Participants as tags name them -> classes of actors.
+#: Participant in tags -> classes of actors.
 PARTICIPANTS = {
     "vehicle": ("car", "truck", "bus", "motorcycle"),
     "vehicle:car": ("car",),
@@ -47,7 +47,7 @@ PARTICIPANTS = {
 PAINTED = {"line_thin", "line_thick", "bike_marking", "pedestrian_marking"}
 #: Types of ways that are raised barriers.
 CURBS = {"curbstone", "road_border", "guard_rail", "wall", "fence", "jersey_barrier"}
-#: Subtype of a painted line -> mark of OpenDRIVE, seen along the line, left first.
+#: Subtype of a painted line -> mark of OpenDRIVE, in the line's direction, left first.
 PAINT = {
     "solid": "solid",
     "dashed": "broken",
@@ -56,14 +56,14 @@ PAINT = {
     "dashed_solid": "broken solid",
     "dashed_dashed": "broken broken",
 }
-#: Largest speed limit, m/s.
+#: Maximum speed limit, m/s.
 FASTEST_MPS = 100.0
 _AMOUNT = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(km/h|kmh|kph|mph|m/s|mps)?", re.IGNORECASE)
 _TO_MPS = {"": 1 / 3.6, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704}
 
 
 def kind_of(tags: dict[str, str]) -> str:
-    """Return the kind of lane, ``crosswalk``, or empty for anything else."""
+    """Return the kind of lane, ``crosswalk``, or empty for other lanelets."""
     return KINDS.get(tags.get("subtype", ""), "")
 
 
@@ -80,7 +80,7 @@ def allowed_of(tags: dict[str, str]) -> tuple[str, ...]:
     said = {k.split(":", 1)[1]: v for k, v in tags.items() if k.startswith("participant:")}
     if any(v == "yes" for v in said.values()):
         users = set()
-    # From the general to the special: a special tag overrides the general one.
+    # From general to specific: a specific tag overrides the general one.
     for name in sorted(said, key=lambda n: (n.count(":"), n)):
         classes = set(PARTICIPANTS.get(name, ()))
         users = users | classes if said[name] == "yes" else users - classes
@@ -88,9 +88,9 @@ def allowed_of(tags: dict[str, str]) -> tuple[str, ...]:
 
 
 def speed_of(texts: Iterable[str]) -> float | None:
-    """Return the first speed that can be read, m/s: ``50``, ``50 km/h``, ``de274-60``, ``30mph``.
+    """Return the first readable speed, m/s: ``50``, ``50 km/h``, ``de274-60``, ``30mph``.
 
-    A number alone is km/h; that of a German sign follows its code.
+    A number without unit is in km/h; that of a German sign follows its code.
     """
     for text in texts:
         found = _AMOUNT.search(re.sub(r"^[a-z]{2}\s*[0-9]+(\.[0-9]+)?-", "", text.strip().lower()))
@@ -103,7 +103,7 @@ def speed_of(texts: Iterable[str]) -> float | None:
 
 
 def default_speed(tags: dict[str, str]) -> float:
-    """Return the limit where none is mapped, m/s, as Germany's rules in Lanelet2 have it."""
+    """Return the default speed limit, m/s, by Germany's rules in Lanelet2."""
     subtype, urban = tags.get("subtype", ""), tags.get("location", "urban") != "nonurban"
     if subtype == "play_street":
         return 7 / 3.6
@@ -115,13 +115,13 @@ def default_speed(tags: dict[str, str]) -> float:
 
 
 def mark_of(tags: dict[str, str], *, turned: bool) -> tuple[str, str]:
-    """Return a line's mark and who may change lanes over it, seen in a direction.
+    """Return a line's mark and the lane changes permitted over it, in a direction.
 
-    Changes are ``increase`` where they lead to the left (to the greater lane id), ``decrease`` to
-    the right, ``both`` or ``none`` (ASAM OpenDRIVE 1.8, 11.9; LinestringTagging.md).
+    Changes are ``increase`` to the left (to the greater lane id), ``decrease`` to the right,
+    ``both`` or ``none`` (ASAM OpenDRIVE 1.8, 11.9; LinestringTagging.md).
 
     Args:
-        tags: of the way.
+        tags: tags of the way.
         turned: whether the direction is against the way's own.
     """
     kind, subtype = tags.get("type", ""), tags.get("subtype", "")
@@ -133,7 +133,7 @@ def mark_of(tags: dict[str, str], *, turned: bool) -> tuple[str, str]:
     if turned and " " in mark:
         mark = " ".join(reversed(mark.split()))
     first, last = (mark.split() * 2)[:2]
-    # One may cross from the side whose own line is broken.
+    # Crossing is permitted from the side whose own line is broken.
     change = {(True, True): "both", (True, False): "decrease", (False, True): "increase"}.get(
         (first == "broken", last == "broken"), "none"
     )
