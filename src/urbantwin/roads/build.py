@@ -1,4 +1,4 @@
-"""Building the lane network of a region from OpenStreetMap."""
+"""The lane network of a region from OpenStreetMap."""
 
 from __future__ import annotations
 
@@ -79,19 +79,19 @@ from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
 
-#: Values of ``highway`` that become lanes. Driveways, footways and tracks do not: a district would
-#: have thousands of them, and they carry no through traffic.
+#: Values of ``highway`` that become lanes. Driveways, footways and tracks do not: they are numerous
+#: and carry no through traffic.
 NETWORK_CLASSES = frozenset(
     "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link "
     "tertiary tertiary_link unclassified residential living_street road busway".split()
 ) | {CYCLE_TRACK}
-#: Buildings are kept clear of as far as this beyond the region, metres: the closed loop is there.
+#: Margin around the region for buildings, which roads of the closed loop avoid, metres.
 BESIDE_M = 150.0
 
 
-#: A crossing this near to a node of the map is the node's, metres.
+#: Maximum distance between a crossing and its node of the map, metres.
 FOUND_M = 3.0
-#: A way through a junction consists of so many lanes at most.
+#: Maximum number of consecutive lanes of a connection through a junction.
 _MOST_PARTS = 4
 
 
@@ -100,12 +100,12 @@ class BuiltRoads:
     """The roads of a site.
 
     Attributes:
-        model: the lane model, the source of all else.
-        network: its lanes as strips.
-        surface: height of its roads everywhere.
-        notes: counts, and what was left out.
-        warnings: what is wrong with them.
-        curbs: number of a correction -> what became of the curb that was drawn.
+        model: the lane model, the source of the others.
+        network: its lanes as polylines.
+        surface: heights of the road surface.
+        notes: counts and omissions.
+        warnings: warnings about the roads.
+        curbs: index of a correction -> result for the drawn curb.
     """
 
     model: LaneModel
@@ -131,26 +131,26 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     standing: Sequence[shapely.Geometry] = (),
     tell: Progress = untold,
 ) -> BuiltRoads:
-    """Build the lane network of a region and write SUMO's network beside it.
+    """Build the lane network of a region and write SUMO's network.
 
     Args:
         extract: the map.
         frame: the site frame.
-        region: where to build, site frame; roads end at its border.
+        region: the region to build, site frame; roads end at its border.
         elevation: the ground.
         driving_side: ``right`` or ``left``.
         out: the ``.net.xml`` to write.
-        plans: programs of signals to use instead of those that are assumed.
-        closed_loop: whether outer roads beyond the region lead every way out back to a way in.
-        per_hour: who comes into the region, by class of actors: assumed programs serve them where
-            the loop is closed.
-        curbs: number of a correction -> lines where a person saw curbs, site frame.
-        standing: outlines of what stands and is in nobody's map, site frame: ways through junctions
-            lead round it, and round the map's islands, where cars can drive so.
-        tell: called with the share done (0..1) and the current task.
+        plans: signal programs that replace assumed ones.
+        closed_loop: whether outer roads beyond the region lead each exit back to an entry.
+        per_hour: actors that enter the region per hour, by class: with a closed loop, assumed
+            signal programs serve these flows.
+        curbs: index of a correction -> drawn lines of curbs, site frame.
+        standing: outlines of static obstacles that are not in the map, site frame: paths through
+            junctions avoid them and the map's islands where cars can drive so.
+        tell: called with the completed share (0..1) and the current task.
 
     Raises:
-        InputError: the region holds no roads, or a plan for signals cannot be used.
+        InputError: the region has no roads, or a signal plan cannot be used.
         StageError: netconvert failed.
     """
     tell(0.0, "ways")
@@ -322,7 +322,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
 
 
 def _with_lines_of_map(model: LaneModel, ways: Sequence[Way]) -> LaneModel:
-    """Return the model without lines on the streets that have none (``lane_markings=no``)."""
+    """Return the model without lines on streets with ``lane_markings=no``."""
     bare = {way.id for way in ways if way.tags.get("lane_markings") == "no"}
     return model.with_roads(
         tuple(
@@ -335,7 +335,7 @@ def _with_lines_of_map(model: LaneModel, ways: Sequence[Way]) -> LaneModel:
 def _reinterpreted(
     ways: Sequence[Way], segments: Sequence[MappedSegment], frame: SiteFrame
 ) -> list[str]:
-    """Return the tags that are taken otherwise than they say, each with its way and its place."""
+    """Return messages on reinterpreted tags, each with its way and position."""
     first = {segment.way: segment for segment in reversed(segments)}
     found = []
     for way in ways:
@@ -351,7 +351,7 @@ def _reinterpreted(
 def _serve(
     net: Path, pieces: Sequence[WayPiece], bus: Set[int], per_hour: Mapping[str, float]
 ) -> None:
-    """Let merging lanes take turns, and give signals programs that serve who comes."""
+    """Set zipper merging at merging lanes, and default signal programs for the expected flows."""
     zip_merging_lanes(net)
     outer = edges_of_pieces(net, {piece.id for piece in pieces if piece.way == 0})
     lines = edges_of_pieces(net, {piece.id for piece in pieces if piece.way in bus})
@@ -361,7 +361,7 @@ def _serve(
 def _unlit(
     extract: Extract, frame: SiteFrame, nodes: Sequence[int], network: RoadNetwork
 ) -> list[int]:
-    """Return the nodes where no crossing with lights lies."""
+    """Return the nodes without a signalised crossing."""
     lit = {head.lane for head in network.signals}
     lines = [
         shapely.LineString(lane.centre[:, :2])
@@ -376,7 +376,7 @@ def _unlit(
 def _within(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon, nodes: Sequence[int]
 ) -> int:
-    """Return how many nodes lie in the region."""
+    """Return the number of nodes in the region."""
     xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
     return int(shapely.contains_xy(region, xy[:, 0], xy[:, 1]).sum())
 
@@ -386,8 +386,8 @@ def _network_ways(
 ) -> tuple[list[Way], list[Way]]:
     """Return the ways of streets in a region, and those in tunnels.
 
-    Where more of the streets are open to some alone (a port, a test track) than to everybody, it is
-    those who drive there.
+    If most of the streets are not open to the public (a port, a test track), they count as open:
+    the traffic is that of permitted users.
     """
     kept: list[Way] = []
     tunnels: list[Way] = []
@@ -418,7 +418,7 @@ def _places(
     pieces: Sequence[WayPiece],
     only: Callable[[Mapping[str, str]], bool],
 ) -> NDArray[np.float64]:
-    """Return where nodes of streets with some tags are (N, 2), site frame."""
+    """Return the positions (N, 2) of street nodes with certain tags, site frame."""
     nodes = sorted({node for piece in pieces for node in piece.nodes})
     found = [extract.nodes[node] for node in nodes if only(extract.node_tags.get(node, {}))]
     return frame.site_from_lonlat(np.array(found).reshape(-1, 2))
@@ -427,7 +427,7 @@ def _places(
 def _signalised(
     extract: Extract, pieces: Sequence[WayPiece], told: Mapping[int, Mapping[str, str]]
 ) -> list[int]:
-    """Return the nodes that netconvert puts signals at."""
+    """Return the nodes at which netconvert sets signals."""
     found = []
     for node in sorted({node for piece in pieces for node in piece.nodes}):
         tags = told.get(node, extract.node_tags.get(node, {}))
@@ -465,7 +465,7 @@ def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
 
 
 def _beside(lane: Lane, share: float) -> NDArray[np.float64]:
-    """Return points (N, 2) beside the middle of a lane, by a share of its width to the left."""
+    """Return points (N, 2) beside a lane's centre line, by a share of its width to the left."""
     points = lane.centre[:, :2]
     ahead = np.gradient(points, axis=0)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
@@ -473,9 +473,9 @@ def _beside(lane: Lane, share: float) -> NDArray[np.float64]:
 
 
 def _with_junctions_on_bridges(network: RoadNetwork, lift: Lift) -> RoadNetwork:
-    """Return the network with junctions as high as the bridge that begins there.
+    """Return the network with junctions raised to the bridge that begins there.
 
-    Where streets meet under the end of a bridge, a junction of the ground would join them to it.
+    Where streets meet under the end of a bridge, a junction on the ground would link them to it.
     """
     level, low, over = dict[str, int](), set[str](), set[str]()
     for road in network.roads:

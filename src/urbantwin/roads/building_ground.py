@@ -1,4 +1,4 @@
-"""The ground that buildings stand on: no sidewalk, no parking and no pole is there."""
+"""The ground under buildings, which is free of sidewalks, parking and poles."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ __all__ = [
     "passages_of",
 ]
 
-#: Values of ``building`` that are roofs without walls: one walks under them.
+#: Values of ``building`` for roofs without walls, with passage underneath.
 ROOFS = ("roof", "carport", "canopy")
-#: A building or part whose underside is higher than this stands over the ground, metres.
+#: A building or part with a higher underside does not stand on the ground, metres.
 HEADROOM_M = 2.0
-#: Clear height of a passage for vehicles and over any carriageway; for walkers and cyclists.
+#: Clear height over carriageways and passages for vehicles; over those for pedestrians and
+#: cyclists, metres.
 ROAD_CLEARANCE_M = 4.5
 PATH_CLEARANCE_M = 3.0
-#: A passage's line is drawn longer by this at both ends, so that it cuts through the walls.
+#: Extension of a passage's line at both ends, so that it cuts through the walls, metres.
 REACH_M = 1.0
 WIDTH_M = {
     **dict.fromkeys(("footway", "path", "cycleway", "steps", "corridor"), 2.5),
@@ -37,7 +38,8 @@ WIDTH_M = {
     **dict.fromkeys(("residential", "living_street", "unclassified", "tertiary"), 6.0),
 }
 WIDER_M = 7.0
-#: Values of ``covered`` under buildings; those with columns along their open side.
+#: Values of ``covered`` for passages with columns along their open side, and for all passages under
+#: buildings.
 ARCADES = ("arcade", "colonnade")
 COVERED = ("yes", *ARCADES)
 PATHS = ("footway", "path", "cycleway", "steps", "corridor", "pedestrian")
@@ -45,11 +47,11 @@ PATHS = ("footway", "path", "cycleway", "steps", "corridor", "pedestrian")
 
 @dataclass(frozen=True)
 class BuildingGround:
-    """The ground under buildings in plan, apart from passages and arcades.
+    """The ground under buildings in plan, except passages and arcades.
 
     Attributes:
-        everywhere: of all of them.
-        within: of those that touch the region.
+        everywhere: of all buildings.
+        within: of buildings that touch the region.
     """
 
     everywhere: list[shapely.Polygon]
@@ -61,10 +63,10 @@ class Passage:
     """A mapped way through buildings.
 
     Attributes:
-        line: its middle.
-        corridor: the ground that it takes.
-        clearance_m: its clear height.
-        has_columns: whether columns stand along its open side: an arcade or a colonnade.
+        line: its centre line.
+        corridor: its area in plan.
+        clearance_m: its clear height, metres.
+        has_columns: whether it has columns along its open side: an arcade or a colonnade.
     """
 
     line: LineString
@@ -74,9 +76,9 @@ class Passage:
 
 
 def building_ground(features: Iterable[OsmFeature]) -> list[shapely.Polygon]:
-    """Return the ground under buildings in plan, apart from passages and arcades.
+    """Return the ground under buildings in plan, except passages and arcades.
 
-    Roofs on posts, what is underground and what hangs over the ground are left out.
+    Roofs on posts, underground parts and parts above the ground are excluded.
 
     Args:
         features: the map's features, site frame.
@@ -85,7 +87,7 @@ def building_ground(features: Iterable[OsmFeature]) -> list[shapely.Polygon]:
 
 
 def building_grounds(features: Iterable[OsmFeature], region: shapely.Geometry) -> BuildingGround:
-    """Return the same, also of those buildings alone that touch a region."""
+    """Return the ground under all buildings, and under those that touch a region."""
     features = list(features)
     standing = [
         feature.geometry
@@ -104,7 +106,7 @@ def _without(shapes: list[shapely.Geometry], passages: shapely.Geometry) -> list
 
 
 def _stands(tags: Mapping[str, str]) -> bool:
-    """Return whether a feature is a building whose walls stand on the ground."""
+    """Return whether a feature is a building with walls on the ground."""
     kind = tags.get("building", "no")
     if kind == "no" or kind in (*ROOFS, "underground") or tags.get("location") == "underground":
         return False
@@ -116,7 +118,7 @@ def _stands(tags: Mapping[str, str]) -> bool:
 
 
 def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
-    """Return the ways that are mapped as passing through or under buildings."""
+    """Return the mapped ways through or under buildings."""
     found = []
     for feature in features:
         tags = feature.tags
@@ -135,7 +137,7 @@ def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
 
 
 def _longer(line: LineString) -> LineString:
-    """Draw a line longer at both ends."""
+    """Return a line extended at both ends."""
     xy = shapely.get_coordinates(shapely.remove_repeated_points(line, 0.001))
     if len(xy) < 2:
         return line

@@ -1,4 +1,4 @@
-"""Buses of a map: the roads that their lines run on, and the stops where they halt."""
+"""Buses of a map: roads of bus lines, and bus stops."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from urbantwin.site.extract import Extract
 
 __all__ = ["bus_poles", "bus_ways", "with_buses"]
 
-#: A stop's pole or platform is beside the kerb lane of its road: so far from the lane's middle at
-#: most, metres, and on the kerb's side of the lane or, roughly mapped, on it.
+#: Maximum distance of a stop's pole or platform from the kerb lane's centre, metres, and its
+#: maximum offset beyond the lane on the wrong side, for rough mapping.
 BESIDE_M, WRONG_SIDE_M = 14.0, 0.5
-#: Length of a stop: a bus and room to pull up, metres. The front halts so far past the pole.
+#: Length of a stop: a bus and room to pull up, and the distance of its front beyond the pole,
+#: metres.
 STOP_M, PAST_POLE_M = 18.0, 1.0
-#: A stop keeps so far away from the ends of its lane, metres.
+#: Minimum distance of a stop from the ends of its lane, metres.
 END_M = 1.0
-#: Stops on a lane that are nearer than this are one that was mapped as pole and platform, metres.
+#: Stops on a lane closer than this are one, mapped as pole and platform, metres.
 SAME_STOP_M = 30.0
-#: Kinds of lanes that nobody gets off onto.
+#: Kinds of lanes without alighting passengers.
 DRIVEN = ("driving", "bus", "bicycle")
 BUS_ROUTES = ("bus", "trolleybus")
 
@@ -32,9 +33,9 @@ BUS_ROUTES = ("bus", "trolleybus")
 def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> RoadNetwork:
     """Return a network with the roads of mapped bus lines and with mapped bus stops.
 
-    A stop is at the kerb lane of the road beside its pole, on the side that people get on at: so
-    its direction is clear, and no other carriageway lies between. Stops beside roads that are not
-    there are left out.
+    A stop is assigned to the kerb lane of the road beside its pole, on the boarding side. This
+    determines its direction, with no other carriageway between. Stops without a road beside them
+    are left out.
 
     Args:
         network: the lanes.
@@ -76,12 +77,12 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
 
 
 def bus_poles(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
-    """Return where people wait for buses (N, 2), site frame."""
+    """Return the positions of bus stops (N, 2), site frame."""
     return np.array([place for place, _ in _poles(extract, frame)]).reshape(-1, 2)
 
 
 def bus_ways(extract: Extract) -> frozenset[int]:
-    """Return the ids of the ways that mapped bus lines run on."""
+    """Return the ids of the ways of mapped bus lines."""
     return frozenset(
         member
         for relation in extract.relations.values()
@@ -92,7 +93,7 @@ def bus_ways(extract: Extract) -> frozenset[int]:
 
 
 def _kerb_lanes(network: RoadNetwork) -> Iterator[tuple[Road, Lane]]:
-    """Yield each road that people live on with the outermost lane that buses may use."""
+    """Yield each road of the map with its outermost lane for buses, if long enough for a stop."""
     for road in network.roads:
         if not road.ways:
             continue
@@ -103,7 +104,7 @@ def _kerb_lanes(network: RoadNetwork) -> Iterator[tuple[Road, Lane]]:
 
 
 def _poles(extract: Extract, frame: SiteFrame) -> Iterator[tuple[NDArray[np.float64], str]]:
-    """Yield where people wait for a bus, and the stop's name."""
+    """Yield the position (2,) and the name of each bus stop."""
     for node, tags in sorted(extract.node_tags.items()):
         if _is_stop(tags) and node in extract.nodes:
             yield frame.site_from_lonlat([extract.nodes[node]])[0], tags.get("name", "")
@@ -122,7 +123,7 @@ def _is_stop(tags: Mapping[str, str]) -> bool:
 def _beside(
     line: shapely.LineString, points: NDArray[np.float64], place: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return where a place is along a line, and how far to its left, metres."""
+    """Return the station of a place along a line, and its offset to the left, metres."""
     along = float(line.project(shapely.Point(place)))
     stations = stations_of_points(points)
     k = int(np.clip(np.searchsorted(stations, along) - 1, 0, len(points) - 2))

@@ -1,4 +1,4 @@
-"""Central islands of small roundabouts: raised within a mapped ring, painted at a single node."""
+"""Central islands of small roundabouts: raised in a mapped ring, painted at a single node."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["with_central_islands", "with_painted_islands"]
 
-#: Smallest radius of an island (TSRGD 2016, diagram 1003.4: at least 1 m wide), metres.
+#: Minimum radius of an island (TSRGD 2016, diagram 1003.4: at least 1 m wide), metres.
 LEAST_M = 0.5
-#: Radius of a painted one (TSRGD 2016, diagram 1003.4: a white circle of 1 to 4 m; FHWA-SA-10-007:
-#: mini-roundabouts have a central island that is driven over), and how near to its junction it is
-#: mapped, metres.
+#: Radius of a painted island (TSRGD 2016, diagram 1003.4: a white circle of 1 to 4 m;
+#: FHWA-SA-10-007: mini-roundabouts have a traversable central island), and its maximum distance
+#: from the junction, metres.
 PAINTED_M, NEAR_M = 2.0, 3.0
-#: Corners of an outline.
+#: Number of corners of an outline.
 SIDES = 48
 
 
 def with_central_islands(
     model: LaneModel, network: RoadNetwork, rings: Sequence[Ring], height: SurfaceHeight
 ) -> tuple[LaneModel, RoadNetwork]:
-    """Return model and network with a raised island in the middle of every small roundabout.
+    """Return model and network with a raised island in the centre of each small roundabout.
 
     Args:
-        model: the lane model, with heights and what is painted on its roads.
-        network: its lanes as strips.
+        model: the lane model, with heights and areas.
+        network: its lanes as polylines.
         rings: the small roundabouts.
-        height: the surface of the roads.
+        height: heights of the road surface.
     """
     areas, lanes = list[RoadArea](), list(network.lanes)
     for ring in rings:
@@ -78,15 +78,15 @@ def with_painted_islands(
     places: NDArray[np.float64],
     height: SurfaceHeight,
 ) -> LaneModel:
-    """Return the model with a painted disc in the middle of every mini-roundabout.
+    """Return the model with a painted disc in the centre of each mini-roundabout.
 
-    It is flush with the road and driven over by those who cannot go round it.
+    It is level with the road, and vehicles that cannot go round drive over it.
 
     Args:
-        model: the lane model, with heights and what is painted on its roads.
-        network: its lanes as strips.
-        places: (N, 2) the mini-roundabouts, site frame.
-        height: the surface of the roads.
+        model: the lane model, with heights and areas.
+        network: its lanes as polylines.
+        places: (N, 2) positions of the mini-roundabouts, site frame.
+        height: heights of the road surface.
     """
     areas = []
     for place in places:
@@ -113,7 +113,7 @@ def _circle(centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
 
 
 def _road_at(model: LaneModel, name: str) -> ModelRoad | None:
-    """Return a way through a junction of the network."""
+    """Return a connecting road of a junction of the network; ``None`` if there is none."""
     number = next((j.id for j in model.junctions if name in j.members), -2)
     return next((road for road in model.roads if road.junction == number), None)
 
@@ -126,7 +126,7 @@ def _area(
     name: str,
     height: float,
 ) -> RoadArea:
-    """Return an outline (N, 2), at heights (N,), as an area of a road; its id is still open."""
+    """Return an outline (N, 2) with heights (N,) as an area of a road, without an id yet."""
     x, y, heading = road.curve.pose(0.0)
     gap, c, s = outline - [x, y], np.cos(heading), np.sin(heading)
     ahead, left = gap[:, 0] * c + gap[:, 1] * s, gap[:, 1] * c - gap[:, 0] * s

@@ -1,4 +1,4 @@
-"""Lanes of the map that a person corrected: which ways, along which stretch, and with what tags."""
+"""Lane corrections by a user: the ways, their stretches, and the resulting tags."""
 
 from __future__ import annotations
 
@@ -32,17 +32,18 @@ from urbantwin.site.extract import Extract, Relation, Way
 
 __all__ = ["with_lanes_corrected"]
 
-#: A line drawn along a street is nowhere farther from its way than this, metres; and runs along it
-#: within this angle, as a cosine.
+#: Maximum distance of a drawn line from its way, metres, and minimum cosine of the angle between
+#: them.
 BESIDE_M, ALONG = 12.0, 0.8
-#: A stretch that ends this near to an end of its way ends there; shorter ones are none, metres.
+#: A stretch that ends within the first distance of an end of its way ends there; stretches below
+#: the second are dropped, metres.
 END_M, SHORTEST_M = 4.0, 5.0
 STEP_M = 1.0
 
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A part of a way, by the distance along it; ``aligned``: whether it was drawn along it."""
+    """A part of a way, by distance along it; ``aligned``: whether drawn in its direction."""
 
     way: int
     first: float
@@ -51,24 +52,24 @@ class _Stretch:
 
 
 class _Map:
-    """The map as it is being corrected."""
+    """The map during its correction."""
 
     def __init__(self, extract: Extract, frame: SiteFrame) -> None:
         self.frame = frame
         self.nodes = dict(extract.nodes)
         self.ways = dict(extract.ways)
         self.relations = dict(extract.relations)
-        #: What has become of ways that were cut.
+        #: Parts of ways that were cut.
         self.parts: dict[int, list[int]] = {}
         self.next_node = max(extract.highest[0], max(extract.nodes, default=0)) + 1
         self.next_way = max(extract.highest[1], max(extract.ways, default=0)) + 1
 
     def known(self, way: Way) -> list[int]:
-        """Return the nodes of a way that the map has."""
+        """Return the nodes of a way that are in the map."""
         return [node for node in way.nodes if node in self.nodes]
 
     def line(self, way: Way) -> NDArray[np.float64]:
-        """Return where a way lies (N, 2), site frame."""
+        """Return the points of a way (N, 2), site frame."""
         return self.frame.site_from_lonlat([self.nodes[node] for node in self.known(way)])
 
     def cut(self, way: Way, first: float, last: float) -> int:
@@ -96,7 +97,7 @@ class _Map:
         along: NDArray[np.float64],
         at: float,
     ) -> tuple[list[int], NDArray[np.float64], NDArray[np.float64]]:
-        """Return a way with a node at a distance along it, unless one is there."""
+        """Return a way with a node at a distance along it; an existing node is used."""
         if np.abs(along - at).min() < SHORTEST_M / 10:
             return nodes, points, along
         k = int(np.searchsorted(along, at))
@@ -109,7 +110,7 @@ class _Map:
         return grown, np.insert(points, k, place, axis=0), np.insert(along, k, at)
 
     def _replace(self, way: int, ids: Sequence[int]) -> None:
-        """Let relations name all parts of a way that was cut, in the order of the way."""
+        """Replace a cut way in relations by all its parts, in their order."""
         for known in self.parts.values():
             if way in known:
                 known[known.index(way) : known.index(way) + 1] = ids
@@ -133,13 +134,13 @@ def with_lanes_corrected(
     driving_side: str,
     country: str = "",
 ) -> tuple[Extract, list[Outcome]]:
-    """Return the map with lanes added to streets and removed from them, and what became of each.
+    """Return the map with lanes added and removed, and the outcome of each correction.
 
     A correction of a stretch cuts its way there.
 
     Args:
         extract: the map.
-        corrections: those of other kinds are left alone.
+        corrections: the corrections; other kinds are ignored.
         frame: the site frame.
         region: the region, site frame.
         driving_side: ``right`` or ``left``.
@@ -169,7 +170,7 @@ def _corrected(
     driving_side: str,
     country: str,
 ) -> Outcome:
-    """Correct the lanes of one feature in place."""
+    """Apply one correction in place."""
     among = None if asked.element is None else edited.parts.get(asked.element.id)
     if asked.element is not None and among is None:
         among = [asked.element.id]
@@ -228,7 +229,7 @@ def _is_street(way: Way) -> bool:
 
 
 def _along(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far along a line each of its points is, metres."""
+    """Return the distance of each point along a line (N,), metres."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -236,9 +237,10 @@ def _along(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def _stretches(
     edited: _Map, ways: Sequence[Way], shapes: Sequence[shapely.Geometry]
 ) -> list[_Stretch]:
-    """Return the stretches of ways along what is drawn, in the order of the drawing.
+    """Return the stretches of ways along drawn lines, in the order of the drawing.
 
-    Every metre of what is drawn belongs to the nearest way that runs the same way or against it.
+    Each metre of a drawn line belongs to the nearest way that is parallel to it in either
+    direction.
     """
     lines = [shapely.LineString(edited.line(way)) for way in ways]
     tree = shapely.STRtree(lines)
@@ -271,7 +273,7 @@ def _stretches(
 
 
 def _direction(line: shapely.LineString, station: float) -> NDArray[np.float64]:
-    """Return the direction (2,) of a line at a distance along it, unit length."""
+    """Return the unit vector (2,) along a line at a distance along it."""
     a, b = (
         shapely.get_coordinates(line.interpolate(float(np.clip(station + d, 0, line.length))))[0]
         for d in (-0.5, 0.5)
@@ -280,7 +282,7 @@ def _direction(line: shapely.LineString, station: float) -> NDArray[np.float64]:
 
 
 def _nearest(edited: _Map, ways: Sequence[Way], shapes: Sequence[shapely.Geometry]) -> str:
-    """Return which way is the nearest, in words."""
+    """Return a text on the nearest way."""
     drawn = shapely.GeometryCollection(list(shapes))
     gaps: Mapping[int, float] = {
         way.id: shapely.distance(drawn, shapely.LineString(edited.line(way))) for way in ways

@@ -1,4 +1,4 @@
-"""Speeds on curves: what a lane's line allows, and braking in time before it."""
+"""Speeds in curves: the limit from a lane's curvature, with braking before it."""
 
 from __future__ import annotations
 
@@ -12,34 +12,35 @@ from urbantwin.geometry import stations_of_points
 
 __all__ = ["SPACING_M", "curve_speeds", "lane_speeds"]
 
-#: Acceleration to the side that drivers accept on a curve in town, m/s^2: 0.23 g, the side
-#: friction that streets of 40 km/h are designed for (AASHTO, Geometric Design, 2011).
+#: Lateral acceleration that drivers accept in urban curves, m/s^2: 0.23 g, the side friction for
+#: streets designed for 40 km/h (AASHTO, Geometric Design, 2011).
 SIDEWAYS_MS2 = 2.2
-#: Braking before a curve, m/s^2: well within the 3.4 that most drivers find comfortable (the same).
+#: Deceleration before a curve, m/s^2: well below the comfortable 3.4 of most drivers (AASHTO).
 BRAKING_MS2 = 2.0
-#: Nobody is slowed below this, m/s: somebody who turns on the spot still rolls.
+#: Minimum speed in curves, m/s, also for the tightest turns.
 LEAST_MS = 1.5
-#: A curve is measured by two chords. They are as long as a car, or, for who is faster, as long as
-#: what is driven in the time that a driver takes to turn the wheel, seconds.
+#: A curve is measured by two chords. Their length is that of a car or, for faster vehicles, the
+#: distance driven in the time that a driver takes to turn the wheel, seconds.
 CHORDS_M = (3.5, 5.5, 8.0, 11.0, 15.0)
 STEERING_S = 0.6
-#: Who leaves a curve speeds up when the rear has left it too, metres after the front.
+#: Vehicles accelerate after a curve when their rear has left it, at this distance after the front,
+#: metres.
 REAR_M = 4
-#: Distance between the places that a speed is told for, metres.
+#: Spacing of the places with a speed, metres.
 SPACING_M = 1.0
 STRAIGHT_PER_M = 1e-4
-#: Points nearer to each other than this are one, metres.
+#: Points closer to each other are one, metres.
 SAME_M = 0.01
-#: How much is looked at of the lanes before and behind a way over a junction, metres.
+#: Length of the lanes considered before and behind a connection through a junction, metres.
 BEFORE_M, BEHIND_M = 15.0, 60.0
-#: Lanes of a way over a junction, at most.
+#: Maximum number of lanes of a connection.
 MOST_LANES = 8
 
 
 def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speed (M,) that a line allows every ``SPACING_M`` from its start, m/s.
+    """Return the speed limit (M,) from curvature, every ``SPACING_M`` from a line's start, m/s.
 
-    On a curve of radius r it is sqrt(a r), and before it what can be braked from.
+    In a curve of radius r it is sqrt(a r); before it, the speed from which braking is possible.
 
     Args:
         line: (N, 2) its points, metres.
@@ -50,7 +51,7 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
     bends = np.maximum(_bends(line, along, places), STRAIGHT_PER_M)
     for k, (chord, bend) in enumerate(zip(CHORDS_M, bends, strict=True)):
         allowed = np.sqrt(SIDEWAYS_MS2 / bend)
-        # Longer chords are for those who are fast enough that they steer along them.
+        # Longer chords apply to vehicles that are fast enough to steer along them.
         fast = allowed >= (chord / STEERING_S if k else 0.0)
         most = CHORDS_M[k + 1] / STEERING_S if k + 1 < len(CHORDS_M) else np.inf
         speed = np.maximum(speed, np.where(fast, np.minimum(allowed, most), 0.0))
@@ -65,17 +66,17 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
 def lane_speeds(
     network: etree._Element, only: Collection[str] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """Return what ``curve_speeds`` allows on every lane that is driven on, in SUMO's terms.
+    """Return the speeds of ``curve_speeds`` on all lanes for vehicles, in SUMO's length units.
 
-    All lanes of an edge have one length there, so that on the outer side of a bend an actor covers
-    more ground than SUMO says: places and speeds are by SUMO's length.
+    All lanes of an edge have one length in SUMO, so a vehicle on the outside of a bend covers more
+    ground than SUMO's position says. Positions and speeds are scaled to SUMO's length.
 
-    A way over a junction is taken with the lane that it comes from and the one that it leads to:
-    neither a corner between two lanes nor a curve just behind it is missed.
+    A connection is evaluated together with its incoming and outgoing lane, so that corners between
+    two lanes and curves just behind are included.
 
     Args:
         network: the root of a ``.net.xml``.
-        only: ids of lanes; all when not given.
+        only: ids of lanes; all by default.
     """
     lines: dict[str, NDArray[np.float64]] = {}
     lengths: dict[str, float] = {}
@@ -115,7 +116,7 @@ def _along_its_way(
     before: Mapping[str, str],
     after: Mapping[str, str],
 ) -> NDArray[np.float64]:
-    """Return the speeds (M,) on a lane, ``lines[name]``."""
+    """Return the speeds (M,) on a lane, ``lines[name]``, m/s."""
     own = lines[name]
     count = int(stations_of_points(own)[-1] / SPACING_M) + 1
     if not name.startswith(":"):
@@ -132,14 +133,14 @@ def _along_its_way(
 
 
 def _beginning(line: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
-    """Return the first metres of a line."""
+    """Return the first ``length_m`` metres of a line."""
     along = stations_of_points(line)
     end = [np.interp(length_m, along, line[:, k]) for k in (0, 1)]
     return np.vstack([line[along < length_m], end])
 
 
 def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a line without points that lie where the one before does."""
+    """Return a line without consecutive duplicate points."""
     far = np.linalg.norm(np.diff(line, axis=0), axis=1) > SAME_M
     return np.asarray(line[np.concatenate([[True], far])]) if len(line) else line
 
@@ -147,7 +148,7 @@ def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
 def _bends(
     line: NDArray[np.float64], along: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the curvature (C, M) at places of a line, by C chords to and from each, 1/m."""
+    """Return the curvature (C, M) at places of a line from C pairs of chords, 1/m."""
     chords = np.array(CHORDS_M)
     away = np.concatenate([[0.0], -chords, chords])[:, None]
     points = _at(line, along, (places + away).ravel()).reshape(len(away), -1, 2)
@@ -159,7 +160,7 @@ def _bends(
 def _at(
     line: NDArray[np.float64], along: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the points (M, 2) of a line at places, straight on beyond its ends."""
+    """Return the points (M, 2) of a line at places, extended straight beyond its ends."""
     points = np.column_stack([np.interp(places, along, line[:, k]) for k in (0, 1)])
     for end, inner, beyond in ((0, 1, places), (-1, -2, places - along[-1])):
         leg = (line[end] - line[inner]) / max(float(np.linalg.norm(line[end] - line[inner])), 1e-9)

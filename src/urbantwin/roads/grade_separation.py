@@ -1,8 +1,8 @@
-"""Grade separation: which roads cross over others, and how high that lifts them.
+"""Grade separation: roads that cross over others, and their height above the ground.
 
-Only a road that crosses over another road of the network is lifted; a bridge over water or rails
-is level with its approaches. Lifted roads come down to the ground along the network at a
-grade of at most ``RAMP_GRADE``.
+Only a road that crosses over another road of the network is lifted; a bridge over water or rails is
+level with its approaches. Lifted roads descend to the ground along the network at a grade of at
+most ``RAMP_GRADE``.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ __all__ = [
     "way_layer",
 ]
 
-#: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
-#: 4.3 to 4.9 m on local to arterial roads) plus the deck.
+#: Height of a road above the one that it crosses, metres: 4.7 m clearance (AASHTO Green Book,
+#: minimum 4.3 to 4.9 m on local to arterial roads) plus the deck.
 CLEARANCE_M = 5.5
-#: Steepest ramp that is assumed where the map only has different layers.
+#: Steepest ramp that is assumed where only different layers are mapped.
 RAMP_GRADE = 0.06
-#: Spacing of the samples along roads.
+#: Spacing of the samples along roads, metres.
 STEP_M = 4.0
-#: Lift between samples is a regression over this many of the nearest, weighted by a Gaussian of
-#: this standard deviation, metres; and how much is known across a line of samples, square metres.
+#: Parameters of the local regression of the lift: number of nearest samples; standard deviation of
+#: the Gaussian weights, metres; regularisation across a line of samples, square metres.
 NEIGHBOURS, SMOOTHING_M, STIFFNESS = 12, 4.0, 0.5
-#: Where roads of different levels meet, as many samples of each count for the other; unless one of
-#: another height is this near, metres: a street under the end of a bridge.
+#: Number of samples that roads of different levels share where they meet, unless a sample of
+#: another height is within the second distance, metres: a street under the end of a bridge.
 SHARED, UNDER_M = 4, 15.0
-#: Samples nearby belong to one surface if their heights differ by no more than this step, metres,
-#: and this grade. Between a ramp and a street beside it is a wall.
+#: Samples belong to one surface if their heights differ by no more than this step, metres, and this
+#: grade. Between a ramp and a street beside it is a wall.
 STEP_UP_M, STEEPEST = 0.5, 2.0 * RAMP_GRADE
-#: With less weight in all than this no sample nearby is of the same surface.
+#: Minimum total weight; below it no nearby sample is on the same surface.
 LEAST_WEIGHT = 1e-6
 
 
@@ -63,14 +63,14 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Lift:
-    """Samples of the network and how far each stands above the ground.
+    """Samples of the network with their height above the ground.
 
     Attributes:
         xy: (N, 2) positions of samples, site frame.
         level: (N,) level of the sample's road.
-        height: (N,) metres above the ground.
-        wide: the same all over the width of roads and ways through junctions: the nearest of them
-            says which surface a place belongs to.
+        height: (N,) height above the ground, metres.
+        wide: samples over the full width of roads and connections: the nearest one determines the
+            surface of a place.
     """
 
     xy: NDArray[np.float64]
@@ -79,7 +79,7 @@ class Lift:
     wide: Lift | None = None
 
     def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        """Return the lift (M,) at (M, 2) points of a level, by local linear regression."""
+        """Return the lift (M,) at points (M, 2) of a level by local linear regression, metres."""
         lift = np.zeros(len(xy))
         known = self._of_level(level)
         if known is None or not len(xy):
@@ -91,7 +91,7 @@ class Lift:
         risen = height[index].any(axis=1)
         near, distance, index = near[risen], distance[risen], index[risen]
         gap = tree.data[index] - xy[near, None]
-        # Weights fall off from the nearest sample on: far away its height is what counts.
+        # Weights decrease from the nearest sample: far from all samples its height dominates.
         weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / SMOOTHING_M**2)
         own = self.wide._of_level(level) if self.wide else None
         if own is not None:
@@ -106,16 +106,16 @@ class Lift:
         design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
         weighted = design * weight[..., None]
         normal = np.einsum("mki,mkj->mij", weighted, design)
-        # Samples lie along roads: across them nothing is known, and no slope is assumed.
+        # Samples lie along roads: the slope across them is unknown, and assumed zero.
         normal[:, [1, 2], [1, 2]] += STIFFNESS * weight.sum(axis=1)[:, None]
         right = np.einsum("mki,mk->mi", weighted, height[index])
         lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
         return lift
 
     def is_above_another(self, xy: NDArray[np.float64], level: int) -> bool:
-        """Return whether a street of the ground lies far below a point (2,) of a level, and near.
+        """Return whether a street on the ground is far below a point (2,) and near in plan.
 
-        Near is what would be mixed with it if both were on one level.
+        Near means that it would be mixed with it if both were on one level.
         """
         height = float(self.at(xy[None], level)[0])
         wide = self.wide or self
@@ -136,7 +136,7 @@ class Lift:
         return {}
 
 
-#: Layers run from -5 to 5; larger values are errors or rare interchanges.
+#: Layers range from -5 to 5; larger values are errors or rare interchanges.
 HIGHEST_LAYER = 20
 
 
@@ -155,7 +155,7 @@ def find_crossings(
     nodes: Mapping[int, frozenset[int]],
     layers: Mapping[int, int],
 ) -> list[Crossing]:
-    """Return where ways of different layers cross without a shared node.
+    """Return the places where ways of different layers cross without a shared node.
 
     Args:
         lines: way -> (N, 2) site-frame points.
@@ -190,13 +190,13 @@ def levels_of_ways(crossings: list[Crossing]) -> dict[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class LiftedRoad:
-    """A road as far as its lift needs it.
+    """The properties of a road that determine its lift.
 
     Attributes:
-        lines: (N, 2) points of lines from the road's start to its end, all over its width: the
-            first is the middle of the innermost lane.
+        lines: (N, 2) points of lines from the road's start to its end, over its full width: the
+            first is the centre line of the innermost lane.
         level: 0 on the ground, 1, 2, ... above other roads.
-        ways: ids of its ways in the map.
+        ways: ids of its OSM ways.
         junctions: ids of the junctions at its start and its end.
     """
 
@@ -208,14 +208,14 @@ class LiftedRoad:
 
 @dataclass(frozen=True, eq=False)
 class LiftedTurn:
-    """A way through a junction: (N, 2) centre, and the numbers of the roads that it joins."""
+    """A connection through a junction: (N, 2) centre line, and indices of the roads it links."""
 
     centre: NDArray[np.float64]
     before: int
     after: int
 
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points (M, 2) along it, and the share of the way at each (M,)."""
+        """Return points (M, 2) along it, and the share of its length at each (M,)."""
         line = shapely.LineString(self.centre)
         share = np.linspace(0.0, 1.0, max(2, int(line.length / STEP_M) + 1))
         return shapely.get_coordinates(line.interpolate(share, normalized=True)), share
@@ -224,12 +224,12 @@ class LiftedTurn:
 def lift_of_network(
     roads: list[LiftedRoad], turns: list[LiftedTurn], crossings: list[Crossing]
 ) -> Lift:
-    """Return how far every road stands above the ground.
+    """Return the height of all roads above the ground.
 
     Args:
         roads: the roads.
-        turns: the ways through junctions from road to road.
-        crossings: where ways cross over others.
+        turns: the connections through junctions.
+        crossings: places where ways cross over others.
     """
     points, levels, links = [], [], []
     ends: dict[str, list[int]] = {}
@@ -286,7 +286,7 @@ def lift_of_network(
     extra = [(k, other) for k, other in extra if not _crosses(k, level_of == other, xy, height)]
     shared = np.array([k for k, _ in extra], np.int64)
     of_shared = np.array([level for _, level in extra], np.int64)
-    # A road is level across.
+    # The same height across a road.
     rows = [(xy, level_of, height)]
     for first, places in beside:
         mine = first + np.arange(len(places))
@@ -312,7 +312,7 @@ def _crosses(
     xy: NDArray[np.float64],
     height: NDArray[np.float64],
 ) -> bool:
-    """Return whether one of other samples (N,) lies far above or below a sample."""
+    """Return whether one of other samples (N,) is far above or below a sample."""
     near = np.linalg.norm(xy - xy[sample], axis=1) < UNDER_M
     return bool((others & near & (np.abs(height - height[sample]) > CLEARANCE_M / 2)).any())
 
@@ -320,7 +320,7 @@ def _crosses(
 def _shared(
     ends: Mapping[str, list[int]], level: NDArray[np.int64], starts: list[int]
 ) -> list[tuple[int, int]]:
-    """Return (sample, level) of samples that count for the level of a road that they lead to."""
+    """Return (sample, level) of samples that also count for the level of an adjoining road."""
     found = []
     bounds = [*starts, len(level)]
     for samples in ends.values():

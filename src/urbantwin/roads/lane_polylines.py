@@ -1,4 +1,4 @@
-"""Polylines of lanes (strips), for traffic to follow and for the mesh."""
+"""Polylines of lanes, for traffic and for the mesh."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from urbantwin.roads.network import Junction, Lane, RoadNetwork, SignalHead
 
 __all__ = ["SurfaceHeight", "network_of_model"]
 
-#: How far a polyline may leave the curve that it stands for, metres.
+#: Maximum distance of a polyline from its curve, metres.
 CHORD_M = 0.005
-#: Longest step where heights or widths change, metres.
+#: Maximum step where heights or widths change, metres.
 STEP_M = 2.0
-#: Footways are drawn on to where netconvert's corners begin, up to this far, metres.
+#: Maximum extension of footways to the start of netconvert's walking areas, metres.
 REACH_M = 8.0
-#: Height of the carriageway (N,) at points (N, 2) of a level.
+#: Height of the carriageway (N,) at points (N, 2) of a level, metres.
 SurfaceHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
 @dataclasses.dataclass(frozen=True)
 class _Run:
-    """A lane along its whole road, in the order of travel: stations, places and widths."""
+    """A lane along its whole road, in the order of travel: stations, points and widths."""
 
     road: ModelRoad
     lane: SectionLane
@@ -44,12 +44,12 @@ class _Run:
 
 
 def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> RoadNetwork:
-    """Return the network with every lane where the lane model has it.
+    """Return the network with all lanes at their positions in the lane model.
 
     Args:
         model: the lane model, with heights.
-        raw: the network as netconvert wrote it: topology, crossings, walking areas, programs.
-        height: the surface, for what the lane model does not know: crossings and corners.
+        raw: netconvert's network: topology, crossings, walking areas, programs.
+        height: heights of the surface, for crossings and walking areas, which the lane model lacks.
     """
     known = raw.lane_by_id
     placed: dict[str, Lane] = {}
@@ -58,7 +58,7 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
         pieces = _named(run, known)
         chains.append(list(pieces))
         for name, piece in pieces.items():
-            # Where several ways share a lane, it is the straightest one's.
+            # If several movements share a lane, the straightest one determines it.
             if name not in placed:
                 placed[name] = _lane(name, piece, known.get(name))
     _join(placed, chains)
@@ -84,7 +84,7 @@ def _turn(run: _Run) -> float:
 
 
 def _join(placed: dict[str, Lane], chains: list[list[str]]) -> None:
-    """Let lanes begin where those before them end, though another way's curve was taken there."""
+    """Move lanes to begin at the end of the previous ones, also if another curve was used there."""
     shared = Counter(name for chain in chains for name in chain)
     for chain in chains:
         for before, name in itertools.pairwise(chain):
@@ -109,7 +109,7 @@ def _outlined(
 
 
 def _runs(model: LaneModel) -> list[_Run]:
-    """Return every lane of the model, those of one strip joined over the sections of a road."""
+    """Return all lanes of the model, joined by strip over the sections of a road."""
     found: list[_Run] = []
     for road in model.roads:
         ends = road.section_ends
@@ -127,7 +127,7 @@ def _runs(model: LaneModel) -> list[_Run]:
 def _section_runs(
     road: ModelRoad, number: int, section: LaneSection, s: NDArray[np.float64]
 ) -> Iterable[_Run]:
-    """Yield the lanes of a section; as ``ModelRoad.place``, for all of them at once."""
+    """Yield the lanes of a section; vectorised equivalent of ``ModelRoad.place``."""
     pose, bank, crown = road.curve.at(s), road.bank.at(s), road.crown.at(s)
     left = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])]) * np.cos(bank)[:, None]
     rise, level, offset = np.sin(bank), road.elevation.at(s), road.offset.at(s)
@@ -163,7 +163,7 @@ def _joined(parts: list[_Run]) -> _Run:
 
 
 def _stations(road: ModelRoad) -> NDArray[np.float64]:
-    """Return stations close enough that chords between them stay near the road's lines."""
+    """Return stations at which chords stay close to the road's lines."""
     curve = road.curve
     reach = max(
         sum(float(lane.width.abcd[0, 0]) for lane in section.lanes) for section in road.sections
@@ -175,7 +175,7 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
         middle = starts[:-1] + length / 2
         s = np.concatenate([starts[:-1] + 1e-9, middle, starts[1:] - 1e-9])
         heading = np.unwrap(curve.at(s)[:, 2].reshape(3, -1), axis=0)
-        # The tighter half of a piece counts for all of it.
+        # The tighter half of a piece applies to all of it.
         turn = 2 * np.abs(np.diff(heading, axis=0)).max(axis=0)
     radius = length / np.maximum(turn, 1e-9) + reach
     # The sagitta of a chord over an angle a of a circle is radius x a^2 / 8.
@@ -199,10 +199,10 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
 
 
 def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
-    """Return the run cut into the lanes of the network that it stands for, in their order.
+    """Return the run cut into the lanes of the network that it represents, in their order.
 
-    A way through a junction may be several lanes there, one after another; they share its length
-    as they do in the network.
+    A connecting road may consist of several consecutive lanes in the network; they divide its
+    length in proportion to theirs.
     """
     names = run.lane.strip.split()
     if len(names) == 1:
@@ -244,14 +244,14 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
     )
 
 
-#: A footway goes on to an end that lies this much ahead (cosine).
+#: Minimum cosine between a footway's direction and its extension to its end in the network.
 _AHEAD = 0.5
 
 
 def _draw_to_corners(
     placed: dict[str, Lane], known: Mapping[str, Lane], height: SurfaceHeight
 ) -> None:
-    """Draw footways on to their ends in the network: roads are cut back there, corners are not."""
+    """Extend footways to their ends in the network, which are not cut back like roads."""
     found: dict[int, list[tuple[str, int, NDArray[np.float64]]]] = {}
     for name, lane in placed.items():
         if name not in known or known[name].kind != "sidewalk":
@@ -259,13 +259,13 @@ def _draw_to_corners(
         for end, inner in ((0, 1), (-1, -2)):
             corner, at = known[name].centre[end, :2], lane.centre[end, :2]
             leg, rest = at - lane.centre[inner, :2], float(np.linalg.norm(corner - at))
-            # What lies beside the end, not ahead of it, would be a jog that is wider than long.
+            # An extension beside the end, not ahead of it, would be a jog wider than long.
             ahead = leg @ (corner - at) > _AHEAD * rest * np.linalg.norm(leg)
             if ahead and 0.02 < rest < REACH_M:
                 found.setdefault(lane.level, []).append((name, end, np.array([at, corner])))
     for level, rows in sorted(found.items()):
         z = height(np.concatenate([xy for _, _, xy in rows]), level).reshape(-1, 2)
-        # Only the slope is the surface's: a footway ends where it ends, without a step.
+        # Only the slope is that of the surface: the footway continues without a step.
         for (name, end, xy), rise in zip(rows, z[:, 1] - z[:, 0], strict=True):
             lane = placed[name]
             point = np.append(xy[1], lane.centre[end, 2] + rise)
@@ -278,7 +278,7 @@ def _draw_to_corners(
 
 
 def _on_ground(lanes: Sequence[Lane], height: SurfaceHeight) -> list[Lane]:
-    """Return lanes that the lane model does not know, laid on the surface."""
+    """Return lanes that are not in the lane model, placed on the surface."""
     places = [
         shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
         for lane in lanes
@@ -295,7 +295,7 @@ def _on_ground(lanes: Sequence[Lane], height: SurfaceHeight) -> list[Lane]:
 
 
 def _moved(head: SignalHead, lane: Lane) -> SignalHead:
-    """Return a signal with its stop line where the lane now ends (or its crossing starts)."""
+    """Return a signal with its stop line at the lane's end (or its crossing's start)."""
     if lane.kind == "crossing":
         return head
     before, at = lane.centre[-2, :2], lane.centre[-1, :2]

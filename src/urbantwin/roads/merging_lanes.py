@@ -1,8 +1,7 @@
-"""Lanes of one street that become one: by turns, as with a zipper.
+"""Merging lanes of one street, with alternating priority (zipper).
 
-Without that, one lane has priority over the other in SUMO; those who drive there are told so well
-before, and where the street is full, nobody takes the lane that gives way, however long the queue
-on the other is.
+By default one lane has priority over the other in SUMO. Drivers avoid the yielding lane early, and
+on a busy street it stays empty however long the queue on the other lane is.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from urbantwin.roads.signals.controlled_links import outgoing_of_lanes, rows_of_
 
 __all__ = ["zip_merging_lanes"]
 
-#: SUMO's letter for it.
+#: SUMO's state letter for zipper merging.
 ZIPPER = "Z"
 
 
 def zip_merging_lanes(net: Path) -> int:
-    """Let lanes of one street that become one take turns; return how many such places there are.
+    """Set zipper merging for lanes of one street that become one; return the number of places.
 
-    Where they also give way to others, or have signals, all stays as it is.
+    Places with signals, or where the lanes also yield to other traffic, stay unchanged.
 
     Args:
         net: the ``.net.xml``, rewritten.
@@ -37,7 +36,7 @@ def zip_merging_lanes(net: Path) -> int:
         rows = rows_of_junction(junction, outgoing, edges)
         table = {int(item.get("index")): item for item in junction.iterfind("request")}
         if len(table) != len(rows):
-            continue  # Nobody meets anybody there.
+            continue  # No conflicts there.
         merging: dict[tuple[str, ...], list[int]] = defaultdict(list)
         for row, item in enumerate(rows):
             if item.get("tl") is None and edges[item.get("to")].get("function") is None:
@@ -59,5 +58,5 @@ def zip_merging_lanes(net: Path) -> int:
 
 
 def _marked(bits: str) -> set[int]:
-    """Return the rows that a row of the table names: the last letter stands for the first."""
+    """Return the rows set in a bit string, whose last letter is row 0."""
     return {row for row, bit in enumerate(reversed(bits)) if bit == "1"}

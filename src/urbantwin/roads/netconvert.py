@@ -35,9 +35,9 @@ OPTIONS = {
     "no-turnarounds.except-deadend": "true",
     "output.original-names": "true",
     "output.street-names": "true",
-    "xml-validation": "never",  # of files that we wrote: it takes a quarter of a small run
+    "xml-validation": "never",  # of our own files: it takes a quarter of a small run
 }
-#: How the map is read: every edge, its lanes and the ways on from them, no junction yet.
+#: Options for reading the map: edges, lanes and connections, without junctions.
 READING = {
     "ramps.guess": "true",
     "osm.sidewalks": "true",
@@ -47,7 +47,7 @@ READING = {
     "default.sidewalk-width": "2.5",
     "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian,authority",  # closed: `NOBODY`
 }
-#: How the network is made of edges whose junctions are known.
+#: Options for making the network from edges with known junctions.
 MAKING = {
     "geometry.remove": "true",
     "roundabouts.guess": "true",
@@ -57,14 +57,14 @@ MAKING = {
     "tls.left-green.time": "12",
     "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "walkingareas": "true",
-    "geometry.avoid-overlap": "false",  # moved apart before, links drawn from there
+    "geometry.avoid-overlap": "false",  # moved apart before, with links drawn from there
     "aggregate-warnings": "-1",
 }
-#: The edge that an error of netconvert's is about, and how many such edges are accepted.
+#: Edge id in netconvert's error messages, and the maximum number of such edges that are removed.
 EDGE = re.compile(r"edge (?:with id )?'([^']+)'")
 MOST_UNKNOWN = 8
-#: Crossings that netconvert finds no way from or to, what it says of those that it drops, and how
-#: often it is tried.
+#: netconvert's messages on crossings without an access and on dropped ones, and the maximum number
+#: of attempts.
 NOWHERE = re.compile(r"crossing '[^']*' across \[([^]]*)\] has no")
 DROPPED = "Discarding invalid crossing"
 MOST_ATTEMPTS = 4
@@ -74,8 +74,8 @@ TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 def sumo_home() -> Path:
     """Return the folder of the ``eclipse-sumo`` package.
 
-    The package is found, not imported: importing it points PROJ of this whole process to
-    SUMO's own, older database, after which ``pyproj`` and ``rasterio`` fail.
+    The package is located, not imported: its import would set PROJ of this process to SUMO's own,
+    older database, after which ``pyproj`` and ``rasterio`` fail.
 
     Raises:
         StageError: the package is not installed.
@@ -92,7 +92,7 @@ def sumo_binary(name: str) -> Path:
 
 
 def sumo_environment() -> dict[str, str]:
-    """Return the environment that SUMO's programs run in: with SUMO's own PROJ database."""
+    """Return the environment for SUMO's programs, with SUMO's own PROJ database."""
     proj = str(sumo_home() / "data" / "proj")
     return {**os.environ, "SUMO_HOME": str(sumo_home()), "PROJ_LIB": proj, "PROJ_DATA": proj}
 
@@ -111,17 +111,15 @@ def sumo_network(
 
     Args:
         osm: OSM XML with the ways of the network only, cut to the region.
-        frame: the site frame, which the network's coordinates are in.
+        frame: the site frame, in which the network's coordinates are.
         driving_side: ``right`` or ``left``.
-        keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
-            the next.
-        reshape: makes junctions of nodes and tells where people cross, once the map is read.
-        edges: attributes of the edges that it makes of ways; edges that it does not make are taken
-            out of the file.
+        keep_apart: ids of ways (bridges, outer roads) that stay separate edges.
+        edges: attributes of edges; those of missing edges are removed from the file.
+        reshape: function that makes junctions and crossings after the map is read.
         out: the ``.net.xml`` to write.
 
     Returns:
-        netconvert's warnings, one a line, in the order given.
+        netconvert's warnings, one per line, in their order.
 
     Raises:
         StageError: netconvert failed.
@@ -158,9 +156,9 @@ def sumo_network(
 
 
 def _without_self_loops(plain: PlainNetwork) -> tuple[PlainNetwork, list[str]]:
-    """Cut edges in two that begin and end at one node, as netconvert drops them.
+    """Split edges that begin and end at one node, which netconvert would drop.
 
-    Such are slip lanes and crescents whose both ends lie in one junction of many nodes.
+    These are slip lanes and crescents with both ends in one junction of many nodes.
 
     Returns:
         The network, and the names of the parts.
@@ -177,13 +175,12 @@ def _without_self_loops(plain: PlainNetwork) -> tuple[PlainNetwork, list[str]]:
 def _make(
     plain: PlainNetwork, apart: Sequence[str], options: Sequence[str], made: Path, raw: Path
 ) -> list[str]:
-    """Make the network of plain edges; return the warnings.
+    """Make the network of plain edges and return the warnings.
 
-    A crossing that netconvert finds no way from or to makes it drop others at the same node: it is
-    left out.
+    A crossing without access makes netconvert drop others at the same node: it is left out.
     """
     for attempt in range(MOST_ATTEMPTS):
-        # netconvert forgets what is crossed where it joins edges.
+        # netconvert loses crossed edges when it joins edges.
         crossed = {edge for crossing in plain.crossings for edge in crossing.edges}
         keep = ",".join([*apart, *sorted(crossed)])
         told = ["--geometry.remove.keep-edges.explicit", keep] if keep else []
@@ -198,12 +195,12 @@ def _make(
 
 
 def _words(options: Mapping[str, str]) -> list[str]:
-    """Return options as they are written on a command line."""
+    """Return options as command line words."""
     return [word for key, value in options.items() for word in (f"--{key}", value)]
 
 
 def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
-    """Run netconvert, leaving out the attributes of edges that it did not make as expected."""
+    """Run netconvert; attributes of edges that it reports as unknown are removed."""
     for _ in range(MOST_UNKNOWN):
         try:
             return run_netconvert(command, raw)
@@ -220,7 +217,7 @@ def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
 
 
 def write_network(raw: Path, out: Path) -> None:
-    """Write a network that netconvert wrote once more, without comments, dates and paths."""
+    """Write a copy of netconvert's network without comments, dates and paths."""
     root = etree.parse(raw, etree.XMLParser(remove_comments=True)).getroot()
     etree.indent(root, space=" ")
     out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
@@ -234,7 +231,7 @@ def run_netconvert(options: list[str], raw: Path) -> list[str]:
         raw: the network to write.
 
     Returns:
-        Its warnings, one a line, in the order given.
+        Its warnings, one per line, in their order.
 
     Raises:
         StageError: it failed.

@@ -1,4 +1,4 @@
-"""The lane network: the lane model as polylines, for the mesh, the actors and the pictures."""
+"""The lane network: the lane model as polylines, for the mesh, the traffic and the images."""
 
 from __future__ import annotations
 
@@ -34,48 +34,47 @@ __all__ = [
     "Track",
 ]
 
-#: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
+#: Kinds of lanes for moving or parked vehicles, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: Kinds of lanes for pedestrians, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
-#: Half the width of a neck through which nobody drives into the corner behind it, metres.
+#: Half-width of necks; areas behind narrower ones are not driven on, metres.
 NECK_M = 0.5
-#: Slits between lanes that are narrower than this are seams, not gaps, and what juts out and is
-#: narrower than the second is no part of a carriageway or a footway, metres; nor is a footway of
-#: less than the third, square metres.
+#: Slits between lanes below the first width are closed, metres. Protrusions below the second width
+#: are cut off, metres. Footways below the third area are dropped, square metres.
 SEAM_M, FIN_M, SPECK_M2 = 0.6, 0.4, 0.5
-#: What is nearer than this to the end of a crossing lies at it, metres.
+#: Tolerance for parts at the end of a crossing, metres.
 END_M = 0.05
-#: No lane is wider, metres, and no road crosses over more others.
+#: Maximum width of a lane, metres, and maximum level of a road.
 _WIDEST_M, _HIGHEST = 1000.0, 100
 
 
 @dataclass(frozen=True)
 class Lane:
-    """A strip that one file of traffic follows.
+    """A lane with its centre line and width.
 
     Attributes:
         id: as in the SUMO network.
-        road: id of the road it belongs to; empty for what lies inside a junction.
+        road: id of its road; empty inside junctions.
         kind: driving, bus, bicycle, sidewalk, parking, shoulder, median, island, curb; inside
             junctions also connection (a turn), crossing, walkingarea.
         width: metres.
         speed_limit: m/s.
-        centre: (N, 3) points from start to end, site frame.
+        centre: (N, 3) points from start to end, site frame, metres.
         outline: (M, 2) outline of a walking area, else empty.
         level: 0 on the ground, 1, 2, ... on bridges that cross over other roads.
         allowed: classes of actors that may use it.
-        successors: ids of the lanes that follow, through a junction's connection.
-        junction: id of the junction it lies in; empty outside junctions.
-        arrows: turns that the map signs at its end (OSM wiki, "Key:turn"); ``None`` where it signs
-            none for any lane beside it.
-        widths: (N,) width at each point of the centre where it changes, else empty.
-        marking: what a crossing is marked with: ``zebra``, ``lines``, ``dashes``, ``dots`` or
-            ``none``; empty where nobody told.
-        parking: how vehicles stand on a parking lane: ``parallel``, ``diagonal`` or
-            ``perpendicular``; empty where nobody told.
-        opposite: id of the lane that the other direction drives on in the same place, where a
-            street has one lane for both directions; empty elsewhere.
+        successors: ids of the following lanes, through a junction's connection.
+        junction: id of its junction; empty outside junctions.
+        arrows: signed turns at its end (OSM wiki, "Key:turn"); ``None`` if no lane beside it has
+            any.
+        widths: (N,) width at each point of the centre if it varies, else empty, metres.
+        marking: marking of a crossing: ``zebra``, ``lines``, ``dashes``, ``dots`` or ``none``;
+            empty if unknown.
+        parking: orientation of vehicles on a parking lane: ``parallel``, ``diagonal`` or
+            ``perpendicular``; empty if unknown.
+        opposite: on a street with one lane for both directions, id of the opposite direction's lane
+            in the same place; else empty.
     """
 
     id: str
@@ -97,9 +96,9 @@ class Lane:
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
-        """The strip's area in plan."""
+        """The lane's area in plan."""
         if len(self.outline) >= 3:
-            # netconvert's corners run over themselves where much meets; lines are no area.
+            # netconvert's walking areas may self-intersect; collapsed parts have no area.
             area = shapely.Polygon(self.outline)
             return shapely.make_valid(area, method="structure", keep_collapsed=False)
         if len(self.widths):
@@ -128,7 +127,7 @@ class Road:
 
 @dataclass(frozen=True)
 class Junction:
-    """Where roads meet. ``outline`` (M, 2) spans walking areas and crossings too."""
+    """A junction. ``outline`` (M, 2) includes walking areas and crossings."""
 
     id: str
     kind: str
@@ -145,14 +144,14 @@ class Junction:
 
 @dataclass(frozen=True)
 class SignalHead:
-    """What one approach lane or crossing sees: place of its stop line and the links it shows.
+    """The signal of one approach lane or crossing: its stop line and its links.
 
     Attributes:
         program: id of the signal program.
         links: indices into the program's state strings.
-        lane: the lane that it governs.
-        x, y: the middle of the stop line (or of the crossing's start), site frame, metres.
-        yaw: heading of the traffic that it governs, radians.
+        lane: id of the lane that it applies to.
+        x, y: centre of the stop line (or of the crossing's start), site frame, metres.
+        yaw: heading of the traffic that it applies to, radians.
     """
 
     program: str
@@ -174,7 +173,7 @@ class SignalProgram:
 
 @dataclass(frozen=True)
 class BusStop:
-    """Where buses halt: on ``lane``, from ``start_m`` to ``end_m`` along it, with a name."""
+    """A stop of buses or trams on ``lane``, from ``start_m`` to ``end_m`` along it, with a name."""
 
     lane: str
     name: str
@@ -184,15 +183,15 @@ class BusStop:
 
 @dataclass(frozen=True)
 class Track:
-    """A track that trams run on, in one direction, between two switches.
+    """A tram track in one direction between two switches.
 
     Attributes:
-        id: of its edge in the SUMO network.
+        id: id of its edge in the SUMO network.
         line: (N, 3) points from start to end, site frame, at about the ground's height.
-        speed: greatest, m/s.
+        speed: maximum speed, m/s.
         level: 0 on the ground, 1, 2, ... on bridges.
-        successors: ids of the tracks that follow.
-        outer: whether it lies beyond the region and leads a way out back to a way in.
+        successors: ids of the following tracks.
+        outer: whether it lies beyond the region and leads an exit back to an entry.
     """
 
     id: str
@@ -210,14 +209,14 @@ class RoadNetwork:
     Attributes:
         driving_side: ``right`` or ``left``.
         roads: its roads, one for each direction of a street.
-        lanes: theirs, and those inside junctions.
-        junctions: where they meet.
-        signals: what each approach lane sees.
+        lanes: lanes of the roads and inside junctions.
+        junctions: the junctions.
+        signals: signals of approach lanes and crossings.
         programs: the signals' programs.
-        bus_roads: ids of the roads that mapped bus lines run on.
-        stops: where buses halt.
-        tracks: what trams run on.
-        tram_stops: where trams halt, on the lanes of tracks.
+        bus_roads: ids of the roads of mapped bus lines.
+        stops: bus stops.
+        tracks: tram tracks.
+        tram_stops: tram stops, on the lanes of tracks.
     """
 
     driving_side: str
@@ -233,12 +232,12 @@ class RoadNetwork:
 
     @cached_property
     def lane_by_id(self) -> dict[str, Lane]:
-        """Every lane by its id."""
+        """Lanes by id."""
         return {lane.id: lane for lane in self.lanes}
 
     @cached_property
     def lanes_into(self) -> dict[str, tuple[str, ...]]:
-        """Lane id -> ids of the lanes that lead on to it."""
+        """Lane id -> ids of the lanes that lead to it."""
         found: dict[str, list[str]] = {}
         for lane in self.lanes:
             for name in lane.successors:
@@ -246,7 +245,7 @@ class RoadNetwork:
         return {name: tuple(before) for name, before in found.items()}
 
     def lanes_beyond(self, lane: Lane) -> Iterator[Lane]:
-        """Yield the lanes of the next roads, beyond the junction that a lane leads to."""
+        """Yield the first lanes of roads beyond the junction that a lane leads to."""
         waiting, seen = list(lane.successors), set[str]()
         while waiting:
             name = waiting.pop()
@@ -261,11 +260,11 @@ class RoadNetwork:
 
     @cached_property
     def stopped_lanes(self) -> frozenset[str]:
-        """Ids of the lanes that signals stop."""
+        """Ids of the lanes with signals."""
         return frozenset(head.lane for head in self.signals)
 
     def height(self, lane_id: str, xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the carriageway's height (N,) on a lane's centre nearest to (N, 2) points.
+        """Return the height (N,) of a lane's centre line nearest to points (N, 2), metres.
 
         Raises:
             KeyError: there is no such lane.
@@ -280,7 +279,7 @@ class RoadNetwork:
 
     @cached_property
     def _areas(self) -> dict[tuple[object, int], shapely.Geometry]:
-        """What `area_of`, `footway` and `carriageway` have found: of a district it takes long."""
+        """Cache of `area_of`, `footway` and `carriageway`, which are slow for a district."""
         return {}
 
     def area_of(self, kinds: Iterable[str], level: int) -> shapely.Geometry:
@@ -292,11 +291,11 @@ class RoadNetwork:
         return self._areas[wanted, level]
 
     def footway(self, level: int) -> shapely.Geometry:
-        """Return sidewalks, walking areas and ends of crossings in plan, less the carriageway."""
+        """Return sidewalks, walking areas and crossing ends in plan, without the carriageway."""
         if ("footway", level) not in self._areas:
             driven = self.carriageway(level)
             walked = closed(self.area_of((*FOOTWAY_KINDS, "crossing"), level), SEAM_M)
-            # A slit between both is a seam, too; one between carriageways is not.
+            # A slit between both is closed; one between carriageways is not.
             slits = area_difference(closed(area_union([walked, driven]), 2 * SEAM_M), driven)
             slits = area_difference(slits, closed(driven, 2 * SEAM_M))
             beside = opened(area_difference(area_union([walked, slits]), driven), FIN_M)
@@ -305,11 +304,11 @@ class RoadNetwork:
         return self._areas["footway", level]
 
     def carriageway(self, level: int) -> shapely.Geometry:
-        """Return where vehicles drive, in plan: lanes, junctions and crossings between kerbs.
+        """Return the carriageway in plan: lanes, junctions and crossings between kerbs.
 
-        A junction's outline includes the walking areas at its corners, and islands; they are not
-        driven on unless a lane or a turn runs there, nor is what lies behind them. Seams are
-        closed; what juts out is cut off, and so are parts that no lane leads to.
+        A junction's outline includes the walking areas at its corners, and islands. They are
+        excluded unless a lane or a turn runs there, as is the area behind them. Slits are closed;
+        protrusions and parts without lanes are removed.
         """
         if ("carriageway", level) in self._areas:
             return self._areas["carriageway", level]
@@ -354,20 +353,20 @@ class RoadNetwork:
 
     @classmethod
     def load(cls, path: Path) -> RoadNetwork:
-        """Read what ``save`` wrote.
+        """Read a file that ``save`` wrote.
 
         Raises:
-            InputError: the file is missing or is not a lane network; the field is named.
+            InputError: the file is missing or is not a lane network; the message names the field.
         """
         network = read_typed(path, cls, "a twin's roads.json")
         network._check(path)
         return network
 
     def _check(self, file: Path) -> None:
-        """Refuse a network that cannot be used.
+        """Check references and lanes.
 
         Raises:
-            InputError: a name is given twice or refers to nothing, or a lane is not valid.
+            InputError: an id is repeated or refers to nothing, or a lane is not valid.
         """
         if self.driving_side not in ("right", "left"):
             raise InputError(
@@ -404,17 +403,17 @@ class RoadNetwork:
 
 
 def _reached(area: shapely.Geometry, driven: shapely.Geometry) -> shapely.Geometry:
-    """Return the parts of an area that traffic gets to over more than a narrow neck."""
+    """Return the parts of an area that traffic reaches through more than a narrow neck."""
     parts = shapely.get_parts(area.buffer(-NECK_M))
     kept = [part for part in parts if part.intersection(driven).area > NECK_M]
     return area_intersection(area, area_union(kept).buffer(2 * NECK_M))
 
 
 def _between_kerbs(lane: Lane, driven: shapely.Geometry) -> list[shapely.Geometry]:
-    """Return what of a crossing lies between parts of the carriageway, not beyond its kerbs.
+    """Return the parts of a crossing between parts of the carriageway, not beyond its kerbs.
 
-    A crossing has square ends: where it leads over the street at an angle, their corners lie on
-    the footway.
+    A crossing has square ends: if it crosses the street at an angle, their corners lie on the
+    footway.
     """
     line, half = lane.centre[:, :2], lane.width / 2
     ends = []
@@ -424,12 +423,12 @@ def _between_kerbs(lane: Lane, driven: shapely.Geometry) -> list[shapely.Geometr
         ends.append(shapely.LineString([end - across, end + across]))
     parts = shapely.get_parts(area_difference(lane.polygon, driven))
     beyond = [shapely.dwithin(parts, end, END_M) for end in ends]
-    # What reaches from end to end has no kerb at all.
+    # Parts that reach from end to end have no kerb.
     return list(parts[beyond[0] == beyond[1]])
 
 
 def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:
-    """Return the area of a strip whose width changes from point to point."""
+    """Return the area of a strip with a varying width."""
     leg = np.diff(centre, axis=0)
     normal = np.column_stack([-leg[:, 1], leg[:, 0]])
     normal /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)

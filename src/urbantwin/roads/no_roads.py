@@ -1,4 +1,4 @@
-"""A place without any map: no roads, which nobody drives on."""
+"""A place without any map: no roads and no traffic."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""The streets of a region as pieces of ways: the main component, and what only tunnels join to it.
+"""The streets of a region as pieces of ways: the main component, and parts linked only by tunnels.
 
-Tunnels are no part of the network. A road that leads only into one would be cut off with it,
-though it lies open up to the portal: it stands, and where the loop is closed nobody drives on it,
-for nothing leads on.
+Tunnels are not part of the network. A road that leads only into a tunnel is kept, because it is
+visible up to the portal. Without a continuation it has no traffic in a closed loop.
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ from urbantwin.site.junction_proposal import way_lanes
 
 __all__ = ["LeftOut", "Part", "RegionPieces", "main_component", "region_pieces"]
 
-#: Half the width that a lane takes with its share of shoulders, metres.
+#: Half the width of a lane with its share of shoulders, metres.
 HALF_LANE_M = 2.0
 Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, eq=False)
 class CutEnd:
-    """Where the border cuts a one-way street: id of the piece, place (2,), heading outwards."""
+    """A one-way street cut at the border: id of the piece, position (2,), heading outwards."""
 
     piece: int
     point: NDArray[np.float64]
@@ -44,12 +43,12 @@ class CutEnd:
 
 @dataclass(frozen=True)
 class RegionPieces:
-    """What of a map becomes roads.
+    """The parts of a map that become roads.
 
     Attributes:
-        joined: the main component, and what crosses over or under it.
-        before_portals: what only tunnels join to that.
-        left_out: what nothing joins.
+        joined: the main component, and roads that cross over or under it.
+        before_portals: roads that only tunnels link to it.
+        left_out: components that are not linked.
     """
 
     joined: tuple[WayPiece, ...]
@@ -57,14 +56,14 @@ class RegionPieces:
     left_out: tuple[LeftOut, ...]
 
     def with_others(self, pieces: Sequence[WayPiece]) -> tuple[WayPiece, ...]:
-        """Return the roads before portals behind other pieces, with ids that those do not have."""
+        """Return other pieces followed by the roads before portals, with unique ids."""
         unused = max((piece.id for piece in (*pieces, *self.before_portals)), default=0) + 1
         own = (replace(piece, id=unused + k) for k, piece in enumerate(self.before_portals))
         return (*pieces, *own)
 
     @property
     def ground_before_portals(self) -> list[shapely.Geometry]:
-        """About the ground that roads before portals take."""
+        """Approximate ground area of the roads before portals."""
         return [
             shapely.LineString(piece.points).buffer(
                 HALF_LANE_M * way_lanes(Way(piece.id, piece.nodes, piece.tags)), cap_style="flat"
@@ -78,10 +77,10 @@ class Part:
     """A piece of a road, as a node of the graph of connected roads.
 
     Attributes:
-        name: of the street; empty if it has none.
-        line: its middle, site frame.
-        lanes: how many lanes of motor traffic it has, both directions together.
-        joints: what it shares with the parts that it is joined to: nodes, ends of roads.
+        name: name of the street; empty if it has none.
+        line: its centre line, site frame.
+        lanes: number of lanes of motor traffic in both directions.
+        joints: keys that it shares with the parts linked to it: nodes, ends of roads.
     """
 
     name: str
@@ -92,14 +91,14 @@ class Part:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A component that was left out: how many roads, their length, and the streets' names."""
+    """A component that was left out: number of roads, their length in metres, and street names."""
 
     roads: int
     metres: float
     names: tuple[str, ...]
 
     def as_note(self) -> dict[str, object]:
-        """Return it as it stands in a twin's notes."""
+        """Return the entry for a twin's notes."""
         return {
             "roads": self.roads,
             "metres": round(self.metres, 1),
@@ -119,9 +118,9 @@ def region_pieces(
     Args:
         extract: the map.
         frame: the site frame.
-        region: where streets are cut, site frame.
+        region: region at whose border streets are cut, site frame.
         ways: the streets.
-        tunnels: those that lie in tunnels.
+        tunnels: streets in tunnels.
     """
     below = {way.id for way in tunnels}
     pieces = extract.clipped(frame, region, [*ways, *tunnels])
@@ -158,9 +157,9 @@ def _parts(pieces: Sequence[WayPiece], known: Collection[int]) -> dict[int, Part
 def _carriageways(
     pieces: Iterable[WayPiece], known: Collection[int]
 ) -> defaultdict[int, list[Hashable]]:
-    """Return what joins the two carriageways of a street where the border cuts them, by piece.
+    """Return keys that link the two carriageways of a street cut by the border, by piece.
 
-    Nothing within the region may: it lies between two junctions, or people cross there.
+    Inside the region, nothing may link them: they end between two junctions or at a crossing.
     """
     exits: list[CutEnd] = []
     entries: list[CutEnd] = []
@@ -182,14 +181,14 @@ def _carriageways(
 
 
 def main_component(parts: Mapping[Key, Part]) -> tuple[set[Key], list[LeftOut]]:
-    """Return the parts of the main component, and what is left out, the longest first.
+    """Return the parts of the main component, and the other components, the longest first.
 
-    The main component is the one with the most metres of lanes for motor traffic. What crosses
-    over or under it without being joined to it stays: it is part of the place, and has an end and
-    a beginning of its own at the border. What carries no motor traffic stays too.
+    The main component has the most metres of lanes for motor traffic. Roads that cross over or
+    under it without a link are kept: they are part of the place and have their own ends at the
+    border. Components without motor traffic are kept too.
 
     Args:
-        parts: the roads by their ids.
+        parts: the roads by id.
     """
     keys = sorted(parts, key=str)
     numbers = _components([parts[key] for key in keys])
@@ -216,7 +215,7 @@ def main_component(parts: Mapping[Key, Part]) -> tuple[set[Key], list[LeftOut]]:
 
 
 def _components(parts: list[Part]) -> list[int]:
-    """Return the number of the component of each part."""
+    """Return the component index of each part."""
     joints = {joint: k for k, joint in enumerate({j: 0 for part in parts for j in part.joints})}
     pairs = np.array(
         [(n, len(parts) + joints[j]) for n, part in enumerate(parts) for j in part.joints],

@@ -1,4 +1,4 @@
-"""Ways through a junction that lead round posts and islands, where a car can drive so."""
+"""Paths through a junction that avoid posts and islands, where a car can drive so."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["islands", "round_standing", "standing_on_ground", "warnings_of_ways"]
 
-#: Half of what a car takes, its mirrors left out (EU fleet: 1.8 m), metres.
+#: Half the width of a car without mirrors (EU fleet: 1.8 m), metres.
 HALF_CAR_M = 0.9
-#: What nobody drives through, but buildings: roads keep clear of these by themselves.
+#: Classes of static obstacles except buildings, which roads avoid by other means.
 SOLID = ("fence", "other-structure", "trunk", "pole", "traffic-sign", "other-object")
-#: Lower than the knee it is driven over, higher than the head of a driver under, metres.
+#: Obstacles below knee height are driven over, and above head height under, metres.
 KNEE_M, HEAD_M = 0.45, 2.0
-#: Ways are moved from what is nearer to their middle than the first, to the second, metres.
+#: Paths closer to an obstacle than the first distance are moved to the second, metres.
 NEAR_M, CLEAR_M = HALF_CAR_M + 0.1, HALF_CAR_M + 0.3
-#: Things this near to each other are passed as one, metres.
+#: Obstacles closer to each other are avoided as one, metres.
 ONE_THING_M = 1.0
-#: How far ways are moved at the most, in which steps, and over what length before and behind.
+#: Maximum displacement, its step, and the lengths of the transition before and behind, metres.
 MOST_M, STEP_M, REACHES_M = 3.0, 0.2, (8.0, 12.0, 18.0, 25.0)
-#: Cars drive no tighter bend than this, unless the way does anyhow (turning circles of cars are
-#: 10 to 12 m), metres.
+#: Minimum radius of displaced paths, unless the original is tighter (turning circles of cars are 10
+#: to 12 m), metres.
 TIGHTEST_M = 4.5
-#: Ends are left as they are: so much of a way lies in its lanes.
+#: Length at the ends of a path that is not moved, because it lies in the lanes, metres.
 END_M = 1.0
-#: Points that a way's curve goes through are this far apart, metres.
+#: Spacing of the points that a curve passes through, metres.
 SPACING_M = 2.0
-#: How many ways a warning names.
+#: Maximum number of places in a warning.
 NAMED = 3
 
 
 def standing_on_ground(mesh: LabelledMesh, elevation: Elevation) -> list[shapely.Geometry]:
-    """Return the outlines in plan of the triangles that nobody drives through.
+    """Return the outlines in plan of the triangles of static obstacles.
 
     Args:
-        mesh: what stands, site frame.
+        mesh: labelled mesh of static objects, site frame.
         elevation: the ground.
     """
     solid = np.isin(mesh.semantic, [semantic_classes()[name].id for name in SOLID])
@@ -59,7 +59,7 @@ def standing_on_ground(mesh: LabelledMesh, elevation: Elevation) -> list[shapely
 
 
 def islands(features: Iterable[OsmFeature]) -> list[shapely.Geometry]:
-    """Return the islands that a map draws as areas."""
+    """Return the traffic islands that are mapped as areas."""
     return [
         feature.geometry
         for feature in features
@@ -71,7 +71,7 @@ def islands(features: Iterable[OsmFeature]) -> list[shapely.Geometry]:
 def warnings_of_ways(
     network: RoadNetwork, standing: Sequence[shapely.Geometry]
 ) -> tuple[ResultWarning, ...]:
-    """Return what is wrong with ways through junctions that lead over what stands."""
+    """Return a warning for connections through junctions that pass over static obstacles."""
     tree = shapely.STRtree(standing)
     over: list[NDArray[np.float64]] = []
     for lane in network.lanes:
@@ -101,14 +101,14 @@ def round_standing(
     beside: Sequence[Hashable],
     standing: Sequence[shapely.Geometry],
 ) -> dict[int, Curve]:
-    """Return curves for those ways that would lead over what stands and can lead round it.
+    """Return curves for paths that would hit static obstacles but can avoid them.
 
-    Lanes side by side are moved alike, by as little as clears all of them.
+    Parallel lanes are moved alike, by the minimum that clears all of them.
 
     Args:
-        curves: ways through junctions.
-        beside: of each, the same for those that run side by side.
-        standing: outlines of what stands, site frame.
+        curves: paths through junctions.
+        beside: key of each path, equal for parallel ones.
+        standing: outlines of static obstacles, site frame.
     """
     things = _things(standing, curves)
     if not things:
@@ -123,7 +123,7 @@ def round_standing(
         whole = [shapely.LineString(line) for line in old.values()]
         near = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
         lines = old
-        # Each thing in turn; what was moved for one may come near to the next.
+        # Obstacles are processed one by one; a displaced path may come close to the next.
         for number in np.unique(near).tolist():
             thing = things[number]
             if any(_inner(line).distance(thing) < NEAR_M for line in lines.values()):
@@ -138,7 +138,7 @@ def round_standing(
 def _things(
     standing: Sequence[shapely.Geometry], curves: Sequence[Curve]
 ) -> list[shapely.Geometry]:
-    """Return what stands near ways, things that are near each other as one, in a fixed order."""
+    """Return obstacles near paths, merged if near each other, in a fixed order."""
     if not len(standing) or not len(curves):
         return []
     lines = [curve.line for curve in curves]
@@ -163,7 +163,7 @@ def _line(curve: Curve) -> NDArray[np.float64]:
 
 
 def _inner(line: NDArray[np.float64]) -> shapely.LineString:
-    """Return a line of points without its ends, which lie in lanes."""
+    """Return a line without its ends, which lie in lanes."""
     whole = shapely.LineString(line)
     return shapely.ops.substring(whole, END_M, max(whole.length - END_M, END_M))
 
@@ -171,7 +171,7 @@ def _inner(line: NDArray[np.float64]) -> shapely.LineString:
 def _moved(
     lines: Mapping[int, NDArray[np.float64]], thing: shapely.Geometry
 ) -> dict[int, NDArray[np.float64]] | None:
-    """Return lines that are moved round a thing; nothing where none of the moves gets by."""
+    """Return lines moved around an obstacle; ``None`` if no displacement clears it."""
     before = {way: _radius(line) for way, line in lines.items()}
     for by, reach in _moves():
         moved = {way: _bent(line, thing, by, reach) for way, line in lines.items()}
@@ -185,7 +185,7 @@ def _moved(
 
 
 def _moves() -> Iterator[tuple[float, float]]:
-    """Yield how far to the left and over what length, the least and the gentlest first."""
+    """Yield displacement to the left and transition length, in order of increasing cost."""
     for k in range(1, round(MOST_M / STEP_M) + 1):
         for reach in REACHES_M[::-1]:
             for sign in (1.0, -1.0):
@@ -195,7 +195,7 @@ def _moves() -> Iterator[tuple[float, float]]:
 def _bent(
     line: NDArray[np.float64], thing: shapely.Geometry, by: float, reach: float
 ) -> NDArray[np.float64]:
-    """Return a line moved ``by`` metres to the left where it passes a thing, and less around."""
+    """Return a line moved ``by`` metres to the left at an obstacle, with a smooth transition."""
     along = stations_of_points(line)
     distance = shapely.distance(shapely.points(line), thing)
     at = float(along[int(distance.argmin())])

@@ -12,14 +12,14 @@ from urbantwin.site.access import is_walked
 
 __all__ = ["WALKED", "sidewalk_sides"]
 
-#: Classes of ways that people walk on and vehicles do not drive on.
+#: Classes of ways for pedestrians without motor traffic.
 WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
-#: Classes whose streets have sidewalks in a city unless the map says otherwise.
+#: Classes of urban streets that have sidewalks by default.
 WITH_SIDEWALKS = frozenset(
     "primary primary_link secondary secondary_link tertiary tertiary_link unclassified residential "
     "living_street road busway".split()
 )
-#: Two one-way carriageways closer than this, running against each other, are one street.
+#: Maximum distance of two opposite one-way carriageways of one street, metres.
 DUAL_DISTANCE_M = 30.0
 
 
@@ -32,16 +32,16 @@ def sidewalk_sides(
 ) -> str:
     """Return ``both``, ``left``, ``right`` or ``no`` for one way.
 
-    Mapped sidewalks win (``sidewalk``, ``sidewalk:left|right|both``; one that is mapped as a way
-    of its own, ``separate``, is still a sidewalk of this street). Where nothing is mapped, urban
-    streets have both, a carriageway of a dual street and a roundabout only the outer one, and roads
-    that pedestrians may not use none.
+    Mapped sidewalks take precedence (``sidewalk``, ``sidewalk:left|right|both``); one that is
+    mapped as a way of its own, ``separate``, is still a sidewalk of this street. By default urban
+    streets have both. A carriageway of a dual street and a roundabout have only the outer one, and
+    roads closed to pedestrians none.
 
     Args:
         tags: the way's tags.
         line: (N, 2) the way's points, site frame.
         others: the network's one-way ways.
-        side: ``right`` or ``left``, the side that traffic keeps to.
+        side: driving side, ``right`` or ``left``.
     """
     explicit = _explicit(tags)
     if explicit is not None:
@@ -53,7 +53,7 @@ def sidewalk_sides(
     ):
         return "no"
     if tags.get("junction") in ("roundabout", "circular"):
-        # Nobody walks round the island in the middle.
+        # There is no sidewalk round the central island.
         return side
     if tags.get("oneway") in ("yes", "1", "true") and _has_twin(line, others, side):
         return side
@@ -61,9 +61,9 @@ def sidewalk_sides(
 
 
 def _is_walked_beside(tags: Mapping[str, str]) -> bool:
-    """Return whether people may walk beside a street's lanes.
+    """Return whether pedestrians may walk beside a street's lanes.
 
-    Also where the street is closed to those who pass through: its mouth is crossed all the same.
+    This includes streets without access for through traffic: pedestrians cross their mouths too.
     """
     return tags.get("foot") == "use_sidepath" or is_walked({**tags, "access": "yes"})
 
@@ -90,7 +90,7 @@ def _has_twin(
     others: Sequence[shapely.LineString],
     side: str,
 ) -> bool:
-    """Return whether a carriageway against this one runs on the inner side of it."""
+    """Return whether an opposite carriageway runs on the inner side of this one."""
     whole = shapely.LineString(line)
     middle = shapely.get_coordinates(whole.interpolate(0.5, normalized=True))[0]
     ahead = shapely.get_coordinates(whole.interpolate(0.51, normalized=True))[0]

@@ -1,4 +1,4 @@
-"""Checking a SUMO network file as far as its readers rely on it."""
+"""Checks of a SUMO network file, as far as its readers rely on it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["check_sumo_network", "reading_sumo_network"]
 
 _EXPECTED = "a SUMO network, as netconvert writes it"
 _LARGEST = 1e7
-#: What an element must have: texts, then numbers within bounds, whole numbers, and shapes.
+#: Required attributes of elements: texts, numbers within bounds, whole numbers, and shapes.
 _TEXTS = {
     "lane": ("id",),
     "junction": ("id", "type"),
@@ -35,7 +35,7 @@ _WHOLE = {
     "connection": ("fromLane", "toLane", "linkIndex"),
     "request": ("index",),
 }
-#: Numbers that need not be there.
+#: Optional numbers.
 _OPTIONAL = {"width", "offset", "linkIndex"}
 
 
@@ -43,7 +43,8 @@ def check_sumo_network(path: Path) -> None:
     """Check a network: its numbers and its references.
 
     Raises:
-        InputError: missing, not XML, or not a valid network; the line is named.
+        InputError: the file is missing, not XML, or not a valid network; the message names the
+            line.
     """
     with reading_sumo_network(path):
         parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
@@ -59,10 +60,10 @@ def check_sumo_network(path: Path) -> None:
 
 @contextmanager
 def reading_sumo_network(path: Path) -> Iterator[None]:
-    """Turn errors in reading a network's file into one clear line.
+    """Convert errors in reading a network's file into an error with one line.
 
     Raises:
-        InputError: it did.
+        InputError: reading failed.
     """
     try:
         yield
@@ -82,7 +83,7 @@ def _wrong(problem: str, path: Path, item: etree._Element) -> InputError:
 
 
 def _problem_of(item: etree._Element) -> str | None:
-    """Return the problem of an element, apart from references."""
+    """Return the error message of an element, apart from references; ``None`` if it is valid."""
     tag = item.tag
     for name in _TEXTS.get(tag, ()):
         if not item.get(name) and tag != "request":
@@ -115,7 +116,7 @@ def _is_shape(item: etree._Element) -> bool:
 
 
 def _check_names(root: etree._Element, path: Path) -> None:
-    """Refuse duplicate names and dangling references."""
+    """Check for duplicate ids and dangling references."""
     edges = _named(root, "edge", path)
     junctions = _named(root, "junction", path)
     logics = _named(root, "tlLogic", path)
@@ -160,7 +161,7 @@ def _named(root: etree._Element, tag: str, path: Path) -> dict[str, etree._Eleme
 
 
 def _width_of(logic: etree._Element, path: Path) -> int:
-    """Return how many links a program's states have, the same in each of its phases."""
+    """Return the number of links in a program's states, which is equal in all phases."""
     widths = {len(phase.get("state")) for phase in logic.iter("phase")}
     if len(widths) != 1:
         raise _wrong("tlLogic has states of different lengths", path, logic)

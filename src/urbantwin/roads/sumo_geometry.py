@@ -1,4 +1,4 @@
-"""SUMO's network with the lane model's geometry; topology and signals stay its own."""
+"""SUMO's network with the lane model's geometry, and its own topology and signals."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["ONE_LANE", "redraw_sumo_network"]
 
-#: Parameter of an edge whose vehicles share their lane with those of the edge that it names.
+#: Parameter of an edge whose lane is shared with the edge that it names.
 ONE_LANE = "oneLane"
-#: The shortest lane that SUMO drives on, metres.
+#: Minimum length of a lane in SUMO, metres.
 SHORTEST_M = 0.1
-#: People walk in a band at least this wide, metres: a stripe of SUMO's model of pedestrians.
+#: Minimum width of a pedestrian band: a stripe of SUMO's pedestrian model, metres.
 BAND_M = 0.65
-#: Nobody's middle is nearer to a wall, metres.
+#: Minimum distance of a pedestrian's centre from a wall, metres.
 CLEAR_M = 0.4
-#: How far a band is moved at most, metres, and how much from one metre to the next.
+#: Maximum displacement of a band, metres, and its change per metre along the lane.
 MOST_M, TAPER = 4.0, 0.5
-#: Spacing of the places that are looked at, metres.
+#: Spacing of the sampled places, metres.
 STEP_M = 0.5
-#: Lines may be drawn with this much difference, so that fewer points say them, metres.
+#: Tolerance of simplified lines, metres.
 SIMPLER_M = 0.02
 
 
@@ -35,7 +35,7 @@ class Walls:
     """Buildings beside the sidewalks of a network.
 
     Args:
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
         driving_side: ``right`` or ``left``.
     """
 
@@ -44,11 +44,11 @@ class Walls:
         self._inwards = 1 if driving_side == "right" else -1
 
     def walked(self, lane: Lane) -> tuple[NDArray[np.float64], float | None]:
-        """Return the middle (N, 2) of the band that people walk in along a sidewalk, and its width.
+        """Return the centre line (N, 2) of the pedestrian band along a sidewalk, and its width.
 
-        Where a wall leaves less than a shoulder, the band is moved towards the carriageway, and
-        on to it if need be. Its width is one for the whole lane: that of its narrowest place;
-        ``None`` where no wall is near.
+        Where a wall leaves too little room, the band is moved towards the carriageway, and onto it
+        if necessary. Its width is constant along the lane: that of its narrowest place; ``None`` if
+        it is unchanged.
 
         Args:
             lane: the sidewalk.
@@ -78,18 +78,17 @@ class Walls:
 def redraw_sumo_network(
     path: Path, network: RoadNetwork, buildings: Sequence[shapely.Polygon] = ()
 ) -> None:
-    """Give every lane of a ``.net.xml`` the shape that the lane model has for it.
+    """Replace the lane shapes of a ``.net.xml`` by those of the lane model.
 
-    Lengths follow: all lanes of an edge have one, the mean over those that are driven on, as
-    netconvert sets it. Crossings and walking areas stay. Along a sidewalk people walk where walls
-    leave room; SUMO knows one width of a lane: its narrowest. The speed of a way over a junction
-    is what its curve allows where it begins; where it is tighter further on, `traffic.simulation`
-    slows down those who drive there.
+    All lanes of an edge get one length, the mean of its vehicle lanes, as in netconvert. Crossings
+    and walking areas are unchanged. The pedestrian band of a sidewalk avoids walls; SUMO has one
+    width per lane, the narrowest. The speed of a connection is the limit from its curvature at its
+    start; `traffic.simulation` slows vehicles down where it is tighter further on.
 
     Args:
         path: the network, rewritten in place.
         network: the lanes, by their ids in the file.
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
     """
     walls = Walls(buildings, network.driving_side)
     tree = etree.parse(path, etree.XMLParser(remove_blank_text=False))

@@ -1,4 +1,4 @@
-"""Reading a SUMO network as a lane network."""
+"""Reading of a SUMO network as a lane network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urbantwin.roads.network import Junction, Lane, Road, RoadNetwork, SignalHea
 
 __all__ = ["edges_of_pieces", "read_sumo_network"]
 
-#: SUMO's vehicle classes of our classes of actors.
+#: Vehicle classes of SUMO by class of actors.
 VEHICLE_CLASSES = {
     "car": "passenger",
     "truck": "truck",
@@ -27,8 +27,8 @@ VEHICLE_CLASSES = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
-MINIMAL_LENGTH = 1e-3  # metres; a line needs two places
-DEFAULT_WIDTH = 3.2  # SUMO's own, where a lane states none
+MINIMAL_LENGTH = 1e-3  # metres; a line needs two distinct points
+DEFAULT_WIDTH = 3.2  # SUMO's own, for lanes without a width
 
 
 def read_sumo_network(
@@ -40,16 +40,16 @@ def read_sumo_network(
     arrows: SignedTurns | None = None,
     one_lane: Set[int] = frozenset(),
 ) -> RoadNetwork:
-    """Read ``.net.xml``; heights are left at zero.
+    """Read a ``.net.xml`` with zero heights.
 
     Args:
         path: the network, coordinates in the site frame.
         driving_side: ``right`` or ``left``.
         level_of_way: way -> level, for ways that cross over others.
-        origin: id of a cut piece -> id of the way of the map.
-        arrows: turns that ways sign for their lanes.
-        one_lane: pieces on which both directions share a lane: netconvert has one half of it for
-            each, side by side.
+        origin: id of a cut piece -> id of its OSM way.
+        arrows: signed turns of lanes.
+        one_lane: ids of pieces on which both directions share a lane: netconvert has half of it for
+            each direction.
     """
     root = etree.parse(path).getroot()
     levels = {
@@ -115,11 +115,11 @@ def read_sumo_network(
 def _shared_lanes(
     lanes: Mapping[str, Lane], edges: Sequence[Road], driving_side: str
 ) -> dict[str, Lane]:
-    """Return the innermost lanes of opposite edges in one place, as the one lane that they share.
+    """Return the lanes shared by opposite edges, combined from their innermost lanes.
 
     Args:
         lanes: all lanes by id.
-        edges: those of streets with one lane for both directions.
+        edges: edges of streets with one lane for both directions.
         driving_side: ``right`` or ``left``.
     """
     found: dict[str, Lane] = {}
@@ -139,7 +139,7 @@ def _shared_lanes(
 
 
 def edges_of_pieces(net: Path, pieces: Set[int]) -> frozenset[str]:
-    """Return the ids of the edges that are made of some pieces of ways alone."""
+    """Return the ids of the edges that are made only of given pieces of ways."""
     return _edges_of_pieces(etree.parse(net).getroot(), pieces)
 
 
@@ -161,12 +161,12 @@ def _ways(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
                 if word.lstrip("-").isdigit():
                     piece = abs(int(word))
                     found.add(origin.get(piece, piece))
-    found.discard(0)  # what the map does not have
+    found.discard(0)  # pieces that are not in the map
     return tuple(sorted(found))
 
 
 def _last_part(edge: etree._Element) -> str:
-    """Return the edge that an edge ends with: netconvert names the first where it joins several."""
+    """Return the last of the edges that netconvert joined under the first one's name."""
     words = [
         item.get("value").split() for item in edge.iter("param") if item.get("key") == "origId"
     ]
@@ -181,7 +181,7 @@ def _edge_level(edge: etree._Element, level_of_way: dict[int, int], origin: dict
 
 
 def _junction_levels(root: etree._Element, levels: dict[str, int]) -> dict[str, int]:
-    """A junction is as high as its lowest road."""
+    """Return the level of each junction: that of its lowest road."""
     found: dict[str, int] = {}
     for edge in root.findall("edge"):
         if edge.get("function") is None:
@@ -203,7 +203,8 @@ def _connections(
         if via not in successors[start]:
             successors[start].append(via)
         if item.get("tl"):
-            # A pedestrian link governs the crossing, not the corner that it starts from.
+            # A pedestrian link applies to the crossing, not to the walking area that it starts
+            # from.
             governed = end if start.startswith(":") else start
             heads[item.get("tl"), governed].append(int(item.get("linkIndex")))
     return successors, heads
@@ -218,7 +219,7 @@ def _lane(
     if function == "walkingarea":
         outline = shape
     if np.ptp(shape, axis=0).max() < MINIMAL_LENGTH:
-        # A connection straight across a mere border between two roads has no length.
+        # A connection across a mere transition between two roads has no length.
         shape = np.vstack([shape[:1], shape[:1] + [MINIMAL_LENGTH, 0.0]])
     return {
         "id": item.get("id"),
@@ -236,7 +237,7 @@ def _lane(
 
 
 def _marking(item: etree._Element) -> str:
-    """Return what a crossing is marked with, where this program's own input told netconvert."""
+    """Return the marking of a crossing from its parameters; empty if there is none."""
     told = (row.get("value") for row in item.iterfind("param") if row.get("key") == "marking")
     return next(told, "")
 
@@ -264,7 +265,7 @@ def _kind(function: str | None, allowed: tuple[str, ...]) -> str:
 
 
 def _head(program: str, lane: Lane, links: list[int]) -> SignalHead:
-    """Vehicles: the lane's end, where the stop line is. On foot: the crossing's start."""
+    """Return the signal of a lane: at a vehicle lane's end, or at a crossing's start."""
     xy = lane.centre[:, :2]
     a, b = (xy[0], xy[1]) if lane.kind == "crossing" else (xy[-2], xy[-1])
     at = a if lane.kind == "crossing" else b
