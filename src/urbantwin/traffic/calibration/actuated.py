@@ -1,8 +1,8 @@
-"""Signals whose greens traffic extends: how long each phase lasted, at the least and at the most.
+"""Actuated signals: the observed, shortest and longest duration of each phase.
 
-A fixed program shows the same phases for the same times again and again, or those of another
-program from some time of day on. An actuated one shows the same phases, each as long as traffic
-wants it, so that one time differs from the next again and again.
+A fixed program repeats the same phases with the same durations, or switches to another program at
+some time of day. An actuated one repeats the same phases, but their durations depend on traffic and
+differ from cycle to cycle.
 """
 
 from __future__ import annotations
@@ -17,33 +17,34 @@ from numpy.typing import NDArray
 
 __all__ = ["ActuatedCycle", "actuated_cycle"]
 
-#: Groups that change within so long change together: tables have them some tenths late, seconds.
+#: Changes of groups within this time count as simultaneous: tables record them some tenths late,
+#: seconds.
 _TOGETHER_S = 0.35
-#: A phase that lasts this much longer or shorter than the time before lasts otherwise, seconds: a
-#: controller counts in seconds, and tables in tenths.
+#: A larger difference to the previous duration counts as a change, seconds: controllers count in
+#: seconds, tables in tenths.
 _OTHERWISE_S = 0.5
-#: Of what follows on each other so many, and such a share, are otherwise where traffic extends a
-#: phase.
+#: Number and share of changes among consecutive durations from which a phase counts as actuated.
 _MANY, _SHARE = 5, 0.2
-#: Such a share of the cycles has the phases in one order; else no such program could show them.
+#: Least share of the cycles with the same order of phases, without which no such program can show
+#: them.
 _ORDERED = 0.8
 
-#: What each group shows, and for how long: seconds.
+#: State of each group, and its duration in seconds.
 _Run = tuple[tuple[str, ...], float]
 
 
 @dataclass(frozen=True)
 class ActuatedCycle:
-    """The phases of signals whose greens traffic extends, in their order.
+    """The phases of actuated signals, in their order.
 
     Attributes:
-        groups: G of them.
-        letters: (K,) what each group shows in each phase.
-        seconds: (K,) how long phases last, median.
-        at_least: (K,) the shortest that was seen, where traffic extends a phase; else the median.
-        at_most: (K,) the longest, likewise.
-        cycles: how many were seen whole and in this order.
-        ordered: the share of all cycles that were.
+        groups: G groups.
+        letters: (K,) state of each group in each phase.
+        seconds: (K,) median duration of each phase.
+        at_least: (K,) shortest observed duration of actuated phases; else the median.
+        at_most: (K,) longest observed duration of actuated phases; else the median.
+        cycles: number of complete cycles observed in this order.
+        ordered: share of all cycles with this order.
     """
 
     groups: tuple[str, ...]
@@ -56,11 +57,11 @@ class ActuatedCycle:
 
     @property
     def driven(self) -> bool:
-        """Whether a program of phases in one order can show it."""
+        """Whether a program with phases in one order can show it."""
         return self.ordered >= _ORDERED
 
     def sampled(self, step_s: float) -> tuple[dict[str, NDArray[np.str_]], NDArray[np.int64]]:
-        """Return what groups show in a usual cycle, every so many seconds, and in which phase."""
+        """Return the states of groups, and the phase, of a usual cycle at regular times."""
         counts = [round(one / step_s) for one in self.seconds]
         phase = np.repeat(np.arange(len(counts)), counts)
         return {
@@ -70,11 +71,11 @@ class ActuatedCycle:
 
 
 def actuated_cycle(letters: Mapping[str, NDArray[np.str_]], step_s: float) -> ActuatedCycle | None:
-    """Return the phases that were shown; ``None`` where they last as long again and again.
+    """Return the phases of actuated signals; ``None`` if their durations are fixed.
 
     Args:
-        letters: group -> (N,) what it showed.
-        step_s: time between two of these.
+        letters: group -> (N,) states.
+        step_s: time between two states, seconds.
     """
     groups = tuple(sorted(letters))
     runs = _runs(np.array([letters[group] for group in groups]), step_s)
@@ -103,22 +104,22 @@ def actuated_cycle(letters: Mapping[str, NDArray[np.str_]], step_s: float) -> Ac
 
 
 def _varies(lasted: NDArray[np.float64]) -> bool:
-    """Return whether how long a phase lasted (C,) differs from one time to the next, and often.
+    """Return whether the durations of a phase (C,) often differ from one cycle to the next.
 
-    Where another program begins, all last otherwise, but once.
+    A change of the program changes all of them, but only once.
     """
     otherwise = np.abs(np.diff(lasted)) > _OTHERWISE_S
     return bool(otherwise.sum() >= _MANY and otherwise.mean() >= _SHARE)
 
 
 def _runs(letters: NDArray[np.str_], step_s: float) -> list[_Run]:
-    """Return what all groups (G, N) show together, one after the other, without both ends."""
+    """Return the joint states of all groups (G, N) with durations, without the first and last."""
     cuts = np.flatnonzero((letters[:, 1:] != letters[:, :-1]).any(axis=0)) + 1
     runs: list[_Run] = []
     owed = 0.0
     for begin, end in pairwise(cuts.tolist()):
         seconds = (end - begin) * step_s
-        if seconds < _TOGETHER_S:  # some have changed, and the others are about to
+        if seconds < _TOGETHER_S:  # some groups have changed, the others are about to
             owed += seconds
             continue
         runs.append((tuple(letters[:, begin].tolist()), seconds + owed))
@@ -127,10 +128,10 @@ def _runs(letters: NDArray[np.str_], step_s: float) -> list[_Run]:
 
 
 def _cycles(runs: Sequence[_Run]) -> list[list[_Run]]:
-    """Return the runs of each whole cycle: from one beginning of a group's green to the next.
+    """Return the runs of each complete cycle: between two consecutive begins of green of a group.
 
-    The group is the first of those whose green begins as often as most groups' does: some have
-    green twice in a cycle, some not in each.
+    The group is the first whose number of green begins is the most common: some groups have green
+    twice in a cycle, some not in each.
     """
     if not runs:
         return []

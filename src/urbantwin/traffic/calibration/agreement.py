@@ -1,4 +1,4 @@
-"""How well two measurements of traffic agree, and how well a recording agrees with itself."""
+"""Agreement between two measurements of traffic, and of a recording with itself."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def agreement(recorded: Measured, simulated: Measured) -> dict[str, Any]:
 
 
 def own_spread(recorded: Measured, seed: int = 1) -> dict[str, Any]:
-    """Return by how much a recording differs from itself by chance.
+    """Return the random differences of a recording from itself.
 
     Shares: 1.96 standard errors of the share with the largest. Distributions: distances of two
     halves of the vehicles (of the headways), drawn at random 200 times: median and 95 %.
@@ -46,10 +46,10 @@ def own_spread(recorded: Measured, seed: int = 1) -> dict[str, Any]:
 
 
 def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | None:
-    """Return by how much spans of a simulation differ from all of it: median and 95 %.
+    """Return the differences of spans of a simulation from the whole: median and 95 %.
 
-    A recording as long as the spans differs by that from a simulation that is right in everything.
-    ``None`` where there are fewer than eight spans.
+    They are those expected between a recording of the spans' duration and a perfect simulation.
+    ``None`` for fewer than eight spans.
     """
     if len(spans) < _FEWEST:
         return None
@@ -62,13 +62,13 @@ def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | No
 
 
 def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[str, Any]:
-    """Return by how much two parts of a recording differ by chance alone: median and 95 %.
+    """Return the random differences between two parts of a recording: median and 95 %.
 
-    That is what a simulation would score on the part that is held out which is right in everything
-    that can be known of the other. Everybody who came in either part, everybody who passed, each
-    vehicle's speeds and each headway are dealt out anew, 200 times, into parts as large as they
-    are (a permutation test). Headways of one queue go together in truth, and vehicles of one
-    platoon, so that chance does somewhat more.
+    They are the score on the held-out part of a simulation that reproduces everything that the
+    other part tells. Entries, passages, speeds of each vehicle and headways are randomly
+    reassigned, 200 times, to parts of the given sizes (a permutation test). In reality headways of
+    one queue and vehicles of one platoon are correlated, so that random differences are somewhat
+    larger.
     """
     random = np.random.Generator(np.random.Philox(key=[seed, 2002]))
     both = joined([fitted, held_out])
@@ -85,7 +85,7 @@ def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[
 def _dealt_counts(
     counts: Mapping[Any, int], second: int, random: np.random.Generator
 ) -> dict[str, float] | None:
-    """Return differences of shares, in points, of counts that are dealt out into two parts."""
+    """Return differences of shares, in points, of counts randomly split into two parts."""
     every = np.array(list(counts.values()))
     first = int(every.sum()) - second
     if first <= 0 or second <= 0:
@@ -124,7 +124,7 @@ def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float 
 
 
 def _furthest(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the Kolmogorov-Smirnov distance: SciPy's test takes long to find its chance too."""
+    """Return the Kolmogorov-Smirnov distance, without SciPy's slow computation of its p-value."""
     every = np.concatenate([first, second])
     shares = [np.searchsorted(np.sort(x), every, side="right") / len(x) for x in (first, second)]
     return float(np.abs(shares[0] - shares[1]).max())
@@ -133,7 +133,7 @@ def _furthest(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
 def _dealt(
     parts: list[NDArray[np.float64]], second: int, random: np.random.Generator
 ) -> dict[str, float] | None:
-    """Return distances of two groups of vehicles that are drawn; so many are in the second."""
+    """Return distances of two random groups of vehicles; ``second`` is the size of the second."""
     if len(parts) < _FEWEST or not 0 < second < len(parts):
         return None
     found = []

@@ -1,9 +1,9 @@
-"""Platoons: in which part of a cycle upstream who comes by an approach would reach its end.
+"""Platoons: the part of an upstream signal's cycle in which vehicles would reach an approach's end.
 
-Arrivals are taken where a vehicle is first seen, and carried on to the stop line at the speed that
-it would have if nobody held it up, so that the queue before the stop line says nothing of them.
-Whether they repeat is told by Rayleigh's test over all periods that signals have (Mardia and Jupp,
-Directional Statistics, 2000, 6.3): a pattern of a cycle or two is not one.
+Arrivals are taken where a vehicle is first seen, and extrapolated to the stop line at its
+unhindered speed, so that the queue at the stop line has no effect. Periodicity is tested by
+Rayleigh's test over all usual cycle times (Mardia and Jupp, Directional Statistics, 2000, 6.3),
+which rejects patterns of only a cycle or two.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from urbantwin.traffic.calibration.passages import Passage
 
 __all__ = ["arrivals_of", "come_evenly", "platoons_of"]
 
-#: Cycles that signals upstream may have, seconds.
+#: Range of cycle times of upstream signals, seconds.
 _CYCLES_S = (30.0, 180.0)
-#: A cycle is divided into so many parts; patterns are told of so many vehicles and cycles.
+#: Number of parts of a cycle; least number of vehicles, and of cycles, for a pattern.
 _PARTS, _FEWEST, _CYCLES = 12, 40, 8
-#: Numbers that come are counted in spans in which so many are expected; so many numbers tell
-#: something; and who comes at random comes so evenly by chance.
+#: Expected number of vehicles per span in which arrivals are counted; least number of spans; and
+#: p-value below which arrivals count as even.
 _EXPECTED, _NUMBERS, _EVENLY = 5, 10, 0.01
-#: Patterns that would be seen by chance in fewer cases than this are patterns.
+#: p-value below which a pattern is significant.
 _CHANCE = 0.001
-#: First seen so far before the stop line, metres, and no slower, m/s: not in its queue.
+#: Least distance to the stop line, metres, and speed, m/s, at first sight, which exclude vehicles
+#: in the queue.
 _BEFORE_M, _SLOWEST_MS = 25.0, 3.0
-#: Another signal's cycle is preferred to the junction's own where it tells so much more.
+#: Ratio of the test statistics above which another cycle time is preferred to the junction's own.
 _BETTER = 1.25
 
 
@@ -43,7 +44,7 @@ def arrivals_of(
     begin_s: float,
     end_s: float,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return by approach when each vehicle would be at its end if nobody held it up, seconds."""
+    """Return, by approach, the times at which unhindered vehicles would reach its end, seconds."""
     limits = {lane.road: lane.speed_limit for lane in roads.lanes}
     found: dict[str, list[float]] = defaultdict(list)
     for one in passages:
@@ -56,7 +57,7 @@ def arrivals_of(
         if ahead < _BEFORE_M or not moves:
             continue
         at = float(one.seen.time_s[0]) + ahead / (limit * speed_factor)
-        # Who was there when the recording began came at an unknown time.
+        # Arrival times of vehicles present at the start of the recording are unknown.
         if one.seen.time_s[0] > begin_s + 1.0 and at < end_s:
             found[one.approach].append(at)
     return {name: np.sort(times) for name, times in sorted(found.items())}
@@ -65,13 +66,13 @@ def arrivals_of(
 def platoons_of(
     arrivals: dict[str, NDArray[np.float64]], seconds: float, own_cycle_s: float
 ) -> list[dict[str, Any]]:
-    """Return rows of ``traffic.arrivals``: of the approaches by which platoons come.
+    """Return rows of ``traffic.arrivals`` for approaches with platoons.
 
     Args:
-        arrivals: by approach, seconds, as `arrivals_of` returns them.
-        seconds: for how long was recorded.
-        own_cycle_s: of the junction's own signals; 0 where it is not known. Signals in a row often
-            have the same.
+        arrivals: by approach, seconds, from `arrivals_of`.
+        seconds: duration of the recording.
+        own_cycle_s: cycle time of the junction's own signals, which adjacent signals often share; 0
+            if unknown.
     """
     rows = []
     for name, times in arrivals.items():
@@ -79,7 +80,7 @@ def platoons_of(
         if cycle_s is None:
             continue
         count, _ = np.histogram(times % cycle_s, np.linspace(0.0, cycle_s, _PARTS + 1))
-        # Parts of a cycle in which nobody came may have somebody: half a vehicle each.
+        # Half a vehicle is added to each part, so that none has a share of 0.
         share = (count + 0.5) / (count.sum() + 0.5 * _PARTS)
         rows.append(
             {
@@ -92,17 +93,17 @@ def platoons_of(
 
 
 def come_evenly(arrivals: dict[str, NDArray[np.float64]], seconds: float, cycle_s: float) -> bool:
-    """Return whether vehicles come more evenly than who knows nothing of the others.
+    """Return whether vehicles arrive more evenly than independent ones.
 
-    Numbers that come by an approach in spans of so many whole cycles that five are expected vary
-    as much as they are large if vehicles come at random (test of a Poisson distribution by its
-    index of dispersion: Fisher, Statistical Methods for Research Workers, 1925, section 16).
-    Where fewer than ten such numbers are known nothing is told, and they are taken to come evenly.
+    The variance of the numbers of arrivals in spans of whole cycles, with five expected in each,
+    equals their mean for independent arrivals (test of a Poisson distribution by its index of
+    dispersion: Fisher, Statistical Methods for Research Workers, 1925, section 16). With fewer than
+    ten such numbers they are assumed to be even.
 
     Args:
-        arrivals: by approach, seconds, as `arrivals_of` returns them.
-        seconds: for how long was recorded.
-        cycle_s: in which they come; of 0 any span will do.
+        arrivals: by approach, seconds, from `arrivals_of`.
+        seconds: duration of the recording.
+        cycle_s: cycle time of the arrivals; 0: any span.
     """
     off, freedom = 0.0, 0
     for times in arrivals.values():
@@ -116,14 +117,14 @@ def come_evenly(arrivals: dict[str, NDArray[np.float64]], seconds: float, cycle_
 
 
 def _period(times: NDArray[np.float64], seconds: float, own_cycle_s: float) -> float | None:
-    """Return the period in which vehicles come; ``None`` where they come at random."""
+    """Return the period of arrivals; ``None`` if they are random."""
     longest = min(_CYCLES_S[1], seconds / _CYCLES)
     if len(times) < _FEWEST or longest <= _CYCLES_S[0]:
         return None
     step = 0.1 / seconds
     often = np.arange(1 / longest, 1 / _CYCLES_S[0], step)
     power = _power(times, often)
-    # Of all independent frequencies of the periodogram, one in so many by chance (false alarm).
+    # False-alarm probability of the maximum over all independent frequencies of the periodogram.
     least = np.log(max((often[-1] - often[0]) * seconds, 1.0) / _CHANCE)
     best = int(np.argmax(power))
     if own_cycle_s and _CYCLES_S[0] <= own_cycle_s <= longest:
@@ -134,6 +135,6 @@ def _period(times: NDArray[np.float64], seconds: float, own_cycle_s: float) -> f
 
 
 def _power(times: NDArray[np.float64], often: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Rayleigh's statistic of times for frequencies (F,), 1/s: as e^-z by chance."""
+    """Return Rayleigh's statistic z of times at frequencies (F,), 1/s; its p-value is e^-z."""
     turns = np.exp(2j * np.pi * often[:, None] * times[None])
     return np.asarray(np.abs(turns.sum(axis=1)) ** 2 / len(times))

@@ -1,4 +1,4 @@
-"""Bicycles way by way: where they share a lane with cars, these leave queues as fast as they do."""
+"""Counts of bicycles by movement, since they share the discharge of queues on lanes with cars."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from urbantwin.traffic.calibration.passages import JunctionLinks, SeenTrack, pas
 __all__ = ["bicycle_counts"]
 
 _BICYCLE = ("bicycle",)
-#: Fewer bicycles tell nothing of their ways; and who is counted stands for all of them, so that
-#: a larger share must be.
+#: Least number of bicycles for counts; and least share of them that must be counted, since counts
+#: replace all bicycles.
 _FEWEST, _COUNTED = 5, 0.9
 
 
 def bicycle_counts(
     part: Measured, tracks: Sequence[SeenTrack], roads: RoadNetwork, links: JunctionLinks
 ) -> list[dict[str, Any]]:
-    """Return rows of ``traffic.counts`` of bicycles, none where too few of them were counted.
+    """Return rows of ``traffic.counts`` of bicycles; empty if too few of them were counted.
 
     Args:
-        part: what was measured of the part that is fitted to, which begins the recording.
-        tracks: who was seen, in the whole recording.
+        part: measurement of the part that is fitted to, which begins the recording.
+        tracks: tracks of the whole recording.
         roads: the lanes.
-        links: the ways over the main junction.
+        links: the movements over the main junction.
     """
     came = part.new.get("bicycle", 0)
     there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}

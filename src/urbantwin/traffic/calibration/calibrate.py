@@ -1,4 +1,4 @@
-"""Calibrating a site's traffic to a recording, and judging it on a part that was not used."""
+"""Calibration of a site's traffic to a recording, and its evaluation on a held-out part."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ from urbantwin.twin import Twin
 __all__ = ["calibrate_traffic"]
 
 _STEP_S = 0.1
-#: Simulations that drivers are fitted in last so long,
-#: and up to twice as long, where what is fitted to is.
+#: Duration of the simulations in which drivers are fitted, seconds; up to twice as long, if the
+#: fitted part is.
 _TRIAL_S = 600.0
 
 
@@ -63,19 +63,20 @@ def calibrate_traffic(
     seed: int = 1,
     progress: Progress = untold,
 ) -> dict[str, Any]:
-    """Write what a recording tells of a site's traffic, and how well a simulation agrees with it.
+    """Write the traffic of a site derived from a recording, and its agreement with a simulation.
 
-    The recording is cut in time: what comes first is fitted to, what comes after a gap judges.
+    The recording is split in time: the first part is fitted to; the part after a gap is for
+    evaluation.
 
     Args:
         tracks: a description of tracks (YAML), or a file of tracks.
         site: the ``site.yaml``.
         out: the folder to write: ``traffic.yaml`` for ``urbantwin drive --demand``, ``site.yaml``
             with traffic and signals, ``calibration.json``.
-        fit_share: share of the recording that is fitted to; 1: all, and nothing judges.
-        gap_s: between the two parts, seconds.
-        seconds: how long the simulation that is judged lasts; 0 for none.
-        seed: of the simulations.
+        fit_share: share of the recording that is fitted to; 1: all, without evaluation.
+        gap_s: gap between the two parts, seconds.
+        seconds: duration of the simulation that is evaluated; 0 for none.
+        seed: random seed of the simulations.
         progress: called with the fraction done and what is being done.
 
     Returns:
@@ -115,7 +116,7 @@ def calibrate_traffic(
                 file=recording.file,
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
-        # What is held out does not tell either where is counted.
+        # The places of counts, too, must not depend on the held-out part.
         early = [one for one in seen if one.time_s[0] < fit_s]
         passed_early = [one for one in passages if one.seen.time_s[0] < fit_s]
         elsewhere = counted_elsewhere(early, twin.roads, links.junction)
@@ -186,10 +187,10 @@ def _timed_twin(
     scratch: Path,
     progress: Progress,
 ) -> tuple[Twin, tuple[JunctionLinks, list[Passage]], Timing | None]:
-    """Return the twin, who passed its main junction, and the timing if signals were recorded.
+    """Return the twin, the passages over its main junction, and the signal timing if recorded.
 
-    The timing is in the document then. ``lit``: what signals showed, where, and until when it is
-    fitted to.
+    The timing is then added to the document. ``lit``: recorded signals, their place, and the end of
+    the part that is fitted to.
     """
     signals, middle, fit_s = lit
     twin = built(document, scratch, between(progress, 0.05, 0.25))
@@ -206,7 +207,7 @@ def _timed_twin(
 def _arrivals(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
 ) -> dict[str, Any]:
-    """Return in which platoons who came in the part that is fitted to, and whether evenly."""
+    """Return the platoons of arrivals in the part that is fitted to, and whether they are even."""
     factor = float(np.median(part.all_free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
     platoons = platoons_of(came, part.seconds, cycle_s)
@@ -216,7 +217,7 @@ def _arrivals(
 
 
 def _sizes(seen: Sequence[SeenTrack], until_s: float) -> dict[str, np.ndarray[Any, Any]]:
-    """Return class -> (N, 3) sizes of those who came until then, metres."""
+    """Return class -> (N, 3) sizes of tracks that begin before a time, metres."""
     sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
     for one in seen:
         if one.time_s[0] < until_s:
@@ -234,19 +235,19 @@ def _smoothed(tracks: Sequence[RecordedTrack]) -> list[SeenTrack]:
 
 
 def _middle(seen: list[SeenTrack]) -> np.ndarray[Any, Any]:
-    """Return the middle of where everybody was."""
+    """Return the median position of all tracks."""
     return np.asarray(np.median(np.concatenate([one.xy[::10] for one in seen]), axis=0))
 
 
 def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
-    """Let the junction have signals, where no program of the site says which it is."""
+    """Give the junction signals, unless a program of the site names one."""
     if not document.get("signals"):
         place = {"latitude": round(float(lonlat[1]), 7), "longitude": round(float(lonlat[0]), 7)}
         document["signals"] = [{"junction": place, "offset": 0.0}]
 
 
 def _timed(document: dict[str, Any], timing: Timing) -> None:
-    """Give the junction the timing that was recorded."""
+    """Set the junction's program to the recorded timing."""
     first = dict(document["signals"][0])
     first.pop("phases", None)
     first.pop("cycle", None)
@@ -264,10 +265,9 @@ def _fitted(
     scratch: Path,
     progress: Progress,
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
-    """Return drivers for whom simulations show what the recording does (``fitted_drivers``).
+    """Return drivers whose simulations agree with the recording (``fitted_drivers``).
 
-    What the simulations tell of flows and lanes is learned meanwhile; flows are in ``asked`` in the
-    end.
+    The simulations also correct flows and lane use; the flows in ``asked`` are updated.
     """
     uncounted, lanes = learned
     area = seen_area(seen)
@@ -294,7 +294,7 @@ def _fitted(
         return found
 
     found = fitted_drivers(part, simulated)
-    if not found[1] and (uncounted.per_hour or lanes.recorded):  # no drivers to simulate for
+    if not found[1] and (uncounted.per_hour or lanes.recorded):  # no driver parameters to fit
         simulated({}, 0)
     return found
 
@@ -302,7 +302,7 @@ def _fitted(
 def _who_drives(
     traffic: Mapping[str, Any], drivers: Mapping[str, float], part: Measured
 ) -> dict[str, Any]:
-    """Return drivers of motor traffic beside those that a demand has."""
+    """Return drivers of motor traffic in addition to those of a demand."""
     return {**traffic["drivers"], **of_classes(drivers, part.classes)}
 
 
@@ -324,7 +324,7 @@ def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
 
 
 def _actuated_told(cycle: ActuatedCycle) -> dict[str, Any]:
-    """Return within what times traffic extends phases, and whether the program does so."""
+    """Return the ranges of durations of actuated phases, and whether the program uses them."""
     return {
         "driven": cycle.driven,
         "cycles": cycle.cycles,

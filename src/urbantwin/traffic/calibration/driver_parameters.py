@@ -1,4 +1,4 @@
-"""Parameters of drivers, and the figure of traffic that tells each of them."""
+"""Parameters of drivers, each with the statistic of traffic that it is fitted by."""
 
 from __future__ import annotations
 
@@ -24,39 +24,38 @@ __all__ = [
     "where_it_shows",
 ]
 
-#: The headway of those who have stood.
+#: Headway of vehicles leaving a queue.
 QUEUES = "queue_headway_s"
-#: Figures of fewer values than this tell nothing.
+#: Least number of values of a statistic.
 FEWEST_VALUES = 5
-#: Where there is another figure for the same, of fewer than this.
+#: Least number if another statistic exists for the same parameter.
 _MANY = 10
-#: Speeds of fewer, many of whom still speed up, tell no wish.
+#: Least number of speeds, since many of those vehicles still accelerate.
 _FREE = 30
-#: At a stop line, who comes so soon after another follows, seconds.
+#: Longest headway of a following vehicle at a stop line, seconds.
 _FOLLOWS_S = 4.0
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A field of ``traffic.drivers`` and the figure that tells it.
+    """A field of ``traffic.drivers`` and the statistic that it is fitted by.
 
     Attributes:
         field: its name.
-        usual: where the search begins.
+        usual: start of the search.
         least: smallest value.
         most: largest value.
-        sample: of what was measured, the values that are summed up.
-        figure: a sum of them: median, ...
-        ratio: whether the parameter goes as the figure (else: by as much).
-        what: the values in words.
-        fewest: with fewer values it is not fitted; of several parameters of one field the first
-            with enough values is.
-        classes: of these alone; empty: of all motor traffic that has none of its own.
-        where: what was measured, place by place, of which the sample is all; empty: not so.
-        there: what the sample is of, where that is something else measured at the same places.
-        approach: of those who stood on this road alone; empty: on any that has none of its own.
-        gain: how far the parameter moves for a figure that is off by one (of ratios: by one
-            of their logarithm).
+        sample: returns the values of a measurement that the statistic is computed from.
+        figure: the statistic: median, ...
+        ratio: whether parameter and statistic are proportional (else: they differ by a constant).
+        what: description of the values.
+        fewest: least number of values; of several parameters of one field the first with enough
+            values is used.
+        classes: classes that it applies to; empty: all motor traffic without an own one.
+        where: attribute of the measurement with values by place that the sample joins; empty: none.
+        there: attribute of the sample, if it differs from ``where`` but has the same places.
+        approach: road of the queue that it applies to; empty: any without an own one.
+        gain: change of the parameter per unit of the statistic (for ratios: of their logarithms).
     """
 
     field: str
@@ -76,13 +75,13 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """The field, whose it is, and where."""
+        """The field with its classes and approach."""
         whose = ["of", *self.classes] if self.classes else []
         return " ".join([self.field, *whose, *(["on", self.approach] if self.approach else [])])
 
 
 def _quartiles_apart(values: list[float]) -> float:
-    """Return a standard deviation that outliers do not move: of the quartiles."""
+    """Return a robust standard deviation, from the quartiles."""
     low, high = np.quantile(values, [0.25, 0.75])
     return float(high - low) / 1.349
 
@@ -92,12 +91,12 @@ def _median(values: list[float]) -> float:
 
 
 def _near(values: list[float]) -> float:
-    """Return the value that a third is below: the others have more room than they want."""
+    """Return the lower third's quantile: longer headways are not chosen by the driver."""
     return float(np.quantile(values, 1 / 3))
 
 
 def _quicker(values: list[float]) -> float:
-    """Return the value that three quarters are below: bends and others hold some of them up."""
+    """Return the upper quartile: curves and other traffic slow some drivers down."""
     return float(np.quantile(values, 0.75))
 
 
@@ -152,7 +151,7 @@ PARAMETERS = (
         *(_median, True, "speeds in turns, m/s"),
         where="bends",
         there="turning",
-        gain=2.0,  # it goes as the square of the speed
+        gain=2.0,  # proportional to the square of the speed
     ),
     Parameter(
         *("standing_gap_m", 2.0, 0.5, 6.0),
@@ -173,7 +172,7 @@ PARAMETERS = (
         *(QUEUES, 1.35, 0.5, 4.0),
         lambda part: part.all_discharge,
         *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
-        gain=2.0,  # who sets out at the stop line does not yet drive as it would in the end
+        gain=2.0,  # a starting vehicle at the stop line has not reached its final headway
     ),
     Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
@@ -189,11 +188,11 @@ PARAMETERS = (
 
 
 def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
-    """Return a figure of turns or exits as that of the one on which values are largest.
+    """Return a statistic restricted to the turn or exit with the largest values.
 
-    Of those that ten values tell (of speeds, thirty). On others bends, limits, signals or giving
-    way hold drivers up: they tell nothing of what these would do, and a simulation that is held up
-    there otherwise would be answered by other drivers everywhere.
+    Only those with at least ten values (speeds: thirty) are considered. Elsewhere curves, limits,
+    signals or yielding limit drivers, so that values say nothing about their wishes; deviations of
+    the simulation there would distort drivers everywhere.
     """
     places: dict[Any, list[float]] = getattr(recorded, one.where) if one.where else {}
     told = {at: _median(x) for at, x in places.items() if len(x) >= max(one.fewest, _MANY)}
@@ -204,7 +203,7 @@ def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
 
 
 def by_approach(recorded: Measured) -> list[Parameter]:
-    """Return the headways of queues, approach by approach, where many left one on several."""
+    """Return the queue headways by approach, for approaches with many values."""
     if len(recorded.discharge) < 2:
         return []
 
@@ -220,7 +219,7 @@ def by_approach(recorded: Measured) -> list[Parameter]:
 
 
 def elsewhere(apart: Collection[Parameter]) -> Parameter:
-    """Return the headway of queues on all approaches but those that have one of their own."""
+    """Return the queue headway of all approaches without one of their own."""
     names = {one.approach for one in apart}
     (every,) = (one for one in PARAMETERS if one.name == QUEUES)
     return replace(

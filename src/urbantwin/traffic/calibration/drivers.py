@@ -1,9 +1,9 @@
-"""How drivers drive: parameters for which a simulation shows what was recorded.
+"""Driver parameters for which a simulation agrees with a recording.
 
 Indirect inference (Gourieroux, Monfort and Renault, Journal of Applied Econometrics 8, 1993): each
-parameter has a figure of the traffic that moves with it. The same figure is taken of the recording
-and of a simulation; the parameter is moved by the difference, and simulated again. What queues,
-signals and the way of measuring do to the figure, they do on both sides.
+parameter has a statistic of the traffic that depends on it. The statistic is computed from the
+recording and from a simulation; the parameter is changed by the difference, and the simulation
+repeated. Effects of queues, signals and measurement are the same on both sides.
 """
 
 from __future__ import annotations
@@ -29,25 +29,24 @@ from urbantwin.traffic.calibration.passages import MOTORS
 
 __all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
-#: Simulations at most; fewer where distributions are as near as is wanted, and all figures as what
-#: was recorded and what was simulated tell: 1 standard error of both in the mean, the furthest so
-#: many.
+#: Maximum number of simulations. Fewer suffice once distributions are as near as required, and the
+#: mean deviation of statistics is at most 1 standard error, the largest at most ``_NEAR``.
 ROUNDS = 10
 _NEAR = 2.5
-#: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
-#: is so many times as far off as the recording tells it.
+#: A parameter moves half as far if its statistic has this many simulated values; and deviation, in
+#: standard errors, of a statistic without simulated values.
 _FEW, _NONE_SHOWN = 5, 20.0
-#: Distributions are to be as near as this (Kolmogorov-Smirnov).
+#: Required Kolmogorov-Smirnov distance of distributions.
 _WANTED_KS = 0.1
 _DRAWN_AGAIN = 200
-#: A figure that differs by no more is the same.
+#: Relative deviation of a statistic that counts as equal.
 _SAME = 0.02
-#: How a figure answers to its parameter is learned of so many last simulations (the first had
-#: other drivers in everything else), each counting so much of the next; what is expected of it
-#: counts as values so far apart (of their size); and it is between these shares of that.
+#: The response of a statistic to its parameter is estimated from this number of last simulations
+#: (earlier ones had other drivers in all respects), with this weight from one to the next. The
+#: prior slope weighs as much as values this far apart (relative to their size); the slope is
+#: limited to these multiples of the prior.
 _LAST, _FADES, _EXPECTED_OVER, _ANSWERS = 4, 0.6, 0.15, (0.4, 2.5)
-#: A parameter moves no further at once, of its size (what goes with a power of its figure: so
-#: much of the figure's).
+#: Maximum relative change of a parameter at once (for a power of the statistic, of the statistic).
 _FURTHEST = 0.75
 
 
@@ -57,18 +56,19 @@ def fitted_drivers(
     *,
     rounds: int = ROUNDS,
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
-    """Return drivers for whom a simulation shows the figures of a recording.
+    """Return drivers whose simulation reproduces the statistics of a recording.
 
-    Headways of single approaches are drawn towards those of all: n / (n + 20) of the way is theirs.
+    Headways of single approaches are shrunk towards the common one, with the weight n / (n + 20).
 
     Args:
-        recorded: what is fitted to.
-        simulated: measures a simulation with such drivers; the number of the round is for telling.
-        rounds: how many simulations.
+        recorded: the measurement that is fitted to.
+        simulated: measures a simulation with given drivers; the round's number is for progress.
+        rounds: maximum number of simulations.
 
     Returns:
-        The fields of ``traffic.drivers``, as `of_classes` and `of_approaches` take them; by field
-        what was recorded, what is simulated, of how many values; and what could not be told.
+        The fields of ``traffic.drivers``, in the form of `of_classes` and `of_approaches`; a report
+            by field of recorded and simulated values and their numbers; and what could not be
+            fitted.
     """
     first: dict[str, Parameter] = {}
     for one in PARAMETERS:
@@ -87,13 +87,13 @@ def fitted_drivers(
         own = one.figure(one.sample(recorded))
         wanted[one.name] = shrunk(own, wanted[QUEUES], len(one.sample(recorded)))
     if apart:
-        # Where each is told by itself, all of them do not tell the class's own once more.
+        # If approaches are fitted separately, the common statistic covers only the others.
         known = [one for one in known if one.name != QUEUES] + [
             one for one in [elsewhere(apart)] if len(one.sample(recorded)) >= one.fewest
         ]
         wanted |= {one.name: one.figure(one.sample(recorded)) for one in known}
     known += apart
-    # Together they weigh as much as any other figure.
+    # Together they weigh as much as any other statistic.
     weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
     error = {one.name: _error(one, recorded) for one in known}
     counts = {one.name: len(one.sample(recorded)) for one in known}
@@ -108,7 +108,7 @@ def fitted_drivers(
             for one in known
             if len(values[one.name]) >= FEWEST_VALUES
         }
-        # In what recording and simulation themselves do not tell: figures of few weigh less.
+        # In standard errors of recording and simulation: statistics of few values weigh less.
         off = {
             one.name: _off(one, shown[one.name], wanted[one.name], error[one.name], both)
             if one.name in shown
@@ -149,11 +149,11 @@ def fitted_drivers(
 
 
 def _with_queues(drivers: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:
-    """Return drivers with a headway of queues elsewhere: where no figure tells it, the mean.
+    """Return drivers with a queue headway for other approaches: the mean, if it was not fitted.
 
     Args:
-        drivers: whose queues on single approaches are told, and perhaps those on all others.
-        counts: of how many values each figure is.
+        drivers: headways of single approaches, and possibly of all others.
+        counts: number of values of each statistic.
     """
     queues = {name: value for name, value in drivers.items() if name.startswith(f"{QUEUES} on ")}
     if not queues or QUEUES in drivers:
@@ -163,23 +163,23 @@ def _with_queues(drivers: Mapping[str, float], counts: Mapping[str, int]) -> dic
 
 
 def _off(one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]) -> float:
-    """Return how far a figure is off, in standard errors of what was recorded and simulated."""
+    """Return the deviation of a statistic, in standard errors of recording and simulation."""
     recorded, simulated = counts
     both = error * float(np.sqrt(1 + recorded / max(simulated, 1)))
     return abs(shown - goal) / max(both, _SAME * goal, 1e-9)
 
 
 def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float, int]]) -> float:
-    """Return a parameter for which its figure comes to what is wanted, by what was simulated.
+    """Return the parameter whose statistic should equal the goal, estimated from simulations.
 
-    A line through what was simulated, late simulations and those of many values before others
-    (weighted least squares), whose slope is drawn towards the one expected: for one simulation that
-    is a step with the expected slope, for more a secant through noise.
+    A line is fitted to the simulations by weighted least squares, with more weight on late ones and
+    on those with many values. Its slope is shrunk towards the prior: one simulation gives a step
+    with the prior slope, several a secant with noise.
 
     Args:
         one: the parameter.
-        goal: the figure that is wanted.
-        simulations: value, figure, and of how many values, in the order of the rounds.
+        goal: value of the statistic that is required.
+        simulations: value, statistic, and number of values, in the order of the rounds.
     """
     value, figure, count = np.array(simulations[-_LAST:], np.float64).T
     if one.ratio:
@@ -202,7 +202,7 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
 
 
 def _distances(recorded: Measured, part: Measured) -> tuple[float, float]:
-    """Return how far distributions of speed and headway are off, in what is wanted of them."""
+    """Return the distances of speed and headway distributions, relative to the requirement."""
     told = agreement(recorded, part)
     speeds, headways = (
         1.0 if one is None else float(one) / _WANTED_KS
@@ -212,15 +212,15 @@ def _distances(recorded: Measured, part: Measured) -> tuple[float, float]:
 
 
 def _keep_in_order(drivers: dict[str, float]) -> None:
-    """Let no field be more than one that it follows from."""
+    """Limit fields by those that bound them."""
     for name, value in drivers.items():
-        if name.startswith("acceleration_at_10"):  # it falls with the speed
+        if name.startswith("acceleration_at_10"):  # it decreases with speed
             most = drivers.get(name.replace("_at_10", ""), np.inf)
             drivers[name] = min(value, most)
 
 
 def _error(one: Parameter, recorded: Measured) -> float:
-    """Return the standard error of a figure: of values drawn again from those recorded."""
+    """Return the standard error of a statistic, by bootstrap of the recorded values."""
     values = np.array(one.sample(recorded))
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
     drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
@@ -228,11 +228,11 @@ def _error(one: Parameter, recorded: Measured) -> float:
 
 
 def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str, dict[str, float]]:
-    """Return ``traffic.drivers`` of the classes of motor traffic that were seen.
+    """Return ``traffic.drivers`` of the observed classes of motor traffic.
 
     Args:
-        drivers: what `fitted_drivers` finds.
-        seen: classes.
+        drivers: result of `fitted_drivers`.
+        seen: the observed classes.
     """
     found: dict[str, dict[str, float]] = {}
     for name in (one for one in MOTORS if one in seen):
@@ -244,7 +244,7 @@ def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str,
 
 
 def of_approaches(drivers: Mapping[str, float]) -> dict[str, float]:
-    """Return by road the headway of who has stood on it, of what `fitted_drivers` finds."""
+    """Return the queue headway by road, from the result of `fitted_drivers`."""
     start = f"{QUEUES} on "
     return {
         name.removeprefix(start): value for name, value in drivers.items() if name.startswith(start)

@@ -1,8 +1,8 @@
-"""Who is counted beside the main junction: turns at junctions that are seen whole, and roads.
+"""Counts beyond the main junction: turns at fully visible junctions, and roads.
 
-A vehicle that passes two junctions is counted at both, as counters that stand there would; so rows
-agree with each other also where its track is broken between them. Nobody is counted twice by a
-broken track: a turn is taken once, and a road is counted at one cross-section.
+A vehicle that passes two junctions is counted at both, as by counters there; so rows are consistent
+even if its track is broken between them. A broken track never counts twice: a turn is taken once,
+and a road is counted at one cross-section.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from urbantwin.traffic.paths.lane_below import LanesBelow
 
 __all__ = ["CountedElsewhere", "Spot", "counted_elsewhere", "ways_between"]
 
-#: A junction is seen whole where so many of those who were on it came and left by roads in view.
+#: Least share of the vehicles on a junction with visible approach and exit roads.
 _WHOLE = 0.75
-#: Nothing is counted where fewer vehicles pass, and a smaller share, who never come to the main
-#: junction: they tell nothing of what is in view, and the others are counted there.
+#: Least number, and share, of passing vehicles that never come to the main junction. With fewer,
+#: the place adds nothing to the counts there.
 _FEWEST, _OTHERS = 5, 0.05
 
-#: Where is counted: fields of a row of ``traffic.counts``, by name.
+#: Place of a count: fields of a row of ``traffic.counts``, by name.
 Spot = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class CountedElsewhere:
-    """Vehicles that were counted beside the main junction.
+    """Vehicles counted beyond the main junction.
 
     Attributes:
-        times: place -> class -> when each passed there, seconds.
-        empty: roads in view that nobody came by.
-        tracks: name -> when it came into view, seconds.
+        times: place -> class -> times of passing, seconds.
+        empty: visible roads without any traffic.
+        tracks: name -> begin of the track, seconds.
     """
 
     times: dict[Spot, dict[str, list[float]]]
@@ -47,7 +47,7 @@ class CountedElsewhere:
     tracks: dict[str, float]
 
     def besides(self, passages: Sequence[Passage], until_s: float) -> int:
-        """Return how many who came until a moment, seconds, did not pass the main junction."""
+        """Return the number of tracks begun before a time, seconds, not over the main junction."""
         over = {one.seen.track.name for one in passages if one.approach and one.leaving}
         return sum(name not in over and 0.5 < at < until_s for name, at in self.tracks.items())
 
@@ -58,13 +58,13 @@ def counted_elsewhere(
     junction: str,
     classes: Collection[str] = MOTORS,
 ) -> CountedElsewhere:
-    """Count vehicles at the junctions but one, and on roads that lead to none of those.
+    """Count vehicles at all other junctions, and on roads that lead to none of those.
 
     Args:
-        tracks: who was seen.
+        tracks: the tracks.
         roads: the lanes.
-        junction: the main junction, which is counted by itself.
-        classes: who is counted: motor traffic, or bicycles.
+        junction: the main junction, which is counted separately.
+        classes: classes to count: motor traffic, or bicycles.
     """
     user = "car" if set(classes) <= set(MOTORS) else "bicycle"
     below, ways = LanesBelow(roads), ways_between(roads)
@@ -133,7 +133,7 @@ def counted_elsewhere(
 
 
 def _tells(passed: Sequence[tuple[SeenTrack, float]], others: set[str]) -> bool:
-    """Return whether enough pass somewhere who are counted nowhere else."""
+    """Return whether enough vehicles pass a place that are counted nowhere else."""
     count = sum(one.track.name in others for one, _ in passed)
     return count >= max(_FEWEST, _OTHERS * len(passed))
 
@@ -146,7 +146,7 @@ def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float
 
 
 def ways_between(roads: RoadNetwork) -> set[tuple[str, str]]:
-    """Return which road leads to which over a junction."""
+    """Return the pairs of roads connected over a junction."""
     return {
         (lane.road, after.road)
         for lane in roads.lanes
@@ -158,7 +158,7 @@ def ways_between(roads: RoadNetwork) -> set[tuple[str, str]]:
 def _at_a_section(
     road: Road, roads: RoadNetwork, those: Sequence[tuple[SeenTrack, NDArray[np.float64]]]
 ) -> list[tuple[SeenTrack, float]]:
-    """Return who passed the middle of what is in view of a road, and when, seconds."""
+    """Return the tracks that pass the middle of a road's visible part, with times, seconds."""
     line = shapely.LineString(roads.lane_by_id[road.lanes[-1]].centre[:, :2])
     ways = [shapely.line_locate_point(line, shapely.points(one.xy[at])) for one, at in those]
     section = float(np.median([(way.min() + way.max()) / 2 for way in ways]))

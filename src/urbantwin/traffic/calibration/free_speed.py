@@ -1,4 +1,4 @@
-"""Speeds of those whom nobody holds up: what drivers desire, as far as it is seen."""
+"""Free-flow speeds: desired speeds of drivers, as far as observable."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from urbantwin.traffic.calibration.passages import STANDS_MS, Passage, SeenTrack
 
 __all__ = ["free_speeds"]
 
-#: Somebody who was so near to a place, metres, so shortly before, seconds, is close ahead there.
+#: Distance, metres, and time, seconds, within which a preceding vehicle at the same place counts as
+#: close ahead.
 _SAME_PLACE_M, _CLOSE_S = 2.5, 4.0
-#: Speeds are taken over the last so many seconds, of who came so far, metres.
+#: Interval before the end of a track in which speeds are taken, seconds, and least length of a
+#: track, metres.
 _LAST_S, _CAME_M = 3.0, 40.0
 
 
@@ -25,18 +27,18 @@ def free_speeds(
     begin_s: float,
     end_s: float,
 ) -> dict[str, list[float]]:
-    """Return by exit the greatest speeds with which vehicles leave, as shares of the limit.
+    """Return, by exit, the highest speeds of leaving vehicles, as shares of the limit.
 
-    Who leaves a junction speeds up, and is fastest where it is seen last. Those whom somebody, a
-    bicycle too, was close ahead of there are left out, and those who stood behind the junction, at
-    the next signal say, and still speed up.
+    A vehicle accelerates when it leaves a junction, and is fastest at the end of its track.
+    Vehicles with another vehicle or bicycle close ahead there are excluded, and so are those that
+    stood beyond the junction, for example at the next signal, and still accelerate.
 
     Args:
-        tracks: everybody who may be ahead.
-        passages: of the vehicles that passed the junction.
+        tracks: all tracks, as possible leaders.
+        passages: passages over the junction.
         limits: road -> m/s.
-        begin_s: the first moment at which somebody is seen last.
-        end_s: the last one.
+        begin_s: first time at which tracks may end.
+        end_s: last time at which tracks may end.
     """
     drive = [one for one in tracks if one.track.actor_class != "pedestrian"]
     leave = [
@@ -66,6 +68,6 @@ def free_speeds(
 
 
 def _stood_behind(one: Passage) -> bool:
-    """Return whether a vehicle stood once it had passed the stop line."""
+    """Return whether a vehicle stood after it had passed the stop line."""
     behind = ~(one.seen.time_s <= one.passed_s)
     return bool((np.abs(one.seen.speed[behind]) < STANDS_MS).any())

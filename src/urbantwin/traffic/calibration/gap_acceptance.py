@@ -1,10 +1,10 @@
-"""Critical gaps: which gaps in the traffic that has priority are taken, and which are not.
+"""Critical gaps: accepted and rejected gaps in the traffic with priority.
 
-Who has to give way decides for each gap between those who come across: it is taken or it is not.
-Nobody's critical gap is seen, only that it lies between the longest gap that was refused and the
-one that was taken. The likeliest lognormal distribution of such pairs is that of Troutbeck
-(Estimating the critical acceptance gap from traffic movements, Queensland University of Technology,
-Research Report 92-5, 1992; Brilon, Koenig and Troutbeck, Transportation Research A 33, 1999).
+A yielding driver accepts or rejects each gap between vehicles with priority. The critical gap
+itself is not observable; it lies between the longest rejected gap and the accepted one. The
+maximum-likelihood lognormal distribution of such pairs is that of Troutbeck (Estimating the
+critical acceptance gap from traffic movements, Queensland University of Technology, Research Report
+92-5, 1992; Brilon, Koenig and Troutbeck, Transportation Research A 33, 1999).
 """
 
 from __future__ import annotations
@@ -27,22 +27,23 @@ from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 
 __all__ = ["Conflict", "Decision", "conflicts_of", "critical_gap", "decisions_of"]
 
-#: Who is so near to the conflict decides, metres, and passes it within so much of its path.
+#: Distance to the conflict from which a driver decides, and largest distance of its path from it,
+#: metres.
 _DECIDES_M, _BESIDE_M = 15.0, 3.0
-#: Longer gaps are left out, seconds: whoever refuses one has another reason (a red signal).
+#: Longer gaps are ignored, seconds: a driver who rejects one has another reason (a red signal).
 _LONG_S = 12.0
-#: Bounds of the lognormal distribution: its median in seconds, its deviation in logarithms.
+#: Bounds of the lognormal distribution: median in seconds, standard deviation of logarithms.
 _MEDIAN_S, _SPREAD = (0.3, 15.0), (0.05, 0.8)
 
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
-    """Two ways over a junction that meet.
+    """Two movements over a junction that intersect.
 
     Attributes:
-        minor: the way that gives way: (lane before, road after).
-        major: the way that has priority.
-        place: (2,) where they meet, site frame, metres.
+        minor: the yielding movement: (lane before, road after).
+        major: the movement with priority.
+        place: (2,) their intersection, site frame, metres.
     """
 
     minor: tuple[str, str]
@@ -52,12 +53,12 @@ class Conflict:
 
 @dataclass(frozen=True)
 class Decision:
-    """What one who had to give way did.
+    """The decision of a yielding driver.
 
     Attributes:
-        at_s: when it passed the first who came across, seconds.
-        refused_s: the longest gap that it refused, seconds; 0 if none.
-        taken_s: the gap that it took; infinite if nobody came for long.
+        at_s: time at which it passed the first conflict, seconds.
+        refused_s: longest rejected gap, seconds; 0 if none.
+        taken_s: accepted gap; infinite if no vehicle came for long.
     """
 
     at_s: float
@@ -66,13 +67,13 @@ class Decision:
 
 
 def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Conflict]:
-    """Return where ways over the main junction meet of which one gives way to the other.
+    """Return the conflicts of movements over the main junction of which one yields to the other.
 
-    At signals, of ways that are green at the same time: others wait for the signal.
+    At signals, only of movements that are green at the same time.
 
     Args:
-        links: the ways.
-        net: SUMO's network, whose junction says who yields to whom (``request``).
+        links: the movements.
+        net: SUMO's network, whose junction has the rules of priority (``request``).
         roads: the same network's lanes.
     """
     junctions = etree.parse(net).getroot().iterfind("junction")
@@ -104,21 +105,21 @@ def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Co
 def decisions_of(
     passages: Sequence[Passage], conflicts: Sequence[Conflict], links: JunctionLinks
 ) -> list[Decision]:
-    """Return what those decided who had to give way, in the order of the passages.
+    """Return the decisions of yielding drivers, in the order of the passages.
 
-    A gap begins when one who has priority is where the ways meet, or when who gives way is near
-    enough to decide and has passed its signal; it ends with the next who has priority.
+    A gap begins when a vehicle with priority is at the conflict, or when the yielding one is near
+    enough to decide and has passed its signal. It ends with the next vehicle with priority.
     """
     by_way: dict[tuple[str, str], list[Passage]] = defaultdict(list)
     for one in passages:
         by_way[one.lane, one.leaving].append(one)
-    met = []  # conflict, and when each of its traffic with priority is there
+    met = []  # conflict, and times of its traffic with priority
     for conflict in conflicts:
         there = [_there_s(one, conflict.place) for one in by_way[conflict.major]]
         met.append((conflict, np.array([at for at in there if at is not None])))
     found = []
     for one in passages:
-        across: list[float] = []  # when others come, after who gives way is there itself
+        across: list[float] = []  # times of other vehicles after the yielding one
         own: list[tuple[float, Conflict]] = []
         for conflict, times in met:
             if conflict.minor == (one.lane, one.leaving):
@@ -143,11 +144,11 @@ def decisions_of(
 
 
 def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
-    """Return the mean critical gap of the likeliest lognormal distribution, seconds.
+    """Return the mean critical gap of the maximum-likelihood lognormal distribution, seconds.
 
     Args:
-        decisions: (refused, taken) gaps, seconds; a refused one of 0 and a taken one that is
-            infinite are none. Decisions in which a longer gap was refused than taken are left out.
+        decisions: (rejected, accepted) gaps, seconds; a rejected one of 0 and an infinite accepted
+            one are none. Decisions with a rejected gap longer than the accepted one are excluded.
     """
     telling = [one for one in decisions if one[0] < one[1] and one != (0.0, np.inf)]
     pairs = np.array(telling, np.float64).reshape(-1, 2)
@@ -160,7 +161,7 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
         share = ndtr((high - values[0]) / values[1]) - ndtr((low - values[0]) / values[1])
         return -float(np.log(np.maximum(share, 1e-12)).sum())
 
-    # It has one minimum, but is flat far from it: the simplex needs no gradient.
+    # There is one minimum, but the function is flat far from it: the simplex needs no gradient.
     bounds = [tuple(np.log(_MEDIAN_S)), _SPREAD]
     seen = np.concatenate([low[pairs[:, 0] > 0], high[np.isfinite(high)]])
     start = (float(np.clip(seen.mean(), *bounds[0])), 0.3)
@@ -170,7 +171,7 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
 
 
 def _there_s(one: Passage, place: NDArray[np.float64]) -> float | None:
-    """Return when a vehicle was nearest to a place, seconds; ``None`` where it did not pass it."""
+    """Return when a vehicle was nearest to a point, seconds; ``None`` if it did not pass it."""
     away = np.linalg.norm(one.seen.xy - place, axis=1)
     k = int(np.argmin(away))
     if away[k] > _BESIDE_M or k in (0, len(away) - 1):

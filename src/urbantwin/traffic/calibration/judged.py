@@ -1,4 +1,4 @@
-"""A simulated hour against a recording: the part that was fitted to, and the one held out."""
+"""Comparison of a simulation with the fitted and the held-out part of a recording."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from urbantwin.twin import Twin
 
 __all__ = ["judged", "told_of"]
 
-#: Spans of a simulation that are compared with all of it, at most; and spans that begin in the same
-#: part of a cycle, about so many.
+#: Maximum number of spans of a simulation that are compared with the whole; and approximate number
+#: of spans that begin in the same part of a cycle.
 _MOST_SPANS, _MOST_CYCLES = 40, 8
 
 
@@ -38,10 +38,10 @@ def judged(
     progress: Progress,
     cycle_s: float,
 ) -> dict[str, Any]:
-    """Return how a simulation agrees with the part that was fitted to, and with the other.
+    """Return the agreement of a simulation with the fitted and the held-out part.
 
-    Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
-    short recording holds out no whole number of cycles.
+    If the cycle of the signals is known, also with spans in the same part of the cycle, since a
+    short held-out part is no whole number of cycles.
     """
     part, recorded_between, seen = recorded
     tracks = simulated_tracks(
@@ -61,7 +61,7 @@ def judged(
         found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
         found["held_out"] = agreement(other, simulated)
         if cycle_s:
-            # SUMO's clock is the signals', and starts with the warm-up.
+            # SUMO's clock, which starts with the warm-up, is that of the signals.
             first = (rest[0] - float(asked["warmup_s"])) % cycle_s
             begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
             begins = begins[:: max(1, len(begins) // _MOST_CYCLES)]  # they overlap
@@ -77,7 +77,7 @@ def judged(
 
 
 def told_of(part: Measured) -> dict[str, Any]:
-    """Return what of a measurement stands in ``calibration.json``."""
+    """Return the entries of a measurement in ``calibration.json``."""
     speeds = np.concatenate(part.speeds) if part.speeds else np.zeros(0)
     return {
         "seconds": round(part.seconds, 3),

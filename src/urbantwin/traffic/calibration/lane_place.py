@@ -1,4 +1,4 @@
-"""Where in a lane bicycles ride: at its side, where cars pass them, or so that cars stay behind."""
+"""Lateral position of bicycles in a lane, which determines whether cars can overtake."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.traffic.paths.lane_below import LanesBelow
 
 __all__ = ["lane_offset"]
 
-#: Who is slower, m/s, is about to stop or sets out; places are told of so many.
+#: Speed, m/s, below which a bicycle is about to stop or start; least number of bicycles.
 _RIDES_MS, _FEWEST = 2.0, 10
 _MOMENTS = 10
 
@@ -21,15 +21,15 @@ _MOMENTS = 10
 def lane_offset(
     tracks: Sequence[SeenTrack], roads: RoadNetwork, until_s: float
 ) -> tuple[float | None, int]:
-    """Return how far from a lane's middle bicycles ride, metres, and of how many.
+    """Return the lateral offset of bicycles from a lane's middle, metres, and their number.
 
-    Towards the middle of the street; towards the kerb below 0, whichever side is driven on. The
-    median of their medians, on lanes that they share with cars; ``None`` of fewer than ten.
+    Positive towards the middle of the street, negative towards the kerb, for either driving side.
+    The median of their medians on lanes shared with cars; ``None`` for fewer than ten.
 
     Args:
-        tracks: everybody.
+        tracks: all tracks.
         roads: the lanes.
-        until_s: who came until then counts, seconds.
+        until_s: only tracks that begin before this time count, seconds.
     """
     below = LanesBelow(roads)
     inwards = -1.0 if roads.driving_side == "left" else 1.0

@@ -1,4 +1,4 @@
-"""By which lanes of an approach those leave it who go the same way, where there are several."""
+"""Use of an approach's lanes by vehicles of the same movement."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from urbantwin.traffic.calibration.passages import JunctionLinks
 __all__ = ["FEWEST", "LaneUse", "shrunk"]
 
 _Way = tuple[str, str]
-#: Ways that fewer vehicles took tell nothing of their lanes.
+#: Least number of vehicles of a movement.
 FEWEST = 20
-#: What is recorded of so many vehicles counts as much as what is usual.
+#: Number of recorded vehicles with the same weight as the usual shares.
 _AS_MANY = 20
 
 
 def shrunk(recorded: float, usual: float, count: int) -> float:
-    """Return a value between a recorded one and the usual: n / (n + 20) of the way."""
+    """Return a recorded value shrunk towards the usual one, with the weight n / (n + 20)."""
     return usual + count / (count + _AS_MANY) * (recorded - usual)
 
 
 class LaneUse:
-    """Shares of the lanes by way: so many are led to a lane that as many pass as are wanted.
+    """Shares of the lanes by movement, requested so that the wanted shares result.
 
-    What is wanted lies between what was recorded and what drivers do who are not led, which the
-    first simulation tells. The others tell how many of those who are led do not come to their lane.
+    The wanted shares lie between the recorded ones and those of a simulation without requests, the
+    first one. Later simulations show how many vehicles do not reach their requested lane.
 
     Args:
-        recorded: what is fitted to.
-        links: the ways over the junction.
+        recorded: the measurement that is fitted to.
+        links: the movements over the junction.
     """
 
     def __init__(self, recorded: Measured, links: JunctionLinks) -> None:
@@ -49,7 +49,7 @@ class LaneUse:
         self._shown: dict[_Way, dict[str, int]] = {}
 
     def learn(self, simulated: Measured) -> None:
-        """Find by a simulation with `rows` what to ask for next."""
+        """Update the requested shares by a simulation with `rows`."""
         for way, used in self.recorded.items():
             every = simulated.lane_use.get(way, {})
             shown = {lane: every.get(lane, 0) for lane in used}
@@ -71,7 +71,7 @@ class LaneUse:
             self._asked[way] = {lane: one / sum(asked.values()) for lane, one in asked.items()}
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
-        """Return by road ``lanes`` of ``traffic.approaches``."""
+        """Return ``lanes`` of ``traffic.approaches`` by road."""
         found: dict[str, list[dict[str, Any]]] = defaultdict(list)
         for (approach, leaving), asked in self._asked.items():
             shares = {lane: round(one, 3) for lane, one in asked.items() if round(one, 3) > 0}
@@ -79,7 +79,7 @@ class LaneUse:
         return dict(found)
 
     def told(self) -> list[dict[str, Any]]:
-        """Return by way who took which lane: recorded, simulated first, and led."""
+        """Return the lane use of each movement: recorded, simulated without and with requests."""
         return [
             {
                 "approach": way[0],
@@ -93,7 +93,7 @@ class LaneUse:
 
 
 def approach_rows(lanes: LaneUse, headways: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return ``traffic.approaches``: of each road its headway of queues and its lanes."""
+    """Return ``traffic.approaches``: the queue headway and lanes of each road."""
     rows = lanes.rows()
     return [
         {

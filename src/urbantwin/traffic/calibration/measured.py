@@ -1,4 +1,4 @@
-"""What is measured of traffic, recorded and simulated alike."""
+"""Measurements of traffic, the same for recorded and simulated tracks."""
 
 from __future__ import annotations
 
@@ -34,49 +34,49 @@ from urbantwin.traffic.calibration.turns_taken import turns_taken
 
 __all__ = ["Measured", "joined", "measured"]
 
-#: Speeds are taken each so many metres of the way, so that those who wait do not outweigh others.
+#: Spacing of speed samples along the path, metres, so that waiting vehicles get no extra weight.
 _EVERY_M = 2.0
-#: Longer headways tell how many come, not how they follow, seconds.
+#: Longer headways do not describe following, seconds.
 _FOLLOWING_S = 15.0
-#: Tops are told of who was seen for so long a way, metres.
+#: Least length of a path for top speeds, metres.
 _WAY_M = 20.0
 _LEAST_GAP_M, _MOST_GAP_M = 0.3, 8.0
-#: Who follows is not slower than this, m/s, as fast as who is ahead to within this, m/s, and not
-#: so far behind, seconds.
+#: Least speed of a follower, m/s, largest difference to the leader's speed, m/s, and longest time
+#: gap, seconds.
 _FOLLOWS_MS, _AS_FAST_MS, _FOLLOWS_S = 3.0, 1.5, 4.0
 _SAME_MOMENT_S = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Traffic in numbers.
+    """Statistics of traffic.
 
     Attributes:
-        seconds: for how long it was seen.
-        classes: class -> how many were seen.
-        new: class -> how many came meanwhile: were not there at the beginning.
-        turns: (approach, exit) -> how many passed.
-        speeds: every two metres of each motor vehicle's way, m/s, vehicle by vehicle.
-        headways: lane -> times between those who passed its end, seconds.
-        gaps: between those who stand behind each other, metres, pair by pair.
-        following: times from who is ahead to who follows at about the same speed, from bumper to
-            bumper, seconds, pair by pair.
-        driving: of them, of those who have not stood since they came into view.
-        discharge: approach -> times between those who leave a queue at the stop line one after the
-            other, trucks and buses left out, seconds.
-        accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle; trucks and buses
-            left out.
+        seconds: observed duration.
+        classes: class -> number of tracks.
+        new: class -> number of tracks that begin during the observation.
+        turns: (approach, exit) -> number of passages.
+        speeds: speeds every two metres of each motor vehicle's path, m/s, by vehicle.
+        headways: lane -> times between vehicles that pass its end, seconds.
+        gaps: gaps between standing vehicles, metres, one per pair.
+        following: time gaps, bumper to bumper, of followers at about the leader's speed, seconds,
+            one per pair.
+        driving: the same, of followers that have not stood since the begin of their track.
+        discharge: approach -> times between consecutive vehicles that leave a queue at the stop
+            line, without trucks and buses, seconds.
+        accelerations: from 1 to 5 m/s after standing, m/s2, one per vehicle, without trucks and
+            buses.
         faded: from 6 to 9 m/s, m/s2, the same.
-        leading: as ``accelerations``, of those alone who were the first of a queue.
+        leading: as ``accelerations``, of the first vehicles of queues.
         heavy_accelerations: of trucks and buses, as ``accelerations``.
         heavy_faded: of trucks and buses, as ``faded``.
-        free: exit -> speeds as shares of the limit, of those who leave by it with nobody close
-            ahead.
-        tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
-        bends: (approach, exit) -> accelerations to the side in turns, m/s2, one a vehicle.
+        free: exit -> speeds, as shares of the limit, of leaving vehicles without one close ahead.
+        tops: 90 % quantile of each vehicle's speed along its path, as a share of the road's limit.
+        bends: (approach, exit) -> lateral accelerations in turns, m/s2, one per vehicle.
         turning: (approach, exit) -> speeds in the same turns, m/s.
-        lane_use: (approach, exit) -> lane of the approach -> how many entered the junction from it.
-        gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
+        lane_use: (approach, exit) -> lane of the approach -> number of vehicles that entered the
+            junction from it.
+        gap_choices: (longest rejected, accepted) gaps of yielding vehicles, seconds.
     """
 
     seconds: float
@@ -103,23 +103,23 @@ class Measured:
 
     @property
     def all_headways(self) -> NDArray[np.float64]:
-        """Headways of all lanes up to 15 s: how one follows another."""
+        """Headways of all lanes up to 15 s."""
         every = np.array([one for found in self.headways.values() for one in found])
         return every[every <= _FOLLOWING_S]
 
     @property
     def all_free(self) -> list[float]:
-        """Speeds of those with nobody close ahead, of all exits."""
+        """Free-flow speeds of all exits, as shares of the limit."""
         return [one for _, found in sorted(self.free.items()) for one in found]
 
     @property
     def all_discharge(self) -> list[float]:
-        """Times between those who leave a queue, of all approaches."""
+        """Discharge headways of all approaches, seconds."""
         return [one for _, found in sorted(self.discharge.items()) for one in found]
 
 
 def joined(parts: Sequence[Measured]) -> Measured:
-    """Return what was measured in several spans of time as one measurement."""
+    """Return the measurements of several spans as one."""
 
     def added(name: str) -> dict[Any, int]:
         return dict(sum((Counter(getattr(one, name)) for one in parts), Counter()))
@@ -160,15 +160,15 @@ def measured(
     *,
     decisions: Sequence[Decision] = (),
 ) -> Measured:
-    """Measure the traffic between two moments, seconds.
+    """Measure the traffic between two times, seconds.
 
     Args:
-        tracks: who was there.
-        passages: of them, who passed the junction.
+        tracks: all tracks.
+        passages: passages over the junction.
         roads: the lanes.
-        begin_s: the first moment.
-        end_s: the last one.
-        decisions: of those who gave way; those whose gap says nothing are left out.
+        begin_s: begin of the span.
+        end_s: end of the span.
+        decisions: decisions of yielding vehicles; those without information are excluded.
     """
     there = [one for one in tracks if one.time_s[-1] >= begin_s and one.time_s[0] < end_s]
     new = [one for one in there if one.time_s[0] > max(begin_s, 0.5)]
@@ -235,7 +235,7 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
         return np.zeros(0)
     speed = np.abs(one.speed[here])
     steps = np.linalg.norm(np.diff(one.xy[here], axis=0), axis=1)
-    # Errors of a tracker let those who stand wander, metres in a minute: that is no way.
+    # Tracker noise lets standing vehicles drift by metres per minute, which is no travel.
     steps[np.minimum(speed[1:], speed[:-1]) <= STANDS_MS] = 0.0
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     moves = np.concatenate([[True], steps > 0])
@@ -244,7 +244,7 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
 
 
 def _top(one: Passage, limits: dict[str, float], begin_s: float, end_s: float) -> float | None:
-    """Return the speed that nine tenths of the way stay below, as a share of the road's limit."""
+    """Return the 90 % quantile of the speed along the path, as a share of the road's limit."""
     limit = limits.get(one.leaving) or limits.get(one.approach)
     speeds = _speeds(one.seen, begin_s, end_s)
     if limit is None or len(speeds) < _WAY_M / _EVERY_M:
@@ -255,12 +255,12 @@ def _top(one: Passage, limits: dict[str, float], begin_s: float, end_s: float) -
 def _gaps(
     passages: Sequence[Passage], begin_s: float, end_s: float
 ) -> tuple[list[float], list[float], list[float]]:
-    """Return what pairs who are behind each other on a lane keep, pair by pair.
+    """Return the gaps of pairs behind each other on a lane, one value per pair.
 
     Returns:
-        Median gaps of those who stand, metres; of those who follow at about the same speed,
-        median times until the follower is where the other's rear is, seconds; and the same of
-        those who have not stood yet.
+        Median gaps of standing pairs, metres; of pairs at about the same speed, median times until
+            the follower reaches the leader's rear, seconds; and the same of followers that have not
+            stood yet.
     """
     there: dict[tuple[float, str], list[tuple[Passage, int]]] = defaultdict(list)
     for one in passages:
@@ -301,7 +301,7 @@ def _medians(of_pairs: dict[tuple[str, str], list[float]]) -> list[float]:
 
 
 def _first_stood(seen: SeenTrack) -> float:
-    """Return when a vehicle stood first, seconds; after all time if never."""
+    """Return when a vehicle first stood, seconds; infinite if never."""
     settled = seen.time_s >= seen.time_s[0] + SETTLES_S
     stood = np.flatnonzero(settled & (np.abs(seen.speed) < STANDS_MS))
     return float(seen.time_s[stood[0]]) if len(stood) else np.inf

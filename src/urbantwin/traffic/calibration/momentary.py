@@ -1,4 +1,4 @@
-"""Calibrating a site's demand to what was observed in seconds or minutes of frames."""
+"""Calibration of a site's demand to an observation of seconds or minutes."""
 
 from __future__ import annotations
 
@@ -36,38 +36,38 @@ from urbantwin.traffic.observed import FrameTimes, ObservedTracks, read_observat
 
 __all__ = ["calibrate_observation"]
 
-#: So many simulations, which last so long, seconds, correct flows; that most like the recording
-#: is told of.
+#: Number and duration, seconds, of the simulations that correct the flows; the one most like the
+#: recording is used.
 _ROUNDS, _TRIAL_S = 8, 300.0
-#: Flows are told by arm where so much of the simulated motor traffic passes one: elsewhere nobody
-#: would drive; and where so many are on the arms in the recording: of fewer chance decides by which
-#: they come.
+#: Flows are given by arm if at least this share of the simulated motor traffic passes an arm, since
+#: otherwise the rest would be lost; and if at least this many vehicles are on the arms in the
+#: recording, since fewer would leave the distribution to chance.
 _BY_ARMS, _ON_ARMS = 0.9, 5.0
-#: Farther from every sensor fewer are seen than are there, metres.
+#: Maximum distance from a sensor at which nearly all actors are seen, metres.
 _REACH_M = 40.0
-#: Classes that a demand states: none of those that were not observed.
+#: Classes of a demand; those not observed get none.
 _TOLD = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
-#: What lies within this of the outermost that was seen is seen in part only, metres.
+#: Margin along the border of the observed area that is only partly seen, metres.
 _EDGE_M = 2.0
 
 
 def calibrate_observation(
     observed: Path, site: Path, out: Path, *, seed: int = 1, progress: Progress = untold
 ) -> dict[str, Any]:
-    """Write the demand with which as many are present as were observed.
+    """Write the demand for which as many actors are present as were observed.
 
     Args:
-        observed: folder that ``urbantwin traffic observe --twin`` wrote.
+        observed: folder written by ``urbantwin traffic observe --twin``.
         site: the ``site.yaml``.
         out: the folder to write: ``traffic.yaml`` for ``urbantwin drive --demand``, ``site.yaml``
             with this traffic, ``calibration.json``.
-        seed: of the simulations.
+        seed: random seed of the simulations.
         progress: called with the fraction done and what is being done.
 
     Returns:
-        The content of ``calibration.json``. ``standard_error`` is by how much spans of the last
-        simulation differ that last as long as the recording: of chance, and of where signals were
-        in their cycle.
+        The content of ``calibration.json``. ``standard_error`` is the spread among spans of the
+            last simulation that are as long as the recording, because of chance and of the phase of
+            the signals.
 
     Raises:
         InputError: the observation or the site cannot be used.
@@ -107,7 +107,8 @@ def calibrate_observation(
             moments = sampled(found, trial_s)
             present = presence_of(moments, trial_s, area, arms)
             off = misfit(recorded, present)
-            # The first tells whether arms are told by counts, and is the last if they are not.
+            # The first round decides whether counts by arm are used, and is the result if they are
+            # not.
             if best is None or (of_arms and not best.arms) or off < best.off:
                 passed = passed_per_hour(found, area, _TRIAL_S)
                 best = _Trial(flows, of_arms, present, passed, off, moments)
@@ -119,7 +120,7 @@ def calibrate_observation(
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
             limit = np.inf if of_arms else passed_per_hour(found, area, _TRIAL_S)
             flows = _rounded(corrected(flows, recorded, present, limit))
-            if of_arms:  # by class they share out what comes by the arms
+            if of_arms:  # classes share the flows of the arms
                 more = sum(of_arms.values()) / sum(q for name, q in flows.items() if name in MOTORS)
                 flows = _rounded({k: q * (more if k in MOTORS else 1) for k, q in flows.items()})
         assert best is not None
@@ -153,7 +154,7 @@ def calibrate_observation(
 
 
 def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
-    """Return where the recording saw nearly all who were there."""
+    """Return the area in which nearly all actors were seen."""
     area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
     if len(tracks.sensors):
         area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
@@ -161,7 +162,7 @@ def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
 
 
 def _spans_s(times: FrameTimes) -> list[float]:
-    """Return how long each look without a gap lasts, seconds: as many steps as frames."""
+    """Return the duration of each span without a gap, seconds: as many steps as frames."""
     group, at = times.group(), times.time_s
     near = np.diff(at)[~times.gap]
     step = float(np.median(near)) if len(near) else 1.0
@@ -170,15 +171,15 @@ def _spans_s(times: FrameTimes) -> list[float]:
 
 @dataclass(frozen=True)
 class _Trial:
-    """Flows by class and by arm, who was present in a simulation of them, how unlike what was seen.
+    """Flows of a simulation, and its presence and deviation from the observation.
 
     Attributes:
         flows: by class, per hour.
-        arms: motor vehicles by arm, per hour; empty: they come by any.
-        present: in the simulation.
+        arms: motor vehicles by arm, per hour; empty: by any arm.
+        present: presence in the simulation.
         passed: motor vehicles per hour that passed in it.
-        off: its misfit.
-        moments: of it.
+        off: its deviation.
+        moments: sampled tracks of it.
     """
 
     flows: dict[str, float]
@@ -204,8 +205,8 @@ def _told(
     last: Presence,
     spans_s: list[float],
 ) -> list[dict[str, Any]]:
-    """Return a row of each class and arm: flow, standard error, present here and there."""
-    # Looks with gaps between them are taken for independent ones.
+    """Return an entry for each class and arm: flow, standard error, and presence in both."""
+    # Spans separated by gaps are treated as independent.
     looks = len(spans_s)
     spread = last.spread(max(1, round(sum(spans_s) / looks)))
     rows: list[dict[str, Any]] = []

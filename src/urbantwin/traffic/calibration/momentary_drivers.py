@@ -1,7 +1,7 @@
-"""How those who were seen for moments stand and drive, and how tall they are.
+"""Gaps, speeds and heights from short observations.
 
-A simulation is looked at in the same way, and what the two differ by moves what its drivers do.
-Only what differs by more than chance is told.
+A simulation is sampled in the same way, and the difference of both corrects its drivers. Only
+significant differences are used.
 """
 
 from __future__ import annotations
@@ -21,29 +21,31 @@ from urbantwin.traffic.observed import ObservedTracks
 
 __all__ = ["momentary_drivers"]
 
-#: Who is less far aside, metres, and heads the same way, radians, is on the same lane.
+#: Lateral distance, metres, and difference in heading, radians, within which vehicles are on the
+#: same lane.
 _ASIDE_M, _ALIKE = 1.3, 0.4
-#: Who stands so far ahead is not who one stands behind, metres.
+#: Maximum gap of standing vehicles that count as a pair, metres.
 _MOST_GAP_M = 6.0
-#: Nobody holds up who drives so fast, m/s, with nobody so far ahead, metres, and so long, seconds.
+#: Least speed, m/s, distance ahead, metres, and time gap, seconds, of a freely driving vehicle.
 _DRIVES_MS, _FREE_M, _FREE_S = 4.0, 25.0, 3.0
-#: So many pairs, vehicles or people tell a median; and a spread, pairs.
+#: Least number of values of a median, and of a spread.
 _LEAST, _LEAST_SPREAD = 10, 20
-#: Told if off by so many standard errors; and by a share larger than what heights are seen with: of
-#: our own recordings people and bicycles are seen up to 4 % taller than they are.
+#: Significance in standard errors; and relative error of observed heights: in recordings made by
+#: this project people and bicycles appear up to 4 % taller than they are.
 _SURE, _SEEN = 2.0, 0.05
-#: Speeds are seen 0.13 too low where who is ahead is not seen (Taipei, our own recording), and add
-#: such a share of themselves to the error.
+#: Relative error of speeds, which is added to the standard error: they are 0.13 too low if the
+#: vehicle ahead is not seen (Taipei, a recording made by this project).
 _SPEED_SEEN = 0.13
-#: Spans of a simulation tell what chance does if there are so many, each with so many of them.
+#: Least number of spans of a simulation for an estimate of random differences, and of values in
+#: each.
 _SPANS, _OF_A_SPAN = 3, 5
-#: Gaps between completed boxes are off by so much, metres, standard deviation.
+#: Standard deviation of the error of gaps between completed boxes, metres.
 _GAP_NOISE_M = 0.25
-#: Classes whose heights are as they were seen; lengths and widths are the usual ones in part.
+#: Classes with fully observed heights; lengths and widths are partly usual values.
 _STATURES = ("pedestrian", "bicycle", "car")
-#: Classes that stand and drive alike: what is found of them together holds for each.
+#: Classes with the same driver parameters, which are evaluated together.
 _ALIKE_CLASSES = ("car", "van")
-#: Desired speeds and gaps are not told beyond these.
+#: Limits of desired speed factors, and of gaps, metres.
 _SPEEDS, _GAPS_M = (0.5, 1.5), (0.8, 6.0)
 
 
@@ -51,10 +53,11 @@ class _Figure(NamedTuple):
     """A median, recorded and simulated.
 
     Attributes:
-        recorded: the median of ``number`` values, which have the standard deviation ``spread``.
-        simulated: the median of all values of the simulation.
-        error: the standard error of their difference.
-        number, spread: see above.
+        recorded: median of ``number`` values with the standard deviation ``spread``.
+        simulated: median of all values of the simulation.
+        error: standard error of their difference.
+        number: see above.
+        spread: see above.
     """
 
     recorded: float
@@ -64,11 +67,11 @@ class _Figure(NamedTuple):
     spread: float
 
     def differs_beside(self, error: float = 0.0) -> bool:
-        """Return whether the two differ by more than chance, and another error beside it."""
+        """Return whether the difference is significant, given a further error."""
         return abs(self.recorded - self.simulated) > _SURE * float(np.hypot(self.error, error))
 
     def row(self, what: str) -> dict[str, Any]:
-        """Return it as a row of ``calibration.json``."""
+        """Return the entry of ``calibration.json``."""
         told = {one: round(getattr(self, one), 3) for one in ("recorded", "simulated", "error")}
         return {"what": what, **told, "count": self.number}
 
@@ -80,18 +83,19 @@ def momentary_drivers(
     area: shapely.Geometry,
     site: Mapping[str, Any],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return what of a site's ``traffic`` makes who is simulated stand, drive and be as was seen.
+    """Return fields of a site's ``traffic`` that match gaps, speeds and heights observed.
 
     Args:
-        recorded: what was observed.
-        simulated: moments of a simulation of the site.
-        moments: how many the recording has: spans of as many in the simulation differ by chance.
-        area: what is seen well.
-        site: ``traffic`` of the site that was simulated.
+        recorded: the observation.
+        simulated: sampled tracks of a simulation of the site.
+        moments: number of frames of the observation; spans with as many in the simulation give the
+            random differences.
+        area: area in which nearly all actors are seen.
+        site: ``traffic`` of the simulated site.
 
     Returns:
-        ``drivers`` and ``size`` of ``traffic``, where they change; and a row of each thing that was
-        looked at: both medians, the standard error, and how many there are of each.
+        ``drivers`` and ``size`` of ``traffic``, if they change; and an entry for each statistic:
+            both medians, the standard error, and the number of values.
     """
     here = _within(recorded, area)
     spans = _spans(_within(simulated, area), moments)
@@ -136,7 +140,7 @@ def momentary_drivers(
 
 
 def _spans(of: ObservedTracks, moments: int) -> list[ObservedTracks]:
-    """Return parts of so many moments one after the other."""
+    """Return consecutive parts with ``moments`` times each."""
     times = np.unique(of.time_s)
     cuts = times[:: max(moments, 1)]
     part = np.searchsorted(cuts, of.time_s, side="right")
@@ -148,7 +152,7 @@ def _within(of: ObservedTracks, area: shapely.Geometry) -> ObservedTracks:
 
 
 def _standing_gaps(of: ObservedTracks) -> list[float]:
-    """Return the gaps between cars and vans that stand behind each other, pair by pair, metres."""
+    """Return the gaps between cars and vans standing behind each other, by pair, metres."""
     found: dict[tuple[int, int], list[float]] = defaultdict(list)
     for behind, ahead, gap in _pairs(of, of.stands & np.isin(of.actor_class, MOTORS)):
         if 0 < gap < _MOST_GAP_M and of.actor_class[behind] in _ALIKE_CLASSES:
@@ -157,7 +161,7 @@ def _standing_gaps(of: ObservedTracks) -> list[float]:
 
 
 def _free_speeds(of: ObservedTracks) -> list[float]:
-    """Return how fast cars and vans drive whom nobody holds up, track by track, m/s."""
+    """Return the speeds of cars and vans without one close ahead, by track, m/s."""
     known = np.isfinite(of.speed) & (of.speed > _DRIVES_MS)
     free = known & np.isin(of.actor_class, _ALIKE_CLASSES)
     for behind, _, gap in _pairs(of, of.actor_class != "pedestrian"):
@@ -169,7 +173,7 @@ def _free_speeds(of: ObservedTracks) -> list[float]:
 
 
 def _heights(of: ObservedTracks, actor_class: str) -> list[float]:
-    """Return how tall those of a class are, track by track, metres."""
+    """Return the heights of a class, by track, metres."""
     mine = of.only(of.actor_class == actor_class)
     _, first = np.unique(mine.track, return_index=True)
     heights = mine.size[first, 2]
@@ -177,7 +181,7 @@ def _heights(of: ObservedTracks, actor_class: str) -> list[float]:
 
 
 def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, int, float]]:
-    """Give who is next ahead of whom on one lane at one moment, and the gap between, metres."""
+    """Yield follower, next vehicle ahead on the same lane at the same time, and gap, metres."""
     chosen = np.flatnonzero(rows)
     for moment in np.unique(of.time_s[chosen]):
         here = chosen[of.time_s[chosen] == moment]
@@ -195,10 +199,10 @@ def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, i
 
 
 def _figure(here: list[float], spans: list[list[float]]) -> _Figure | None:
-    """Return medians of what was recorded and of what is simulated; ``None`` of too few.
+    """Return medians of recording and simulation; ``None`` for too few values.
 
-    What is seen in seconds is of one moment of the signals, and of few drivers: by how much spans
-    of the simulation differ is added to the error of the median.
+    A short observation covers one phase of the signals and few drivers: the spread among spans of
+    the simulation is included in the standard error.
     """
     there = [float(np.median(one)) for one in spans if len(one) >= _OF_A_SPAN]
     if len(here) < _LEAST or len(there) < _SPANS:

@@ -1,4 +1,4 @@
-"""Traffic measured on a twin: who passed its main junction, and what it shows."""
+"""Measurement of traffic on a twin: passages over its main junction, and statistics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["measuring", "passed"]
 
 
 def passed(twin: Twin, tracks: list[SeenTrack]) -> tuple[JunctionLinks, list[Passage]]:
-    """Return the ways over a twin's main junction, and the tracks that passed it."""
+    """Return the movements over a twin's main junction, and the passages of tracks over it."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
     return links, passages_of(tracks, twin.roads, links)
 
@@ -27,6 +27,6 @@ def passed(twin: Twin, tracks: list[SeenTrack]) -> tuple[JunctionLinks, list[Pas
 def measuring(
     twin: Twin, tracks: list[SeenTrack], links: JunctionLinks, passages: list[Passage]
 ) -> Callable[[float, float], Measured]:
-    """Return what measures tracks between two moments, seconds."""
+    """Return a function that measures tracks between two times, seconds."""
     choices = decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
     return partial(measured, tracks, passages, twin.roads, decisions=choices)

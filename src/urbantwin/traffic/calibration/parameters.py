@@ -1,4 +1,4 @@
-"""What a site's traffic is told of a recording: flows, turns, sizes."""
+"""Flows, turns and sizes of a site's traffic from a recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["count_rows", "traffic_of"]
 
 _QUARTER_S = 900.0
 _FEWEST = 5
-#: Volumes that differ so by chance in fewer cases are not the same.
+#: p-value below which volumes are taken to differ.
 _CHANCE = 0.01
 _SIZE = (0.5, 2.0)
 _SAME_M = 0.01
@@ -30,14 +30,14 @@ def traffic_of(
     begin_s: float,
     elsewhere: CountedElsewhere | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return fields of ``traffic:`` and what could not be told.
+    """Return fields of ``traffic:`` and notes on what could not be derived.
 
     Args:
-        part: what was measured of the part of the recording that is fitted to.
-        passages: of the whole recording.
-        sizes: class -> (N, 3) sizes of its tracks, nan where nothing was told.
-        begin_s: when the part begins, seconds.
-        elsewhere: who was counted beside the main junction, in the whole recording.
+        part: measurement of the part of the recording that is fitted to.
+        passages: passages of the whole recording.
+        sizes: class -> (N, 3) sizes of its tracks, nan for unknown.
+        begin_s: begin of the part, seconds.
+        elsewhere: counts beyond the main junction, in the whole recording.
     """
     untold: list[str] = []
     hours = part.seconds / 3600
@@ -64,17 +64,17 @@ def count_rows(
     elsewhere: CountedElsewhere | None,
     classes: Collection[str] = MOTORS,
 ) -> list[dict[str, Any]]:
-    """Return rows of counts: way by way and class by class, by quarter of an hour.
+    """Return rows of counts by movement and class, by quarter of an hour.
 
-    Where is counted elsewhere, too, rows say also of which class nobody came: volumes of ways are
-    fitted to all rows, and would be shared out to where none is.
+    If there are counts elsewhere, rows of 0 are included for classes without traffic: volumes of
+    routes are fitted to all rows, and would be assigned to places without one.
 
     Args:
-        turns: (approach, exit) of the main junction that somebody took.
-        passages: of the whole recording.
-        span: when the part that is counted begins, and how long it lasts, seconds.
-        elsewhere: who was counted beside the main junction, in the whole recording.
-        classes: who is counted.
+        turns: used (approach, exit) of the main junction.
+        passages: passages of the whole recording.
+        span: begin and duration of the part that is counted, seconds.
+        elsewhere: counts beyond the main junction, in the whole recording.
+        classes: classes to count.
     """
     begin_s, seconds = span
     end_s = begin_s + seconds
@@ -116,19 +116,19 @@ def count_rows(
 
 
 def _times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:
-    """Return when each passed the stop line, or was seen first, seconds."""
+    """Return the times of passing the stop line, or of first sight, seconds."""
     return np.array([np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]) for one in passages])
 
 
 def _edges(begin_s: float, seconds: float) -> np.ndarray[Any, Any]:
-    """Return when the whole quarters of an hour begin and end, seconds."""
+    """Return the limits of the whole quarters of an hour, seconds."""
     return begin_s + _QUARTER_S * np.arange(int(seconds // _QUARTER_S) + 1)
 
 
 def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool:
-    """Return whether volumes of quarters of an hour differ by more than chance.
+    """Return whether volumes of quarters of an hour differ significantly.
 
-    Else one volume for all the time is known better: Pearson's test, approach by approach.
+    Otherwise one volume for the whole time is more accurate: Pearson's test, approach by approach.
     """
     edges = _edges(begin_s, seconds)
     if len(edges) < 3:
@@ -147,7 +147,7 @@ def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool
 
 
 def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
-    """Return factors of the catalogue's sizes by the medians of a class, or why there are none."""
+    """Return size factors by the medians of a class, or the reason why there are none."""
     usual = np.array(
         [[asset(x).length, asset(x).width, asset(x).height] for x in asset_names(name)]
     )

@@ -1,4 +1,4 @@
-"""Passages: who came over which approach, left by which exit, and when it passed the stop line."""
+"""Passages over the junction: approach, exit, and time at the stop line."""
 
 from __future__ import annotations
 
@@ -29,25 +29,26 @@ __all__ = [
     "passages_of",
 ]
 
-#: Who is on a way to the junction for fewer moments has not come back: paths lie across lanes.
+#: Least number of samples on a road to the junction for a further passage: paths may cut across
+#: lanes.
 _COMES = 3
-_FIRST, _SLOWEST_MS = 10, 3.0  # moments, and a speed, to tell what was before a track
+_FIRST, _SLOWEST_MS = 10, 3.0  # samples, and least speed, for extrapolation to before a track
 #: Classes whose passages are counted.
 MOTORS = ("car", "van", "truck", "bus", "motorcycle")
-#: Of them, those that set out slowly.
+#: Those of them that accelerate slowly.
 HEAVY = ("truck", "bus")
-#: Who is slower stands, m/s.
+#: Speed below which a vehicle stands, m/s.
 STANDS_MS = 0.5
-#: Trackers take so long to settle on a new track, seconds.
+#: Time that trackers need to settle on a new track, seconds.
 SETTLES_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class SeenTrack:
-    """A track with its velocity, resampled.
+    """A track with its speed, resampled.
 
     Attributes:
-        track: as it was recorded, or simulated.
+        track: the recorded or simulated track.
         time_s: (N,) seconds.
         xy: (N, 2) metres.
         yaw: (N,) rad.
@@ -61,23 +62,23 @@ class SeenTrack:
     speed: NDArray[np.float64]
 
     def part(self, rows: slice) -> SeenTrack:
-        """Return a part of it, of the same track."""
+        """Return a part of the same track."""
         columns = (self.time_s, self.xy, self.yaw, self.speed)
         return SeenTrack(self.track, *(one[rows] for one in columns))
 
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """One vehicle's way over the junction; what was not seen of it is empty, or nan.
+    """A vehicle's passage over the junction; what was not observed is empty, or nan.
 
     Attributes:
-        seen: the vehicle.
-        lanes: (N,) the lane below it, moment by moment.
-        approach: road that it came by.
+        seen: the vehicle's track.
+        lanes: (N,) the lane below each sample.
+        approach: road that it came from.
         leaving: road that it left by.
         lane: lane of the approach from which it entered the junction.
-        passed_s: when its middle did, seconds; of one first seen behind the stop line, when it did
-            by the speed that it was seen with.
+        passed_s: time at which its centre passed the stop line, seconds; extrapolated by its speed
+            if it was first seen beyond.
     """
 
     seen: SeenTrack
@@ -90,16 +91,15 @@ class Passage:
 
 @dataclass(frozen=True)
 class JunctionLinks:
-    """The ways over the main junction, from SUMO's network.
+    """The movements over the main junction, from SUMO's network.
 
     Attributes:
         junction: its id.
         ways: lane within -> (lane before, road after).
-        links: (lane before, road after) -> numbers of the signal's links.
-        signals: what its signals control; ``None`` without any.
+        links: (lane before, road after) -> indices of the signal's links.
+        signals: the movements that its signals control; ``None`` without signals.
         green: (phases, links) which links are green in the phases of its program; (0, 0) without.
-        beside: the same as ``links``, of ways that its program controls at other junctions: several
-            that are near each other often have one program.
+        beside: as ``links``, of movements at adjacent junctions with the same program.
     """
 
     junction: str
@@ -129,7 +129,7 @@ class JunctionLinks:
             if item.get("tl"):
                 program = item.get("tl")
                 links[way].append(int(item.get("linkIndex")))
-        # A way over a large junction is of several lanes.
+        # A movement over a large junction has several lanes.
         for first, way in list(ways.items()):
             lane = first
             while (lane := follow.get(lane, "")) and lane not in ways:
@@ -148,7 +148,7 @@ class JunctionLinks:
         return cls(junction, ways, found, signals, _green(root, program), others)
 
     def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
-        """Return whether two ways are ever green at the same time; without signals they are."""
+        """Return whether two movements are ever green at once; always true without signals."""
         first, second = self.links.get(one, ()), self.links.get(other, ())
         if not first or not second:
             return True
@@ -177,7 +177,7 @@ def passages_of(
 ) -> list[Passage]:
     """Return the passages of some classes over the main junction, in the order of the tracks.
 
-    Who comes back and passes it again has a passage for each time, each with its part of the track.
+    A vehicle that returns has a passage for each time, with the respective part of its track.
     """
     below = LanesBelow(roads)
     road_of = {lane: road for road in roads.roads for lane in road.lanes}
@@ -186,7 +186,7 @@ def passages_of(
         name = whole.track.actor_class
         if name not in classes:
             continue
-        # What stands on the map as lanes for cars serves all motor traffic.
+        # Lanes for cars on the map serve all motor traffic.
         every = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
         found += [
             _passage(whole.part(part), every[part], roads, road_of, links)
@@ -196,7 +196,7 @@ def passages_of(
 
 
 def _rounds(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str) -> list[slice]:
-    """Return the parts of a track: each begins where it comes to a junction that it had left."""
+    """Return the parts of a track, split where it returns to a junction that it had left."""
     comes = np.array([_to(road_of, one) == junction for one in lanes])
     leaves = np.array([_from(road_of, one) == junction for one in lanes])
     told = np.flatnonzero(comes | leaves)
@@ -216,7 +216,7 @@ def _passage(
     road_of: dict[str, Road],
     links: JunctionLinks,
 ) -> Passage | None:
-    """Return the passage of a track that passes the main junction once, or of which it is seen."""
+    """Return the passage of a track over the main junction; ``None`` if it is not on it."""
     came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
     approach = lane = leaving = ""
     passed = np.nan
@@ -241,7 +241,7 @@ def _passage(
 
 
 def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
-    """Return when a vehicle passed a stop line, between its last moment before and the next."""
+    """Return when a vehicle passed a stop line, between its last sample before and the next."""
     away = float(np.linalg.norm(seen.xy[last] - end))
     step = float(np.linalg.norm(seen.xy[last + 1] - seen.xy[last]))
     share = min(away / step, 1.0) if step > 0 else 1.0
@@ -249,7 +249,7 @@ def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
 
 
 def _before(seen: SeenTrack, end: NDArray[np.float64]) -> float:
-    """Return when a vehicle that was first seen behind a stop line passed it, seconds."""
+    """Return when a vehicle that was first seen beyond a stop line passed it, seconds."""
     speed = float(np.abs(seen.speed[:_FIRST]).mean())
     away = float(np.linalg.norm(seen.xy[0] - end))
     return float(seen.time_s[0]) - away / max(speed, _SLOWEST_MS)
@@ -258,7 +258,7 @@ def _before(seen: SeenTrack, end: NDArray[np.float64]) -> float:
 def _by_ways(
     lanes: NDArray[np.object_], links: JunctionLinks, lane: str, leaving: str
 ) -> tuple[str, str]:
-    """Return the lane before and the road after by the ways over the junction that it was on."""
+    """Return the lane before and the road after, from the junction's lanes that it was on."""
     votes: dict[tuple[str, str], int] = defaultdict(int)
     for one in lanes:
         way = links.ways.get(str(one))

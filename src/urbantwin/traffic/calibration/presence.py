@@ -1,10 +1,10 @@
-"""Demand from who is present, for recordings of seconds: Little's law, by a simulation's sojourns.
+"""Demand from presence, for short recordings: Little's law with simulated sojourn times.
 
-In half a minute hardly anybody is seen from an approach to an exit, but many are present, and who
-waits tells of a minute of arrivals. The number present is the flow times the time that one stays
-(J. D. C. Little, "A Proof for the Queuing Formula: L = lambda W", Operations Research 9(3), 1961);
-how long one stays, with queues at signals, simulations of the same place tell, in which the same
-is counted.
+In half a minute few vehicles are seen from an approach to an exit, but many are present, and
+waiting ones represent a minute of arrivals. The number present is the flow times the sojourn time
+(J. D. C. Little, "A Proof for the Queuing Formula: L = lambda W", Operations Research 9(3), 1961).
+Sojourn times, with queues at signals, come from simulations of the same place in which presence is
+counted in the same way.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ __all__ = [
     "sampled",
 ]
 
-#: An arm is told of where so much of it is seen, metres.
+#: Least visible length of an arm, metres.
 _SEEN_M = 5.0
-#: Who is slower walks nowhere and is not seen, m/s.
+#: Speed below which a pedestrian stands, and is not counted, m/s.
 _WALKS_M_S = 0.3
 _NOTHING = np.zeros(0)
-#: One stays so long at first, seconds; and no round changes a flow by more than this.
+#: Initial sojourn time, seconds; and largest factor of a correction.
 _STAYS_S, _MOST_CHANGE = 40.0, 1.6
-#: Streets are full that carry less than this share of what is asked.
+#: Streets are full if they carry less than this share of the requested flow.
 _CARRIED = 0.85
-#: Who is seen so shortly before the end has not left, seconds.
+#: A vehicle seen within this time of the end has not left, seconds.
 _STILL_THERE_S = 1.0
-#: So many more of each are supposed on both sides: few say little.
+#: Number added to both sides of a ratio, for small numbers.
 _SUPPOSED = 0.5
-#: A flow is not smaller, per hour.
+#: Least flow, per hour.
 _LEAST = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Presence:
-    """How many are present, by moments.
+    """Numbers of actors present over time.
 
     Attributes:
-        times: how many moments.
-        classes: class -> (T,) how many of it.
+        times: number of samples T.
+        classes: class -> (T,) number of actors.
         arms: id of a road -> (T,) motor vehicles on it.
     """
 
@@ -67,7 +67,7 @@ class Presence:
     arms: dict[str, NDArray[np.float64]]
 
     def spread(self, moments: int) -> dict[str, dict[str, float]]:
-        """Return by what share of the whole's the means of spans of so many moments differ."""
+        """Return the relative standard deviations of means over spans of ``moments`` samples."""
         found: dict[str, dict[str, float]] = {"classes": {}, "arms": {}}
         count = self.times // max(moments, 1)
         for kind, every in (("classes", self.classes), ("arms", self.arms)):
@@ -79,10 +79,10 @@ class Presence:
 
 
 def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geometry]:
-    """Return the ways into the main junction and past it that are seen: road -> its lanes' area.
+    """Return the visible roads into the main junction and past it, with the areas of their lanes.
 
-    Roads that lead away from the junction are none: who is on them was counted before. Nor are
-    those that lead to another arm alone: who is on them is counted there.
+    Roads that lead away from the junction are excluded, since their traffic was counted before; so
+    are those that only lead to another arm, where their traffic is counted.
     """
     junction = main_junction(roads)
     outline = {
@@ -127,10 +127,10 @@ def presence_of(
     area: shapely.Geometry,
     arms: Mapping[str, shapely.Geometry],
 ) -> Presence:
-    """Count who is present in an area, at moments (T,), seconds.
+    """Count the actors present in an area at times (T,), seconds.
 
-    People who stand are not counted, as frames do not tell them from posts; of those who were seen
-    but once the share is counted that walks of the others.
+    Standing pedestrians are excluded, since frames do not distinguish them from posts; of those
+    seen only once the walking share of the others is counted.
     """
     of = tracks if isinstance(tracks, ObservedTracks) else sampled(tracks, moments_s)
     inside = shapely.contains_xy(area, of.xy[:, 0], of.xy[:, 1])
@@ -161,7 +161,7 @@ def presence_of(
 
 
 def sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> ObservedTracks:
-    """Return who is where at moments (T,), seconds, as frames would show it."""
+    """Return the tracks sampled at times (T,), seconds, as frames would show them."""
     there = [moments_s[(moments_s >= x.time_s[0]) & (moments_s <= x.time_s[-1])] for x in tracks]
     counts = [len(one) for one in there]
     pairs = list(zip(there, tracks, strict=True))
@@ -183,7 +183,7 @@ def sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> Obse
 
 
 def first_flows(recorded: Presence) -> dict[str, float]:
-    """Return class -> flow per hour to begin with: as if everybody stayed equally long."""
+    """Return class -> initial flow per hour, with the same sojourn time for all."""
     return {
         name: max(float(present.mean()) * 3600 / _STAYS_S, _LEAST)
         for name, present in recorded.classes.items()
@@ -191,7 +191,7 @@ def first_flows(recorded: Presence) -> dict[str, float]:
 
 
 def passes_an_arm(tracks: Sequence[SeenTrack], arms: Mapping[str, shapely.Geometry]) -> float:
-    """Return the share of motor vehicles that are on an arm at some time; 0 where nobody drives."""
+    """Return the share of motor vehicles that are on an arm at any time; 0 without vehicles."""
     every = shapely.union_all(list(arms.values()))
     shapely.prepare(every)
     motors = [one for one in tracks if one.track.actor_class in MOTORS]
@@ -200,7 +200,7 @@ def passes_an_arm(tracks: Sequence[SeenTrack], arms: Mapping[str, shapely.Geomet
 
 
 def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds: float) -> float:
-    """Return how many motor vehicles an hour leave an area, of tracks over so many seconds."""
+    """Return the motor vehicles per hour that leave an area, from tracks over some seconds."""
     shapely.prepare(area)
     left = 0
     for one in tracks:
@@ -214,16 +214,17 @@ def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds
 def corrected(
     per_hour: Mapping[str, float], recorded: Presence, simulated: Presence, passed: float = np.inf
 ) -> dict[str, float]:
-    """Return flows times who is present in the recording over who is in a simulation of them.
+    """Return flows times the ratio of recorded to simulated presence.
 
-    Motor vehicles together: of rare classes chance decides who is present. Where fewer pass in the
-    simulation than are asked for, they queue, more would only wait, and as many as pass are asked.
+    Motor vehicles are corrected together, since the presence of rare classes is random. If fewer
+    pass in the simulation than requested, they queue, and more demand would only wait; then the
+    flow that passes is requested.
 
     Args:
-        per_hour: flows by class that were simulated.
-        recorded: who is present in the recording.
-        simulated: who is present in the simulation.
-        passed: motor vehicles per hour that passed in it.
+        per_hour: simulated flows by class.
+        recorded: presence in the recording.
+        simulated: presence in the simulation.
+        passed: motor vehicles per hour that passed in the simulation.
     """
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
 
@@ -250,17 +251,17 @@ def corrected_arms(
     simulated: Presence,
     passed: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return motor vehicles an hour by arm, times who is present here over who is in a simulation.
+    """Return motor vehicles per hour by arm, times the ratio of recorded to simulated presence.
 
-    Half of the ratio's logarithm is that of the arm, which tells of its queue as well, and half
-    that of who is beyond all arms, in the junction and behind it, and waits for nobody. As many are
-    asked for as pass, and a little more, where an arm is full.
+    Half of the ratio's logarithm is that of the arm, which includes its queue; half is that beyond
+    all arms, in the junction and behind it, without queues. For a full arm the flow that passes is
+    requested, plus a little.
 
     Args:
-        per_hour: flows by arm that were simulated.
-        recorded: who is present in the recording.
-        simulated: who is present in the simulation.
-        passed: motor vehicles per hour that left each arm in it.
+        per_hour: simulated flows by arm.
+        recorded: presence in the recording.
+        simulated: presence in the simulation.
+        passed: motor vehicles per hour that left each arm in the simulation.
     """
     beyond = _ratio(_beyond(recorded), _beyond(simulated))
     found = {}
@@ -274,10 +275,10 @@ def corrected_arms(
 
 
 def misfit(recorded: Presence, simulated: Presence) -> float:
-    """Return how unlike the numbers present are: 0 where as many of each kind are on each arm.
+    """Return the deviation between two presences; 0 if they are equal for all classes and arms.
 
-    Logarithms of ratios, of motor vehicles in all and beyond all arms, of the other classes, and of
-    arms by how many are on them.
+    It is the sum of absolute log ratios: of motor vehicles in total and beyond all arms, of the
+    other classes, and of arms weighted by their numbers.
     """
     others = [name for name in recorded.classes if name not in MOTORS]
     off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _beyond)]
@@ -298,7 +299,7 @@ def _motors(of: Presence) -> float:
 
 
 def _beyond(of: Presence) -> float:
-    """Return how many motor vehicles are on no arm."""
+    """Return the number of motor vehicles on no arm."""
     return max(_motors(of) - sum(float(every.mean()) for every in of.arms.values()), 0.0)
 
 
@@ -308,7 +309,7 @@ def _ratio(here: float, there: float) -> float:
 
 
 def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:
-    """Return motor vehicles per hour by arm: shared out as they are present on them."""
+    """Return motor vehicles per hour by arm, in proportion to their presence."""
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
     present = {name: float(every.mean()) for name, every in recorded.arms.items()}
     every = sum(present.values()) or 1.0

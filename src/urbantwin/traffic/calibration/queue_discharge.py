@@ -1,7 +1,8 @@
-"""Queue discharge: the times between vehicles that leave a queue at a signal, one after the other.
+"""Queue discharge: headways of consecutive vehicles that leave a queue at a signal.
 
-Their median is the saturation headway (Highway Capacity Manual 2016, chapter 31, measures it so);
-here the first vehicles of a queue count too, since few queues of a short recording are long.
+Their median is the saturation headway (measured in this way by the Highway Capacity Manual 2016,
+chapter 31). Here the first vehicles of a queue count, too, since short recordings have few long
+queues.
 """
 
 from __future__ import annotations
@@ -16,23 +17,23 @@ from urbantwin.traffic.calibration.passages import HEAVY, SETTLES_S, STANDS_MS, 
 
 __all__ = ["discharge_headways", "first_of_queues"]
 
-#: Who stood within so long before it passed was in the queue, seconds.
+#: A vehicle was in the queue if it stood within this time before it passed, seconds.
 _QUEUED_S = 60.0
-#: Who passes so much later does not leave the same queue, seconds.
+#: Longest headway within the same queue, seconds.
 _SAME_QUEUE_S = 8.0
 
 
 def discharge_headways(
     passages: Sequence[Passage], begin_s: float, end_s: float
 ) -> dict[str, list[float]]:
-    """Return by approach the times between two of a lane who left one queue, at its end, seconds.
+    """Return, by approach, the headways of pairs on a lane that left the same queue, seconds.
 
-    Trucks and buses, and those behind them, are left out: their length is in such times.
+    Trucks, buses and their followers are excluded, since headways include their length.
 
     Args:
-        passages: of everybody.
-        begin_s: the first moment at which the second of them passes.
-        end_s: the last one.
+        passages: all passages.
+        begin_s: first time at which the second vehicle passes.
+        end_s: last time at which the second vehicle passes.
     """
     by_lane: dict[str, list[Passage]] = defaultdict(list)
     for one in passages:
@@ -44,7 +45,7 @@ def discharge_headways(
         for ahead, behind in pairwise(ones):
             headway = behind.passed_s - ahead.passed_s
             heavy = {ahead.seen.track.actor_class, behind.seen.track.actor_class} & set(HEAVY)
-            # Who stood when the other had left long ago was held up by something else.
+            # A vehicle that stood long after the leader had left was held up by something else.
             last = _stood_last(behind)
             queued = _queued(ahead) and _queued(behind) and last < ahead.passed_s + _SAME_QUEUE_S
             if headway <= _SAME_QUEUE_S and queued and not heavy:
@@ -53,7 +54,7 @@ def discharge_headways(
 
 
 def first_of_queues(passages: Sequence[Passage]) -> list[Passage]:
-    """Return those who stood when whoever is ahead of them on their lane had passed its end."""
+    """Return the vehicles that still stood after the one ahead had passed the lane's end."""
     found = []
     last: dict[str, float] = {}
     for one in sorted((x for x in passages if x.lane), key=lambda x: x.passed_s):
@@ -68,7 +69,7 @@ def _queued(one: Passage) -> bool:
 
 
 def _stood_last(one: Passage) -> float:
-    """Return when a vehicle stood last before it passed, seconds; before all time if never."""
+    """Return when a vehicle last stood before it passed, seconds; -inf if never."""
     seen = one.seen
     before = (seen.time_s >= seen.time_s[0] + SETTLES_S) & (seen.time_s < one.passed_s)
     stood = np.flatnonzero(before & (np.abs(seen.speed) < STANDS_MS))

@@ -1,4 +1,4 @@
-"""Setting out: how vehicles speed up, all of them or those who have nobody ahead."""
+"""Accelerations of starting vehicles: of all, or of the first of queues."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from urbantwin.traffic.calibration.passages import SETTLES_S, STANDS_MS, Passage
 
 __all__ = ["FADES_MS", "FIRST_MS", "first_to_set_out", "setting_out"]
 
-#: Speeds between which setting out is measured, m/s: at first, and when it fades.
+#: Speed ranges in which accelerations are measured, m/s: after the start, and at higher speed.
 FIRST_MS, FADES_MS = (1.0, 5.0), (6.0, 9.0)
 _STOOD_S = 1.0
-#: Who is first of a queue has so long from the stop line on until it may meet others, seconds.
+#: Time after the stop line during which the first of a queue has no vehicle ahead, seconds.
 _NOBODY_AHEAD_S = 8.0
 
 
 def setting_out(
     vehicles: Iterable[SeenTrack], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
 ) -> list[float]:
-    """Return the mean accelerations from one speed to another, vehicle by vehicle, m/s2.
+    """Return the mean acceleration between two speeds of each vehicle, m/s2.
 
-    Those of the last time that each sped up so; from almost standing still: after it had stood.
+    It is that of the last such acceleration; for low speeds only after standing.
     """
     found = (_sets_out(one, begin_s, end_s, *speeds_ms) for one in vehicles)
     return [one for one in found if one is not None]
@@ -31,7 +31,7 @@ def setting_out(
 def first_to_set_out(
     first: Iterable[Passage], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
 ) -> list[float]:
-    """Return the same of those who are the first of a queue, about the stop line."""
+    """Return the same for the first vehicles of queues, near the stop line."""
     found = (
         _sets_out(one.seen, begin_s, min(end_s, one.passed_s + _NOBODY_AHEAD_S), *speeds_ms)
         for one in first

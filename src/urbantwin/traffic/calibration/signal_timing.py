@@ -1,4 +1,4 @@
-"""Signal timing: which recorded group governs which link, and the cycle that was shown."""
+"""Signal timing: the recorded group of each link, and the observed cycle."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from urbantwin.traffic.recorded.track import RecordedSignals
 __all__ = ["Timing", "groups_of_links", "timing_of"]
 
 Shown = Sequence[tuple[float, str]]
-#: Drivers start after green begins and some pass at yellow (RiLSA 2015, 2.5: 3 s at 50 km/h);
-#: tracks and phases may be off by some tenths: seconds.
+#: Time before green, and after its end, in which passages count as at green, seconds. Some drivers
+#: pass at yellow (RiLSA 2015, 2.5: 3 s at 50 km/h), and tracks and phases may be off by some
+#: tenths.
 _BEFORE_S, _AFTER_S = 0.5, 4.0
 _STEP_S = 0.1
 _YELLOW_S = 3.0
-#: People have green so long at least, and so long after the yellow of who would meet them, seconds.
+#: Least green of pedestrians, and clearance after the yellow of conflicting vehicles, seconds.
 _WALK_S, _CLEARS_S = 5.0, 1.0
-_MISSED = 0.02  # chance of a passage at red
+_MISSED = 0.02  # probability of a passage at red
 _CYCLE_S = (20.0, 180.0)
-#: How often a group has green in a cycle is told by so many beginnings, as most have.
+#: Least number of green begins for the number of greens per cycle.
 _OFTEN = 4
 
 
@@ -38,15 +39,15 @@ class Timing:
     """The timing of a junction's signals.
 
     Attributes:
-        cycle_s: median time between two beginnings of green of a group.
-        cycles: how many such times there are.
+        cycle_s: median time between two begins of green of a group.
+        cycles: number of such times.
         group_of: link -> group.
-        certain: links whose group passages tell.
-        states: (seconds, one letter for each link), one cycle as it was shown; where traffic
-            extends greens, the usual one.
+        certain: links whose group follows from passages.
+        states: (seconds, one letter for each link) of one cycle; the usual one for actuated
+            signals.
         greens: group -> seconds of green in it.
-        lasts: how long each of the states lasts at the least and at the most, seconds.
-        actuated: the cycle in which traffic extends greens; ``None`` where it does not.
+        lasts: least and largest duration of each state, seconds.
+        actuated: the cycle of actuated signals; ``None`` for fixed ones.
     """
 
     cycle_s: float
@@ -60,7 +61,7 @@ class Timing:
 
     @property
     def program(self) -> list[dict[str, Any]]:
-        """The states as a site's ``signals`` has them."""
+        """The states in the form of a site's ``signals``."""
         return [
             {"seconds": seconds, "state": state}
             | ({} if least == most else {"at_least": least, "at_most": most})
@@ -71,17 +72,17 @@ class Timing:
 def timing_of(
     signals: RecordedSignals, passages: Sequence[Passage], links: JunctionLinks, until_s: float
 ) -> Timing | None:
-    """Return the timing that was recorded; ``None`` where no group repeats, or nothing has signals.
+    """Return the recorded timing; ``None`` if no group is periodic, or there are no signals.
 
-    Each link gets the group that was green when those passed who took it (the likeliest, by
-    passages as independent draws); links that nobody took get that of their lane's other links,
-    then of their road's.
+    Each link gets the group that was green when its vehicles passed (maximum likelihood, with
+    independent passages). Links without passages get the group of their lane's other links, else of
+    their road's.
 
     Args:
-        signals: what groups showed.
-        passages: who passed, and when.
-        links: of the junction.
-        until_s: what was shown until then, seconds.
+        signals: recorded states of groups.
+        passages: passages with times.
+        links: movements of the junction.
+        until_s: end of the part that is used, seconds.
     """
     shown = _of_vehicles(signals)
     periods = _periods([_starts(changes, until_s) for changes in shown.values()])
@@ -123,12 +124,12 @@ def timing_of(
 def groups_of_links(
     signals: RecordedSignals, passages: Sequence[Passage], links: JunctionLinks, until_s: float
 ) -> dict[int, str]:
-    """Return link -> group, as far as those who passed tell: see `timing_of`."""
+    """Return link -> group, as far as passages tell; see `timing_of`."""
     return _groups(_of_vehicles(signals), passages, links, until_s)[0]
 
 
 def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
-    """Return the groups that are for vehicles: those that show green and yellow."""
+    """Return the groups of vehicles: those with green and yellow."""
     return {
         group: changes
         for group, changes in signals.shown.items()
@@ -137,7 +138,7 @@ def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
 
 
 def _starts(changes: Shown, until_s: float) -> list[float]:
-    """Return when green began; not where who has it gets right of way, or gives way."""
+    """Return the begins of green; changes between protected and permitted green do not count."""
     return [
         at
         for (_, was), (at, letter) in pairwise(changes)
@@ -146,9 +147,9 @@ def _starts(changes: Shown, until_s: float) -> list[float]:
 
 
 def _periods(starts: Sequence[Sequence[float]]) -> list[float]:
-    """Return the times of whole cycles between two beginnings of green of a group, seconds.
+    """Return the durations of whole cycles between two begins of green of a group, seconds.
 
-    Some groups have green twice in a cycle: those that begin twice as often as most do.
+    Some groups have green twice in a cycle: those with twice as many begins as usual.
     """
     usual = float(np.median([len(one) for one in starts if one] or [0]))
     found: list[float] = []
@@ -210,7 +211,7 @@ def _groups(
 
 
 def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
-    """Return the ways that a vehicle took on from any road: (lane, road after), and when."""
+    """Return the movements of a vehicle from any road: (lane, road after), with times."""
     on = [
         (str(lane), float(at))
         for lane, at in zip(one.lanes, one.seen.time_s, strict=True)
@@ -224,7 +225,7 @@ def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
 
 
 def _open(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether one may pass at times: at green, and a little before and after."""
+    """Return whether times are within green, or shortly before or after."""
     found = np.zeros(len(times), np.bool_)
     ends = [at for at, _ in changes[1:]] + [np.inf]
     for (begin, letter), end in zip(changes, ends, strict=True):
@@ -243,10 +244,10 @@ def _states(
     signals: Signalised,
     phase: NDArray[np.int64],
 ) -> list[tuple[float, str, int]]:
-    """Return a cycle as states: seconds, letters, and the phase that each is a part of.
+    """Return a cycle as states: seconds, letters, and phase.
 
-    Links whose group is not known blink: who comes gives way. Crossings have green when nobody who
-    would meet people there has any (`_walked`).
+    Links with an unknown group blink, which means yielding. Crossings are green when no conflicting
+    vehicle has green (`_walked`).
     """
     moments = len(phase)
     rows = np.full((moments, signals.size), "o")
@@ -264,10 +265,10 @@ def _states(
 def _extended(
     states: Sequence[tuple[float, str, int]], cycle: ActuatedCycle
 ) -> list[tuple[float, float]]:
-    """Return how long each state lasts at the least and at the most, seconds.
+    """Return the least and largest duration of each state, seconds.
 
-    Of the states of a phase it is the longest that traffic extends: where people begin to walk and
-    clear the street within it, their times stay.
+    Of the states of a phase the longest is variable: starting and clearing times of pedestrians
+    stay.
     """
     lasts = [(seconds, seconds) for seconds, _, _ in states]
     for phase in range(len(cycle.letters)):
@@ -283,12 +284,12 @@ def _extended(
 
 
 def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
-    """Let crossings have green between the greens of those who would meet people there.
+    """Let crossings be green between the greens of conflicting vehicles.
 
-    Whose group governs a crossing no passage tells. Where it blinked people walked at any time,
-    into the green of vehicles too, which then stood beyond their stop line and held up a queue.
-    As planned programs do (``roads/signals``): turning traffic gives way to people if those who go
-    straight on from its road have green, and green ends as long before as people take to cross.
+    No passage shows the group of a crossing. Blinking crossings would let pedestrians walk at any
+    time, also into the green of vehicles, which would then stand beyond their stop line and block a
+    queue. As in assumed programs (``roads/signals``), turning traffic yields to pedestrians if
+    through traffic from its road has green, and green ends a crossing time before conflicts.
     """
     moves = np.isin(rows, ["G", "g", "y"])
     through = {
@@ -308,7 +309,7 @@ def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
                 met |= moves[:, other.index] & (signals.meets_walkers(other, walk) | alone)
         if not met.any() or met.all():
             continue
-        first = int(np.argmin(~met))  # of a cycle that begins while somebody goes there
+        first = int(np.argmin(~met))  # for a cycle that begins within a conflict
         met = np.roll(met, -first)
         green = ~met
         edges = np.flatnonzero(np.diff(np.concatenate([[False], green, [False]]).astype(int)))
@@ -319,7 +320,7 @@ def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
                 green[begin:end] = False
             else:
                 green[begin : begin + clear] = green[end - last : end] = False
-        if green.any():  # else nobody would ever cross: who comes gives way, as before
+        if green.any():  # otherwise it keeps blinking, so that pedestrians can cross at all
             rows[:, index] = np.where(np.roll(green, first), "G", "r")
 
 
@@ -334,7 +335,7 @@ def _close(column: NDArray[np.str_]) -> None:
 
 
 def _with_right_of_way(row: NDArray[np.str_], signals: Signalised) -> str:
-    """Return a state in which, of those who meet at green, one gives way."""
+    """Return a state in which one of each two conflicting green links yields."""
     lit = [link for link in signals.links if row[link.index] in ("G", "g")]
     state = list(row)
     first: list[Link] = []

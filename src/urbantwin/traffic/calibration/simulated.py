@@ -1,4 +1,4 @@
-"""A simulation as tracks, seen where the recording saw: to be measured as it was."""
+"""A simulation as tracks within the observed area, for the same measurements."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from urbantwin.twin import Twin
 __all__ = ["seen_area", "simulated_tracks"]
 
 _STEP_S = 0.2
-#: Beside the recorded paths so much is seen, metres; paths are taken so coarsely.
+#: Width beside the recorded paths that counts as observed, and tolerance of their simplification,
+#: metres.
 _BESIDE_M, _COARSE_M = 3.0, 0.5
 
 
 def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
-    """Return where tracks were seen."""
+    """Return the area around recorded tracks."""
     lines = [shapely.LineString(one.xy) for one in tracks if len(one.xy) > 1]
     return shapely.union_all(
         [line.simplify(_COARSE_M, preserve_topology=False).buffer(_BESIDE_M) for line in lines]
@@ -42,15 +43,15 @@ def simulated_tracks(
     scratch: Path,
     told: Callable[[float], None],
 ) -> list[SeenTrack]:
-    """Return what of a simulation would have been seen in an area, track by track.
+    """Return the tracks of a simulation within an area.
 
     Args:
-        twin: on which.
+        twin: the twin.
         asked: ``traffic`` of the site.
-        seconds: how long.
-        area: what is seen.
-        scratch: a folder for SUMO's files.
-        told: called with the share that is done.
+        seconds: duration.
+        area: observed area.
+        scratch: folder for SUMO's files.
+        told: called with the fraction done.
     """
     seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
     demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed)

@@ -1,4 +1,4 @@
-"""A ``site.yaml`` as a document that is changed, built and written elsewhere."""
+"""A ``site.yaml`` as a document that is changed, built and written to another folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LONGEST_NAME = 500
 
 
 def document_of(site: Path) -> dict[str, Any]:
-    """Return a site's document, its files named from anywhere."""
+    """Return a site's document with absolute paths of files."""
     document = dict(read_document(site, kind="a site").value)
     return dict(_elsewhere(document, site.parent.resolve(), None))
 
@@ -34,14 +34,14 @@ def write_calibrated(
     *,
     files: tuple[Path, Path],
 ) -> None:
-    """Write what a calibration leaves: ``site.yaml``, ``traffic.yaml``, ``calibration.json``.
+    """Write the results of a calibration: ``site.yaml``, ``traffic.yaml``, ``calibration.json``.
 
     Args:
-        folder: where they are written.
-        document: the site's, as `document_of` returns it.
-        traffic: what was found, in place of the document's.
-        report: how it was found.
-        files: the folder of the site, and the one that they will be in.
+        folder: folder to write to.
+        document: the site's document, from `document_of`.
+        traffic: fields of ``traffic``, which replace the document's.
+        report: the report.
+        files: the folder of the site, and the final folder of the results.
     """
     document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
     here, there = files
@@ -51,21 +51,22 @@ def write_calibrated(
 
 
 def _elsewhere(value: Any, here: Path, there: Path | None, key: str = "") -> Any:  # noqa: ANN401
-    """Return a site's document with its files as they are called from another folder, or whole."""
+    """Return a document with file paths relative to another folder, or absolute."""
     if isinstance(value, dict):
         return {name: _elsewhere(one, here, there, name) for name, one in value.items()}
     if isinstance(value, list):
         return [_elsewhere(one, here, there, key) for one in value]
     if isinstance(value, str) and value and "\n" not in value and len(value) < _LONGEST_NAME:
         file = here / value
-        # A folder stands where files do: of tiles, of frames. A place may be called as one is.
+        # Some entries name a folder of files: of tiles, of frames. Other values may equal a
+        # folder's name.
         if file.is_file() or (key == "file" and file.is_dir()):
             return str(file) if there is None else os.path.relpath(file, there)
     return value
 
 
 def built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
-    """Return the twin of a site's document, built in a folder that passes."""
+    """Return the twin of a site's document, built in a temporary folder."""
     file = folder / "site.yaml"
     _dump(file, document)
     return build_twin(load_site(file), folder / "twin", progress)

@@ -1,4 +1,4 @@
-"""Turns: how vehicles take them whom nobody holds up."""
+"""Lateral accelerations and speeds of unhindered vehicles in turns."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from urbantwin.traffic.calibration.passages import SETTLES_S, Passage
 __all__ = ["turns_taken"]
 
 _Way = tuple[str, str]
-#: A turn is of so much, rad, and who is slower in it, m/s, was held up.
+#: Least change of heading of a turn, rad, and speed below which a vehicle was held up, m/s.
 _TURNS_RAD, _ROLLS_MS = 0.8, 2.5
 
 
 def turns_taken(
     passages: Sequence[Passage], begin_s: float, end_s: float
 ) -> tuple[dict[_Way, list[float]], dict[_Way, list[float]]]:
-    """Return by way what those have in turns who were not held up.
+    """Return lateral accelerations and speeds of unhindered vehicles in turns, by movement.
 
     Args:
-        passages: of everybody.
-        begin_s: the first moment.
-        end_s: the last one.
+        passages: all passages.
+        begin_s: begin of the span.
+        end_s: end of the span.
 
     Returns:
-        Accelerations to the side that four fifths of a turn stay below, m/s2; and speeds that four
-        fifths of it are above, m/s.
+        80 % quantiles of lateral acceleration in a turn, m/s2; and 20 % quantiles of speed, m/s.
     """
     bends: dict[_Way, list[float]] = defaultdict(list)
     speeds: dict[_Way, list[float]] = defaultdict(list)
@@ -47,7 +46,7 @@ def _in_a_turn(one: Passage, begin_s: float, end_s: float) -> tuple[float, float
     times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
     if len(times) < 3:
         return None
-    # By the second: headings of trackers and of SUMO go in steps.
+    # Resampled, since headings of trackers and of SUMO change in steps.
     at = np.arange(times[0], times[-1] + 1e-9, 0.5)
     if len(at) < 4:
         return None

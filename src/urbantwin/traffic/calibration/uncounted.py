@@ -1,8 +1,7 @@
-"""Who is counted nowhere: people and bicycles, of whom so many set out that as many are seen.
+"""Flows of classes without counts: pedestrians and bicycles, and vehicles without a counted place.
 
-And vehicles that nobody drives: whose way the map does not have, or who pass elsewhere. A demand
-says how many come into the whole region; a recording tells how many come into view. How many of
-those who set out are seen, simulations tell.
+A demand gives the numbers that enter the whole region; a recording those that come into view. The
+share of departures that come into view is estimated by simulations.
 """
 
 from __future__ import annotations
@@ -15,19 +14,19 @@ from urbantwin.traffic.calibration.passages import MOTORS, JunctionLinks
 
 __all__ = ["UncountedFlows", "ways_missed"]
 
-#: So many of the vehicles in view may pass elsewhere, or in part, before it is told.
+#: Share of the vehicles in view that may be uncounted without a note.
 _ELSEWHERE = 0.1
 
-#: No more set out for one that is seen than this: the others have other ways.
+#: Maximum number of departures per actor in view: further ones have other routes.
 _MOST_FOR_ONE = 20.0
 
 
 class UncountedFlows:
-    """Flows per hour of classes that no row of counts is for, from simulation to simulation.
+    """Flows per hour of classes without counts, updated by simulations.
 
     Args:
-        recorded: who came into view.
-        counted: classes that rows of counts are for.
+        recorded: the measurement of the recording.
+        counted: classes with counts.
     """
 
     def __init__(self, recorded: Measured, counted: Collection[str] = MOTORS) -> None:
@@ -42,9 +41,9 @@ class UncountedFlows:
         self.per_hour = dict(self._wanted)
 
     def learn(self, asked: Mapping[str, float], simulated: Measured) -> None:
-        """Correct the flows by a simulation of some.
+        """Correct the flows by a simulation.
 
-        What is seen is in proportion to what sets out, so that all simulations count together.
+        Visible actors are proportional to departures, so that all simulations are used together.
         """
         hours = simulated.seconds / 3600
         for name, wanted in self._wanted.items():
@@ -55,7 +54,7 @@ class UncountedFlows:
                 self.per_hour[name] = round(wanted / max(share, 1 / _MOST_FOR_ONE), 1)
 
     def untold(self) -> list[str]:
-        """Return which classes are seen and have no ways on the map."""
+        """Return notes on the observed classes without routes on the map."""
         return [
             f"{name}: {self._wanted[name]:.0f} an hour are recorded, and none of "
             f"{planned:.0f} simulated is seen there: the map has no ways for them"
@@ -65,12 +64,12 @@ class UncountedFlows:
 
 
 def ways_missed(recorded: Measured, links: JunctionLinks, beside: int = 0) -> list[str]:
-    """Return what is recorded of motor traffic and not simulated, for want of a way or a count.
+    """Return notes on recorded motor traffic that is not simulated for want of a route or a count.
 
     Args:
-        recorded: who came into view and passed the main junction.
-        links: the ways over it.
-        beside: how many others came into view and were counted elsewhere.
+        recorded: the measurement of the recording.
+        links: the movements over the main junction.
+        beside: number of other vehicles that were counted elsewhere.
     """
     there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
     told = [

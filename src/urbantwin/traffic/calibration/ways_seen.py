@@ -1,8 +1,8 @@
-"""By which roads those come who pass the main junction, and by which they go on.
+"""Roads by which vehicles reach the main junction's approaches, and continue after its exits.
 
-Its turns do not tell that where an approach is reached from two roads, or an exit
-leads to two. As many are counted there as pass the main junction, so that these rows agree with
-those of its turns: whoever was not seen there is taken to have come as the others did.
+Turns of the main junction do not determine them if an approach is reached from two roads, or an
+exit leads to two. The numbers counted there equal those over the main junction, so that rows are
+consistent; vehicles that were not seen there are distributed like the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urbantwin.traffic.calibration.passages import Passage
 
 __all__ = ["ways_seen"]
 
-#: Where fewer vehicles were seen to come, or a smaller share, nothing is told of the others.
+#: Least number, and share, of the vehicles that were seen.
 _FEWEST, _SHARE = 5, 0.5
 
 _Passed = tuple[Passage, tuple[str, ...]]
@@ -28,16 +28,16 @@ _Passed = tuple[Passage, tuple[str, ...]]
 def ways_seen(
     passages: Iterable[Passage], roads: RoadNetwork, counted: Collection[Spot] = ()
 ) -> dict[Spot, dict[str, list[float]]]:
-    """Count those who pass the main junction where they came to its approach, and left its exit.
+    """Count vehicles over the main junction where they reached its approach, and left its exit.
 
     Args:
-        passages: of motor vehicles over the main junction.
+        passages: passages of motor vehicles over the main junction.
         roads: the lanes.
-        counted: where turns were counted already; junctions with such turns are left out.
+        counted: places with counted turns; junctions with such turns are excluded.
 
     Returns:
-        Turn at another junction -> class -> when each passed the main junction, seconds. Turns
-        that nobody took are there, too, if others take another turn.
+        Turn at another junction -> class -> times of passing the main junction, seconds. Turns
+            without vehicles are included, if others are used.
     """
     before, behind = defaultdict(set), defaultdict(set)
     driven = {
@@ -80,14 +80,14 @@ def _told(
     *,
     backwards: bool,
 ) -> dict[Spot, list[Passage]]:
-    """Return turns between a road and those beyond it, as far as all who take them are known.
+    """Return turns between a road and those beyond it, as far as all their traffic is known.
 
     Args:
-        road: an approach, or an exit; or, called again, one beyond it.
-        those: who was on it, with the roads that they were seen on beyond it, the nearest first.
+        road: an approach, or an exit; or, in recursion, a road beyond it.
+        those: its passages, with the roads beyond it on which they were seen, the nearest first.
         onward: road -> roads beyond it.
         back: road -> roads that it leads to.
-        backwards: whether beyond is where they came from.
+        backwards: whether beyond means upstream.
     """
     beyond = sorted(onward.get(road, ()))
     seen = Counter(way[0] for _, way in those if way and way[0] in beyond)
@@ -100,7 +100,7 @@ def _told(
         if way and way[0] in beyond:
             through[way[0]].append((one, way[1:]))
             continue
-        # As the others: where fewest are for how many there should be.
+        # Assigned to the road with the largest deficit relative to the observed shares.
         number = sum(given.values()) + 1
         lacks = {name: seen[name] / known * number - given[name] for name in beyond}
         name = max(beyond, key=lacks.__getitem__)
@@ -111,7 +111,7 @@ def _told(
         if len(beyond) > 1:
             first, last = (name, road) if backwards else (road, name)
             found[("approach", first), ("turn", last)] = [one for one, _ in mine]
-        if back[name] == {road}:  # nobody else was there
+        if back[name] == {road}:  # no other traffic on it
             found |= _told(name, mine, onward, back, backwards=backwards)
     return found
 

@@ -1,3 +1,3 @@
-"""Flow: what passes of what was asked for, and what holds it up."""
+"""Flow: the carried share of the requested traffic, and bottlenecks."""
 
 __all__: list[str] = []

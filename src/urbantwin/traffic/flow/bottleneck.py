@@ -1,4 +1,4 @@
-"""Where queues begin, and why: what a person can look at where not all traffic is carried."""
+"""Begin and cause of queues, for reports about traffic that is not carried."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from urbantwin.traffic.demand.counted_places import arm_of
 
 __all__ = ["Bottleneck", "bottleneck"]
 
-#: A lane is jammed when vehicles stand on this share of it, each taking so many metres.
+#: Share of a lane's length taken by standing vehicles from which it is jammed, and length per
+#: vehicle, metres.
 JAMMED, SPACE_M = 0.4, 7.5
-#: Queues are followed over so many streets at most.
+#: Maximum number of streets over which a queue is followed.
 MOST_STREETS = 20
 
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """Where a queue begins: the road, and what it is called and what holds it up there."""
+    """The begin of a queue: its road, and a description of the cause."""
 
     road: str = ""
     because: str = ""
@@ -27,14 +28,14 @@ class Bottleneck:
 def bottleneck(
     network: RoadNetwork, standing: Mapping[str, float], *, road: str = ""
 ) -> Bottleneck:
-    """Return where the longest queue begins and what holds it up; nothing where nobody stands.
+    """Return the begin and cause of the longest queue; empty if no vehicles stand.
 
-    From the lane with the longest queue it is followed downstream while the lanes ahead are jammed.
+    It is followed downstream from the lane with the longest queue while the lanes ahead are jammed.
 
     Args:
         network: the lanes, with signal programs.
-        standing: lane -> how many vehicles stand on it, in the mean.
-        road: whose queue is followed; that of the lane with the longest if none is given.
+        standing: lane -> mean number of standing vehicles.
+        road: road whose queue is followed; empty: that of the lane with the longest.
     """
     known = network.lane_by_id
     outside = {x: count for x, count in standing.items() if x in known and known[x].road}
@@ -68,13 +69,13 @@ def _street(network: RoadNetwork, name: str) -> str:
 
 
 def _approach(network: RoadNetwork, name: str) -> str:
-    """Return a street and from where one comes: both of its directions are called the same."""
+    """Return the name of a street and its side, since both directions have the same name."""
     road = next(road for road in network.roads if road.id == network.lane_by_id[name].road)
     return f"{_street(network, name)} from the {arm_of(network, road, at_end=True)}"
 
 
 def _cause(network: RoadNetwork, name: str) -> str:
-    """Return what is at the end of a lane."""
+    """Return a description of the end of a lane."""
     programs = {program.id: program for program in network.programs}
     for head in network.signals:
         if head.lane == name and head.program in programs:

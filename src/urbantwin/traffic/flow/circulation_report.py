@@ -42,7 +42,7 @@ def circulation_report(
     started = min(int(warmup_s // 60), minutes - 1)
     counted_s = float(seen.seconds[started:].sum())
     population, passages = {}, {}
-    # Passengers of buses come besides those who circulate; vehicles may come out of a reserve.
+    # Passengers are in addition to the circulating actors; vehicles may come from a reserve.
     came = Counter(
         demand.trips[trip].actor_class
         for trip in simulated.departed
@@ -56,7 +56,7 @@ def circulation_report(
             "least": int(seen.least[started:, column].min()),
             "most": int(seen.most[started:, column].max()),
         }
-        # Seconds that were seen, not minutes: the last one is seldom whole.
+        # By sampled seconds, since the last minute is seldom complete.
         present = float(seen.samples[started:, column].sum())
         speed = float(seen.metres[started:, column].sum()) / max(present, 1.0)
         passages[group.actor_class] = {

@@ -22,10 +22,10 @@ from urbantwin.twin import Twin
 
 __all__ = ["USEFUL_M", "traffic_past_sensors"]
 
-#: Range within which sensors get enough points of a vehicle to label it well, metres: the range in
-#: which notebook/places.md judges what a rig sees.
+#: Range within which sensors get enough points of a vehicle for good labels, metres; the same as in
+#: the evaluation of notebook/places.md.
 USEFUL_M = 50.0
-#: Streets on the ground lie within this height of it, metres: less than a bridge over a street.
+#: Maximum height of a street above the ground to be at its level, metres: less than a bridge.
 LEVEL_M = 2.5
 #: Spacing of points along a lane, metres.
 STEP_M = 2.0
@@ -34,25 +34,25 @@ STEP_M = 2.0
 def traffic_past_sensors(
     twin: Twin, demand: Demand, actors: ActorRows, *, planned_s: float, steps: int
 ) -> dict[str, Any]:
-    """Return how many motor vehicles pass the sensors, as planned and as driven.
+    """Return the planned and driven motor traffic past the sensors.
 
     The streets that count lie within ``USEFUL_M`` of a sensor and on its level: for a sensor on the
-    ground, those on a bridge do not count. Driven is what was planned, times the distance that
+    ground, those on a bridge do not count. Driven is the planned traffic, times the distance that
     motor vehicles of the motion travel there, over the distance planned there (flow is distance
     travelled per time and length of road: L. C. Edie, "Discussion of traffic stream measurements
-    and definitions", 1963). Vehicles that are left out of the motion have not driven.
+    and definitions", 1963). Vehicles that are left out of the motion do not count as driven.
 
     Args:
         twin: the twin, with its rig.
         demand: the trips.
         actors: all rows of the motion.
-        planned_s: time over which trips that do not circulate set out.
-        steps: how many steps the motion has.
+        planned_s: period within which trips that do not circulate depart.
+        steps: number of steps of the motion.
 
     Returns:
         ``within_m``; ``lanes_m``: length of lanes for motor vehicles there;
-        ``lanes_without_demand_m``: of those, on which no vehicle is planned; ``asked_per_hour`` and
-        ``driven_per_hour``; ``vehicles``: motor vehicles of the motion that are ever there.
+            ``lanes_without_demand_m``: of those, without planned vehicles; ``asked_per_hour`` and
+            ``driven_per_hour``; ``vehicles``: motor vehicles of the motion that are ever there.
     """
     rig = twin.rig_spec() if "rig.yaml" in twin.manifest.get("files", {}) else None
     label_range_m = None if rig is None else rig.label_range_m
@@ -83,9 +83,9 @@ def traffic_past_sensors(
 
 
 def _sensors(twin: Twin, rig: RigSpec | None) -> tuple[NDArray[np.float64], list[int]]:
-    """Return where sensors stand on the site (N, 2), and the level of the street below each.
+    """Return the sensors' positions on the site (N, 2), and the level of the street below each.
 
-    Where none does (no rig, or one that rides), the anchor stands in for them.
+    Without stationary sensors (no rig, or a mounted one), the anchor is used.
     """
     sensors = [one for one in (rig.sensors if rig else ()) if one.east_m is not None]
     places = np.array([[one.east_m, one.north_m] for one in sensors], np.float64).reshape(-1, 2)
@@ -97,7 +97,7 @@ def _sensors(twin: Twin, rig: RigSpec | None) -> tuple[NDArray[np.float64], list
             continue
         for k in np.flatnonzero(shapely.intersects_xy(lane.polygon, places)).tolist():
             near = np.linalg.norm(lane.centre[:, :2] - places[k], axis=1).argmin()
-            up_m = sensors[k].up_m  # else it is given above the uppermost surface
+            up_m = sensors[k].up_m  # otherwise it is given above the uppermost surface
             if up_m is None or up_m > lane.centre[near, 2]:
                 levels[k] = max(levels[k], lane.level)
     return places, levels
@@ -110,7 +110,7 @@ def _metres_within(
     levels: Sequence[int],
     reach_m: float,
 ) -> float:
-    """Return how much of a lane lies within reach of a sensor on the same level, metres."""
+    """Return the length of a lane within reach of a sensor on the same level, metres."""
     own = places[np.array(levels) == lane.level]
     if not len(own) or len(lane.centre) < 2:
         return 0.0
@@ -128,7 +128,7 @@ def _metres_within(
 def _planned(
     demand: Demand, watched: Set[str], planned_s: float
 ) -> tuple[Mapping[str, float], float]:
-    """Return motor vehicles per hour over each edge, and how many of them come to some edges."""
+    """Return motor vehicles per hour over each edge, and those that enter some edges."""
     over: dict[str, float] = defaultdict(float)
     into = 0.0
     arcs = demand.planned
@@ -152,7 +152,7 @@ def _driven(
     reach_m: float,
     steps: int,
 ) -> tuple[float, int]:
-    """Return how far motor vehicles travel on lanes within reach, metres an hour, and how many."""
+    """Return the distance of motor vehicles on lanes in reach, metres per hour, and their count."""
     lanes, classes = pa.array(watched, pa.string()), pa.array(list(IN_CARS))
     speeds = 0.0
     tracks: set[int] = set()

@@ -1,4 +1,4 @@
-"""Objects of one frame after another as tracks."""
+"""Association of the objects of consecutive frames to tracks."""
 
 from __future__ import annotations
 
@@ -15,48 +15,50 @@ from urbantwin.traffic.observed.frame_times import FrameTimes
 
 __all__ = ["SeenTrack", "tracks_of"]
 
-#: Faster than this nobody is, m/s: on foot, on a bicycle, in a vehicle; and metres of error.
+#: Maximum speeds, m/s: on foot, on a bicycle, in a vehicle; and position error, metres.
 WALKS_M_S, RIDES_M_S, DRIVES_M_S, ERROR_M = 2.2, 7.0, 17.0, 0.5
-#: Nobody gets faster or slower than this, m/s2.
+#: Maximum acceleration, m/s2.
 ACCELERATES = 6.0
-#: Larger than this is a vehicle, metres from corner to corner; as much may be hidden of one.
+#: Diagonal above which an object is a vehicle, metres; and maximum difference of diagonals, because
+#: parts may be hidden.
 LARGE_M, HIDDEN_M = 2.4, 2.5
-#: Smaller than this is a person on foot, metres.
+#: Diagonal below which an object is a pedestrian, metres.
 PERSON_M = 1.2
-#: Nobody gets taller or shorter by more, metres; what is less is as unlikely as a step aside.
+#: Maximum difference in height, metres; smaller ones add to the cost like a lateral offset.
 TALLER_M = 0.7
-#: Vehicles of which so many points were seen in both frames keep their height so far, metres.
+#: Number of points in both frames from which a vehicle's height is reliable, and its tolerance,
+#: metres.
 WELL_SEEN, SAME_HEIGHT_M = 300, 0.2
-#: What always stood in one frame does not move in another: the shares of points that do, apart.
+#: Maximum difference in the share of moving points: a static object does not start to move.
 SAME_SHARE = 0.7
-#: Who walks in one frame and rides or drives in the next is somebody else, unless it is as near as
-#: this, metres: an outline may be hidden in part.
+#: Distance, metres, within which a pedestrian may become a rider or vehicle, because an outline may
+#: be partly hidden.
 SAME_PLACE_M = 1.0
-#: A vehicle of which so small a share of the points moves stood there in most frames; after a gap
-#: it is in the same place and as large, metres.
+#: Share of moving points below which a vehicle is static in most frames; after a gap its position
+#: and size must agree within this tolerance, metres.
 STANDS, SAME_M = 0.5, 0.4
-#: Frames that a track may be out of sight.
+#: Maximum number of frames without a detection.
 LOST = 1
-#: A vehicle moves along its sides, radians.
+#: Maximum angle between a vehicle's long side and its motion, radians.
 ALONG = np.radians(40.0)
-#: What no pair may cost.
+#: Cost of an impossible pair.
 NEVER = 1e6
 
 
 @dataclass(eq=False)
 class SeenTrack:
-    """An object in several frames.
+    """An object over several frames.
 
     Attributes:
-        seen: of each frame in which it was.
-        velocity: (2,) m/s when it was last seen; ``None`` where it was seen once.
+        seen: the object in each frame in which it was detected.
+        velocity: (2,) m/s at the last detection; ``None`` after a single one.
     """
 
     seen: list[SeenObject]
     velocity: NDArray[np.float64] | None = None
 
     def cost(self, one: SeenObject, seconds: float) -> float:
-        """Return how unlikely it is that this is the same object so much later, metres."""
+        """Return the cost of an object as the continuation after a time, metres."""
         last = self.seen[-1]
         kind = one.detected_class
         if kind != last.detected_class:
@@ -92,11 +94,11 @@ class SeenTrack:
 
     @property
     def stands(self) -> bool:
-        """Whether it was last seen as a vehicle that stands in most frames."""
+        """Whether its last detection is a vehicle that is static in most frames."""
         return self.seen[-1].moves < STANDS and self.seen[-1].diagonal > LARGE_M
 
     def cost_standing(self, one: SeenObject) -> float:
-        """Return how unlikely it is that this still stands there after a gap, metres."""
+        """Return the cost of an object as the same static vehicle after a gap, metres."""
         last = self.seen[-1]
         gone = float(np.linalg.norm(one.middle - last.middle))
         off = abs(one.diagonal - last.diagonal) + abs(one.top - last.top)
@@ -104,9 +106,9 @@ class SeenTrack:
         return gone + off if same and max(gone, off) < SAME_M else NEVER
 
     def add(self, one: SeenObject, seconds: float) -> None:
-        """Go on with what was seen of it so much later."""
+        """Append a detection after a time, and update the velocity."""
         velocity = (one.middle - self.seen[-1].middle) / seconds
-        # Frames that follow each other fast are averaged over some tenths of a second.
+        # At high frame rates the velocity is averaged over some tenths of a second.
         share = min(1.0, 3 * seconds) if self.velocity is not None else 1.0
         before = self.velocity if self.velocity is not None else velocity
         self.velocity = before + share * (velocity - before)
@@ -114,20 +116,20 @@ class SeenTrack:
 
 
 def _outline(one: SeenObject) -> str | None:
-    """Return who somebody is by its outline, or that it is a vehicle; ``None`` for neither."""
+    """Return the class by outline, or ``vehicle``; ``None`` if neither is known."""
     if one.silhouette is None and one.diagonal > LARGE_M:
         return "vehicle"
     return one.silhouette
 
 
 def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list[SeenTrack]:
-    """Return the tracks of objects, frame by frame; what was seen once is one, too.
+    """Return the tracks of objects; those detected once included.
 
-    Nobody is followed over a gap, but vehicles that stand in most frames.
+    No track continues over a gap, except vehicles that are static in most frames.
 
     Args:
-        frames: the objects of each.
-        times: when they were taken.
+        frames: the objects of each frame.
+        times: times of the frames.
     """
     done: list[SeenTrack] = []
     active: list[SeenTrack] = []

@@ -1,8 +1,8 @@
-"""Boxes around what sensors saw of objects: two sides of most of them, one of some.
+"""Boxes fitted to the visible sides of objects: two for most of them, one for some.
 
 X. Zhang, W. Xu, C. Dong, J. M. Dolan, "Efficient L-Shape Fitting for Vehicle Detection Using Laser
-Scanners", IEEE Intelligent Vehicles Symposium, 2017: of all headings the one at which points lie
-nearest to two sides that are square to each other.
+Scanners", IEEE Intelligent Vehicles Symposium, 2017: the heading at which the points lie nearest to
+two perpendicular sides.
 """
 
 from __future__ import annotations
@@ -29,26 +29,27 @@ __all__ = [
     "with_points",
 ]
 
-#: Classes that are taken from detections: by their points alone they are too easily mistaken.
+#: Classes taken from a detector, since they are unreliable by points alone.
 DETECTED = ("pedestrian", "bicycle", "motorcycle")
-#: What is less likely is not taken.
+#: Least score of a detection.
 LEAST_SCORE = 0.4
-#: Points so far beside a box, metres, are of who is in it; of fewer nothing can be said.
+#: Margin around a box within which points belong to it, metres; and least number of points.
 BESIDE_M, LEAST_POINTS = 0.2, 5
-#: Who has less of the points in its box than this, the rest being another's, is that other.
+#: Least share of the points in a box that are not another detection's, else both are the same
+#: object.
 OWN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class DetectedActor:
-    """A box in a frame.
+    """A box of a detector.
 
     Attributes:
         actor_class: one of `DETECTED`.
-        place: (2,) x, y of the middle, metres.
+        place: (2,) x, y of the centre, metres.
         yaw: radians.
         size: length, width, height, metres.
-        score: how sure the detector is, 0..1.
+        score: confidence, 0..1.
     """
 
     actor_class: str
@@ -61,11 +62,11 @@ class DetectedActor:
 def with_points(
     actors: Sequence[DetectedActor], points: NDArray[np.float64]
 ) -> Iterator[tuple[DetectedActor, NDArray[np.intp]]]:
-    """Yield actors, the likeliest first, and the rows (M,) of the points that are theirs.
+    """Yield actors, the most confident first, with the rows (M,) of their points.
 
     Args:
-        actors: of one frame.
-        points: (N, 3) of what rises from the ground, metres.
+        actors: actors of one frame.
+        points: (N, 3) points above the ground, metres.
     """
     free = np.ones(len(points), np.bool_)
     for actor in sorted(actors, key=lambda one: (-one.score, *one.place)):
@@ -79,33 +80,33 @@ def with_points(
         yield actor, own
 
 
-#: Steps of the heading, radians; points nearer to a side than this count the same, metres.
+#: Step of the heading, radians; distances to a side below the second are equal, metres.
 STEP, NEAR_M = np.radians(2.0), 0.05
-#: So many points say it as well as all.
+#: Maximum number of points used for a fit.
 MOST = 250
-#: No ring passes over people farther above the one that met them, metres.
+#: Maximum height that is added above the highest ring on a person, metres.
 UNSEEN_M = 0.3
-#: What hangs above a gap of so many metres, so many times as wide as those below it, and above so
-#: many metres of what stands, is something else.
+#: Least gap, metres, its least ratio to the gaps below, and least height, metres, above which
+#: points belong to something that hangs above the object.
 HANGS_M, HANGS_TIMES, LEAST_HIGH_M = 0.5, 3.0, 1.2
 
 
 @dataclass(frozen=True, eq=False)
 class SeenObject:
-    """What was seen of an object in one frame.
+    """An object detected in one frame.
 
     Attributes:
         frame: number of the frame.
-        points: (N, 2) from above, metres.
-        top: metres above the ground; two points in a hundred are higher.
-        highest: metres above the ground, of all but points that may be off.
-        bottom: metres above the ground.
-        sensor: (2,) the place of the sensor that saw most of it.
+        points: (N, 2) points in plan, metres.
+        top: height above the ground, metres; two percent of the points are higher.
+        highest: height of the highest point, without outliers, metres above the ground.
+        bottom: height of the lowest points, metres above the ground.
+        sensor: (2,) position of the sensor with most of its points.
         moves: share of its points that move.
-        yaw: of the fitted sides, radians, within a quarter of a turn.
-        actor: who a detector says it is; ``None`` where none does.
-        length: of a vehicle of which nothing hides an end (`seen_length`), metres.
-        silhouette: who it is by its outline (`silhouette`); ``None`` where that does not tell.
+        yaw: heading of the fitted sides, radians, modulo a quarter turn.
+        actor: the detector's actor; ``None`` without one.
+        length: length of a vehicle with both ends visible (`seen_length`), metres.
+        silhouette: class by its outline (`silhouette`); ``None`` if unknown.
     """
 
     frame: int
@@ -122,24 +123,24 @@ class SeenObject:
 
     @property
     def detected_class(self) -> str | None:
-        """Which class a detector says it is of."""
+        """The class given by the detector; ``None`` without one."""
         return self.actor.actor_class if self.actor else None
 
     @cached_property
     def diagonal(self) -> float:
-        """From corner to corner of what was seen, metres."""
+        """Diagonal of the visible part, metres."""
         low, high = extents(self.points, self.yaw)
         return float(np.linalg.norm(high - low))
 
     @cached_property
     def long_way(self) -> float:
-        """The way of its longer side, radians, within half a turn."""
+        """Direction of its longer side, radians, modulo half a turn."""
         low, high = extents(self.points, self.yaw)
         return self.yaw + (np.pi / 2 if (high - low)[1] > (high - low)[0] else 0.0)
 
     @cached_property
     def middle(self) -> NDArray[np.float64]:
-        """The middle (2,) of what was seen, or of a detector's box."""
+        """Centre (2,) of the visible part, or of the detector's box."""
         if self.actor:
             return self.actor.place
         low, high = extents(self.points, self.yaw)
@@ -150,19 +151,19 @@ class SeenObject:
 def extents(
     points: NDArray[np.float64], yaw: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and greatest place (2,) along a heading and to its left."""
+    """Return the least and greatest coordinates (2,) along a heading and to its left."""
     c, s = np.cos(yaw), np.sin(yaw)
     turned = points @ np.array([[c, -s], [s, c]])
-    # A point in a hundred may be off: rain, edges.
+    # Up to one percent of the points may be outliers: rain, edges.
     if len(points) > MOST:
         return np.quantile(turned, 0.005, axis=0), np.quantile(turned, 0.995, axis=0)
     return turned.min(axis=0), turned.max(axis=0)
 
 
 def beneath_gap(above: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the heights (N,) of what stands, without what hangs above it: leaves, lamps, wires.
+    """Return the heights (N,) of an object without what hangs above it: leaves, lamps, wires.
 
-    It hangs where the gap to it is far wider than the gaps between rings below.
+    It is separated by a gap far wider than the gaps between rings below.
     """
     order = np.sort(above)
     gaps = np.diff(order)
@@ -173,7 +174,7 @@ def beneath_gap(above: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def highest(above: NDArray[np.float64]) -> float:
-    """Return the greatest height (N,) of an object's points, as `extents` its sides."""
+    """Return the greatest height (N,) of an object's points, without outliers as in `extents`."""
     return float(np.quantile(above, 0.995) if len(above) > MOST else above.max())
 
 
@@ -183,17 +184,16 @@ def unseen_above(
     ring: NDArray[np.int64],
     top: float,
 ) -> float:
-    """Return how much of somebody is above the highest point on the average, metres.
+    """Return the expected height of a person above the highest point, metres.
 
-    The next ring passes over the head, at a height that is any between. It is as far above the
-    last one that met the head as that above the one before; of several sensors the lowest of them
-    tells.
+    The next ring passes above the head at an unknown height. Its spacing is that of the last two
+    rings on the head; of several sensors the lowest such ring counts.
 
     Args:
         above: (N,) heights of the points, metres.
-        sensor: (N,) numbers of their sensors.
-        ring: (N,) of their rings.
-        top: the greatest height that is somebody's, metres.
+        sensor: (N,) indices of their sensors.
+        ring: (N,) indices of their rings.
+        top: greatest height that belongs to the person, metres.
     """
     passes = np.inf
     here = above <= top
@@ -209,12 +209,12 @@ def unseen_above(
 def fitted_yaw(
     points: NDArray[np.float64], near: float | None = None, within: float = np.pi / 4
 ) -> float:
-    """Return the heading at which points (N, 2) lie nearest to two sides, radians.
+    """Return the heading at which points (N, 2) lie nearest to two perpendicular sides, radians.
 
     Args:
-        points: from above, metres.
-        near: only headings about this one.
-        within: by so much, radians.
+        points: points in plan, metres.
+        near: centre of the headings searched; ``None``: all.
+        within: half range of the search, radians.
     """
     if len(points) > MOST:
         points = points[:: len(points) // MOST + 1]

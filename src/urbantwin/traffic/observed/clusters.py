@@ -1,4 +1,4 @@
-"""Points of one frame as objects: what lies together from above."""
+"""Clustering of the points of one frame in plan."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from scipy.ndimage import label
 
 __all__ = ["clusters"]
 
-#: Cells from above, metres, and how many cells may be empty between points of one object.
+#: Size of cells in plan, metres, and maximum number of empty cells between points of one object, in
+#: successive passes.
 CELL_M = 0.2
 GAPS = (2, 1, 0)
-#: Points of an object, at least.
+#: Least number of points of an object.
 LEAST = 8
-#: Longer and lower than this are two vehicles, one behind the other, metres.
+#: Longer objects of less height are two vehicles, one behind the other, metres.
 LONG_M, LOW_M = 6.3, 2.3
-#: People: from corner to corner, and how tall, metres.
+#: Pedestrians: maximum diagonal, least and greatest height, metres.
 PERSON_M, SHORT_M, TALL_M = 1.4, 1.1, 2.1
-#: What share of the points of a group may be nobody's: a part of it, and how many are somebody's.
+#: Maximum share of a group's points in a part that is no pedestrian, and least share in
+#: pedestrians.
 FEW, MOSTLY = 0.1, 0.7
 
 
 def clusters(points: NDArray[np.float64], above: NDArray[np.float64]) -> Iterator[NDArray[np.intp]]:
-    """Give the rows (M,) of each object's points.
+    """Yield the rows (M,) of each object's points.
 
     Args:
-        points: (N, 3) of one frame, metres.
-        above: (N,) metres above the ground.
+        points: (N, 3) points of one frame, metres.
+        above: (N,) heights above the ground, metres.
     """
     yield from _parted(np.arange(len(points)), points, above, 0)
 
@@ -41,7 +43,7 @@ def _parted(
     cell = np.floor((points[rows, :2] - points[rows, :2].min(axis=0)) / CELL_M).astype(int)
     grid = np.zeros(cell.max(axis=0) + 1 + 2 * GAPS[0], bool)
     reach = GAPS[depth]
-    # Two cells are one object's if no more than `reach` cells are empty between them.
+    # Cells belong to one object if at most `reach` empty cells are between them.
     for east in range(reach + 1):
         for north in range(reach + 1):
             grid[cell[:, 0] + east, cell[:, 1] + north] = True
@@ -66,7 +68,7 @@ def _parted(
 def _people(
     rows: NDArray[np.intp], points: NDArray[np.float64], above: NDArray[np.float64]
 ) -> list[NDArray[np.intp]]:
-    """Return people who walk together one by one; nobody where it is something else."""
+    """Return the pedestrians of a group; empty if it is something else."""
     if np.linalg.norm(np.ptp(points[rows, :2], axis=0)) < PERSON_M:
         return []
     people = []

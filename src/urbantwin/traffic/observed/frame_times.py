@@ -1,7 +1,7 @@
-"""When frames were taken, and which of them are so near in time that one is followed through them.
+"""Times of frames, and gaps over which objects are not tracked.
 
-Over a gap nobody is followed: who stands in the place of another would be taken for it, and nobody
-has a speed. Both sides of it are looks of their own.
+Over a gap objects are not associated, since another object in the same place would be mistaken for
+the first, and speeds are unknown. Both sides of a gap are separate observations.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["LONGEST_S", "FrameTimes", "evenly_spaced", "read_frame_times"]
 
-#: Over more than this a vehicle is anybody's, seconds: it drives 40 m meanwhile.
+#: Maximum time between tracked frames, seconds: a vehicle drives up to 40 m meanwhile.
 LONGEST_S = 2.5
 _EXPECTED = "a table with the columns frame and seconds, ascending, of every frame"
 _SECONDS = ("seconds", "time_s")
@@ -28,14 +28,14 @@ _MOST_BYTES, _MOST_S = 1 << 26, 1e12
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Moments of frames.
+    """Times of frames.
 
     Attributes:
-        time_s: (N,) ascending, seconds from the first one. Where nobody said how long a gap is, it
-            counts as long as the others.
-        gap: (N - 1,) whether one is followed by a gap.
-        confidence: (N - 1,) how likely `gap` is right, 0.5 to 1; ``None`` where times were told.
-        told: whether somebody said when frames were taken.
+        time_s: (N,) ascending, seconds from the first. A gap of unknown duration counts like the
+            other steps.
+        gap: (N - 1,) whether there is a gap after the frame.
+        confidence: (N - 1,) probability that `gap` is right, 0.5 to 1; ``None`` if times are given.
+        told: whether the times were given by the user.
     """
 
     time_s: NDArray[np.float64]
@@ -44,29 +44,28 @@ class FrameTimes:
     told: bool = False
 
     def group(self) -> NDArray[np.int64]:
-        """Return (N,) numbers of the frames without a gap between them, from 0."""
+        """Return (N,) numbers of groups of frames without gaps, from 0."""
         return np.concatenate([[0], np.cumsum(self.gap)]).astype(np.int64)
 
 
 def evenly_spaced(count: int, rate_hz: float) -> FrameTimes:
-    """Return the times of frames at a rate; gaps are between all of them if it is too slow."""
+    """Return the times of frames at a rate; all steps are gaps if it is too low."""
     slow = 1 / rate_hz > LONGEST_S
     return FrameTimes(np.arange(count) / rate_hz, np.full(max(count - 1, 0), slow))
 
 
 def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
-    """Return the times of frames from a table: ``frame``, and ``seconds`` or ``time_s``.
+    """Return the times of frames from a table with ``frame``, and ``seconds`` or ``time_s``.
 
-    Frames are named as their files, with or without the ending; of several rows of a frame, as in
-    the ``frames.csv`` of our own exports, the first counts. Between steps longer than 2.5 s is a
-    gap.
+    Frames are named like their files, with or without extension. Of several rows of a frame, as in
+    the ``frames.csv`` of UrbanTwin's exports, the first counts. Steps longer than 2.5 s are gaps.
 
     Args:
         file: the table, CSV.
-        names: of the frames, in order.
+        names: names of the frames, in order.
 
     Raises:
-        InputError: it cannot be read, a frame is missing, or time does not go on.
+        InputError: it cannot be read, a frame is missing, or times do not ascend.
     """
     try:
         if file.stat().st_size > _MOST_BYTES:
@@ -103,5 +102,5 @@ def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
 
 
 def _name(frame: str) -> str:
-    """Return what a frame is called, without the ending of a file."""
+    """Return the name of a frame, without a file's extension."""
     return Path(frame.strip()).stem

@@ -1,4 +1,4 @@
-"""The lanes that points lie over."""
+"""The lanes below points."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from urbantwin.roads.network import Lane
 
 __all__ = ["LanesBeneath"]
 
-#: Nobody waits nearer to the edge of what is driven on, metres: posts stand there.
+#: Margin along the edge of the carriageway without waiting vehicles, where posts stand, metres.
 EDGE_M = 0.3
-#: A heading is a lane's within this, radians.
+#: Maximum difference of a heading from its lane's, radians.
 SAME = np.radians(35.0)
 
 
 class LanesBeneath:
-    """Where vehicles drive, and which way.
+    """The lanes of vehicles, with their directions.
 
     Args:
         network: the lanes.
@@ -41,11 +41,11 @@ class LanesBeneath:
         return area
 
     def cover(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points (N, 2 or 3) lie over lanes."""
+        """Return which points (N, 2 or 3) are over lanes."""
         return np.asarray(shapely.contains_xy(self._area, points[:, 0], points[:, 1]))
 
     def headings(self, place: NDArray[np.float64], kinds: Sequence[str]) -> list[float]:
-        """Return which ways one drives at a place (2,), radians."""
+        """Return the driving directions at a point (2,), radians."""
         found = []
         for number in sorted(self._tree.query(shapely.Point(place), predicate="intersects")):
             lane = self._lanes[number]
@@ -57,12 +57,12 @@ class LanesBeneath:
         return found
 
     def lane_heading(self, place: NDArray[np.float64], yaw: float) -> float | None:
-        """Return the way that one drives at a place, where it is clear, or nearest to ``yaw``."""
+        """Return the driving direction at a point, if known, nearest to ``yaw``."""
         streets = self.headings(place, ("driving",))
         ways = streets or self.headings(place, ("connection",))
         if not ways:
             return None
-        # Sides fitted to points have no front: half a turn counts as none.
+        # Fitted sides have no front: headings are compared modulo half a turn.
         gap = [abs(float(wrapped(2 * (way - yaw))) / 2) for way in ways]
         best = int(np.argmin(gap))
         return ways[best] if streets or gap[best] < SAME else None

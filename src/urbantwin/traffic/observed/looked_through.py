@@ -1,8 +1,8 @@
-"""Who was out of sight for a frame, and who was not there: sensors look through where nobody is.
+"""Free-space checks: whether a vehicle can have been at a place in a frame.
 
-Two vehicles that follow each other may be taken for one that nobody saw in between. If beams went
-through the place where it would have been then, at the height of its doors, it was not there, and
-the track is of two.
+Two vehicles that follow each other may be associated to one track with a missing frame. If beams
+passed through the interpolated place in that frame, at the height of doors, no vehicle was there,
+and the track is split.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from urbantwin.traffic.observed.box_fit import extents
 
 __all__ = ["looked_through", "parts_in_sight", "seen_length"]
 
-#: Heights above the ground where vehicles are closed, metres: above their sills, below windows.
+#: Heights above the ground at which vehicles are closed, metres: above sills, below windows.
 _LOW_M, _HIGH_M = 0.35, 0.75
-#: Half as wide and as deep as the part of a vehicle that is asked about, metres.
+#: Half width and half depth of the part of a vehicle that is checked, metres.
 _BESIDE_M, _DEEP_M = 0.6, 1.5
-#: Half as wide and as deep as the place before an end that must be free, metres.
+#: Half width and half depth of the free space beyond an end, metres.
 _END_M = 0.25
-#: So much of a length is not seen, metres: bumpers are round, and rings lie apart. Of cars of our
-#: own simulation.
+#: Length that is not visible, metres, because bumpers are round and rings far apart; measured on
+#: cars of UrbanTwin's simulation.
 _ROUND_M = 0.2
-#: So many beams tell.
+#: Least number of beams.
 _FEWEST = 5
 
 
@@ -40,15 +40,15 @@ def looked_through(
     beside_m: float = _BESIDE_M,
     deep_m: float = _DEEP_M,
 ) -> bool:
-    """Return whether more beams of a frame went through the middle of a place than ended there.
+    """Return whether more beams of a frame passed through a place than ended there.
 
     Args:
-        frame: of sensors that stand still.
-        sensors: (S, 3) where they stand, metres.
-        place: (2,) east and north, metres.
-        ground_m: height of the ground there.
-        beside_m: half as wide as the place is as sensors see it, metres.
-        deep_m: half as deep.
+        frame: frame of stationary sensors.
+        sensors: (S, 3) their positions, metres.
+        place: (2,) the place, metres.
+        ground_m: height of the ground there, metres.
+        beside_m: half width of the place as seen from a sensor, metres.
+        deep_m: half depth, metres.
     """
     through, met = 0, 0
     for number, at in enumerate(sensors):
@@ -77,17 +77,17 @@ def seen_length(
     sensors: NDArray[np.float64],
     ground_m: float,
 ) -> float | None:
-    """Return how long a vehicle is, metres; ``None`` where more of it may be hidden.
+    """Return the length of a vehicle, metres; ``None`` if more of it may be hidden.
 
-    Sensors look through the places just before its front and just behind its rear.
+    Beams pass through the places just before its front and just behind its rear.
 
     Args:
-        points: (N, 2) what one sensor saw of it from above, metres: several that are not
-            synchronous see who drives at several places.
-        yaw: the way of its longer side, radians.
-        frame: in which it was seen.
-        sensors: (S, 3) where they stand, metres.
-        ground_m: height of the ground there.
+        points: (N, 2) its points in plan from one sensor, metres: sensors that are not synchronised
+            see a moving vehicle at several places.
+        yaw: direction of its longer side, radians.
+        frame: the frame.
+        sensors: (S, 3) positions of the sensors, metres.
+        ground_m: height of the ground there, metres.
     """
     low, high = extents(points, yaw)
     c, s = np.cos(yaw), np.sin(yaw)
@@ -105,11 +105,11 @@ def seen_length(
 def parts_in_sight(
     track: SeenTrack, nobody: Callable[[int, NDArray[np.float64]], bool]
 ) -> Iterator[SeenTrack]:
-    """Yield the parts of a vehicle's track between frames in which it was not there.
+    """Yield the parts of a vehicle's track between frames in which it cannot have been there.
 
     Args:
-        track: of anybody.
-        nobody: whether nobody can have been in a frame, by its number, at a place (2,).
+        track: the track.
+        nobody: returns whether no vehicle can have been at a place (2,) in a frame, by its number.
     """
     first = 0
     for k, (last, one) in enumerate(zip(track.seen, track.seen[1:], strict=False), 1):

@@ -1,8 +1,8 @@
-"""Who drives, rides and walks in frames without labels.
+"""Observation of vehicles, riders and pedestrians in unlabelled frames.
 
-Objects of each frame (`clusters`), followed from frame to frame (`association`), become boxes of
-one size (`observed_track`). What stands in every frame is nobody's track: without a twin no vehicle
-that waits; with one, what stands on its lanes and is as large as a vehicle.
+Objects of each frame (`clusters`), associated from frame to frame (`association`), become boxes of
+constant size (`observed_track`). Objects that are static in every frame have no track: without a
+twin no waiting vehicle is found; with one, static objects of a vehicle's size on its lanes are.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ from urbantwin.traffic.observed.spacing import found_times
 
 __all__ = ["Observation", "observe"]
 
-#: Heights above the ground between which objects are looked for, metres.
+#: Range of heights above the ground in which objects are detected, metres.
 LOW_M, HIGH_M = 0.3, 4.5
-#: So many points of what stands, a frame, tell where the ground is.
+#: Number of static points per frame from which the ground is estimated.
 GROUND_POINTS = 60_000
-#: What stands on lanes and rises less than this is no vehicle, metres.
+#: Least height of a static vehicle on a lane, metres.
 LEAST_TOP_M = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What was seen to move, or to wait on lanes.
+    """Moving objects, and waiting ones on lanes.
 
     Attributes:
-        tracks: of each, numbered from 1 in this order.
-        ground: of the place.
-        trails: (N, 3) points that move, and the number of their frame.
-        times: of the frames.
+        tracks: the tracks, numbered from 1 in this order.
+        ground: the ground.
+        trails: (N, 3) x, y of moving points, and the number of their frame.
+        times: times of the frames.
     """
 
     tracks: tuple[ObservedTrack, ...]
@@ -63,7 +63,7 @@ class Observation:
 
     @property
     def frames(self) -> int:
-        """How many frames."""
+        """Number of frames."""
         return len(self.times.time_s)
 
 
@@ -76,17 +76,17 @@ def observe(
     times: FrameTimes | None = None,
     tell: Progress = untold,
 ) -> Observation:
-    """Return what moves in frames, and what waits on lanes.
+    """Return the moving objects of frames, and the waiting ones on lanes.
 
     Args:
-        frames: of sensors that stand still.
-        network: the place's lanes in the frame of the points; without it nobody is seen who stands
-            in every frame.
-        detected: people and riders whom a detector found in each frame; without them, what is as
-            large as they are is taken for them.
-        rate_hz: frames per second where there is no gap; gaps are found (`spacing`).
-        times: of the frames; then there are no others.
-        tell: called with the share done and what is being done.
+        frames: frames of stationary sensors.
+        network: the lanes in the frame of the points; ``None``: objects static in every frame are
+            not found.
+        detected: pedestrians and riders of a detector in each frame; ``None``: objects of their
+            size are taken for them.
+        rate_hz: frame rate without gaps; gaps are detected (`spacing`).
+        times: times of the frames, which replace the detection of gaps.
+        tell: called with the fraction done and what is being done.
 
     Raises:
         InputError: there are too few frames, their sensors moved, or a file cannot be read.
@@ -137,7 +137,7 @@ def _objects(
     sensors: NDArray[np.float64],
     detected: Sequence[DetectedActor] | None,
 ) -> tuple[list[SeenObject], NDArray[np.float64]]:
-    """Return a frame's objects, and (N, 3) place and frame of what moves."""
+    """Return a frame's objects, and (N, 3) x, y and frame of its moving points."""
     above = ground.above(frame.points)
     rises = np.flatnonzero((above > LOW_M) & (above < HIGH_M))
     trail = frame.points[rises[moves[rises]]]
@@ -186,5 +186,5 @@ def _objects(
 
 
 def _height(ground: RecordedGround, place: NDArray[np.float64]) -> float:
-    """Return the height of the ground at a place (2,), metres."""
+    """Return the height of the ground at a point (2,), metres."""
     return -float(ground.above(np.array([[*place, 0.0]]))[0])

@@ -1,4 +1,4 @@
-"""One actor as it was seen: its class, its size, and its box in every frame."""
+"""Class, size and boxes of one observed actor."""
 
 from __future__ import annotations
 
@@ -14,60 +14,64 @@ from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 
 __all__ = ["ObservedTrack", "observed_track"]
 
-#: Slower than this the way that it moved does not tell where its front is, m/s.
+#: Speed below which the direction of motion does not give the heading, m/s.
 CREEPS_M_S = 1.5
-#: Slower than this one on foot stands and fidgets, m/s.
+#: Speed below which a pedestrian stands, m/s.
 STEPS_M_S = 0.5
-#: Deeper than this across the longer side is nobody who stands, metres: a tenth of those of our own
-#: simulation is nearly so deep, and half of those who walk. In a step one is as long as this.
+#: Depth across the longer side from which a pedestrian is in stride, metres: in UrbanTwin's
+#: simulation a tenth of standing ones are nearly as deep, and half of the walking ones. Length of a
+#: pedestrian in stride, metres.
 DEEP_M, STRIDES_M = 0.35, 0.75
-#: Nobody on foot is faster, m/s.
+#: Maximum speed of pedestrians, m/s.
 WALKS_M_S = 2.6
-#: What of a vehicle that was seen from one side is completed: length, width, metres.
+#: Usual length and width, metres, which complete objects seen from one side.
 USUAL = {
     "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
     "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
 }  # fmt: skip
-#: Lengths of who ends where it was seen to end: what is shorter or longer is a part, or two.
+#: Range of lengths of vehicles with visible ends; others are parts, or two vehicles, metres.
 LENGTHS = {"car": (3.2, 5.3), "van": (4.2, 7.0)}
-#: No vehicle is wider, mirrors apart: the widest of the catalogue's cars and vans; trucks and buses
-#: by the law (Directive 96/53/EC). Sensors that are not synchronous see one that turns twice.
+#: Maximum width without mirrors, metres: the widest of the catalogue's cars and vans; trucks and
+#: buses by law (Directive 96/53/EC). Sensors that are not synchronised see turning vehicles twice.
 WIDEST = {"car": 2.05, "van": 2.2, "truck": 2.55, "bus": 2.55}
-#: A flank was seen if so many points within so many metres of it span so much of the length.
+#: A flank is visible if this many points within this distance of it, metres, span this share of the
+#: length.
 FLANK_POINTS, FLANK_M, FLANK = 10, 0.3, 0.7
-#: But what is narrower than so much of the usual is a part of it.
+#: Share of the usual width below which an object is only partly visible.
 WHOLE = 0.75
-#: Wider or longer than this is no person and no bicycle, metres.
+#: Maximum width and length of pedestrians and bicycles, metres.
 WIDE_M, LONG_M = 1.3, 2.3
-#: Shorter than this is a person on foot, metres; and however fast, since of who rides more is seen.
+#: Maximum length of pedestrians, metres; and at any speed, since riders have more visible length.
 RIDDEN_M, STRIDE_M = 1.35, 1.0
-#: What stands must be this long and wide to be a vehicle that waits, metres.
+#: Least width of a static object that is a waiting vehicle, metres.
 WAITS_M = 1.4
-#: Heading fitted within this of the way that it goes, radians.
+#: Maximum difference of the fitted heading from the lane's, and from the direction of motion,
+#: radians.
 OFF, TURNS = np.radians(12.0), np.radians(25.0)
-#: Classes without lanes of their own; what hangs higher than this is none of them, metres.
+#: Classes without lanes of their own; maximum height of their lowest points, metres.
 SMALL = ("pedestrian", "bicycle")
 OFF_GROUND_M = 0.9
-#: Larger than this one heeds lanes, metres from corner to corner.
+#: Diagonal from which an object follows lanes, metres.
 LANE_M = 1.5
-#: Who has not gone so far is a post that sensors saw now here, now there, metres.
+#: Least displacement, metres; less is a post with varying visible parts.
 GONE_M = 0.8
-#: But who is seen to move by so many of the points did, if as tall as people, metres.
+#: Share of moving points from which the displacement does not matter; height range of people,
+#: metres.
 SURELY, SHORT_M, TALL_M = 0.9, 1.0, 2.15
-#: What is beside all lanes must be this long to be a vehicle, metres.
+#: Least length of a vehicle beside all lanes, metres.
 CLEAR_M = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedTrack:
-    """An actor.
+    """An observed actor.
 
     Attributes:
-        actor_class: of the taxonomy.
+        actor_class: class of the taxonomy.
         frames: (N,) numbers of the frames.
-        boxes: (N, 3) x, y of the middle, metres, and yaw, radians.
+        boxes: (N, 3) x, y of the centre, metres, and yaw, radians.
         size: length, width, height, metres.
-        speed: m/s, the median; 0 of who was seen once.
+        speed: median speed, m/s; 0 if it was seen once.
         moves: whether it moves at all.
     """
 
@@ -86,14 +90,13 @@ def observed_track(
     *,
     small: bool = True,
 ) -> ObservedTrack | None:
-    """Return an actor; ``None`` where it is none: a post, leaves.
+    """Return an actor; ``None`` if the object is none, such as a post or leaves.
 
     Args:
-        seen: of each frame, in order.
-        lanes: what lies beneath.
-        time_s: (N,) of all frames, seconds.
-        small: people and riders are told by their size; else a detector tells who they are, and
-            nobody else is one.
+        seen: its detections, in order.
+        lanes: the lanes below.
+        time_s: (N,) times of all frames, seconds.
+        small: classify pedestrians and riders by size; else only the detector's actors are such.
     """
     frames = np.array([one.frame for one in seen])
     middles = np.array([one.middle for one in seen])
@@ -135,18 +138,19 @@ def observed_track(
     if name is None:
         return None
     usual = USUAL[name]
-    # Of people what no ring met is added, so that no frame tells too little on the average.
+    # For people the expected height above the highest ring is included, so that the median is
+    # unbiased.
     height = float(np.quantile([one.highest for one in seen], 0.5 if name in SMALL else 0.75))
     if whole.any():
-        # Of these frames none shows too little: the middle one, as sensors that are not synchronous
-        # see who drives at several places.
+        # The median of these frames, which show both flanks; sensors that are not synchronised see
+        # a moving vehicle at several places.
         width = np.median(spans[whole, 1])
     if not whole.any() or width < WHOLE * usual[1]:
         width = max(width, usual[1])
     width = min(width, WIDEST.get(name, width))
     ended = [one.length for one in seen if one.length is not None]
     if ended and name in LENGTHS:
-        # Both are off by as much, a quarter of a metre.
+        # Both have the same error, a quarter of a metre.
         length = (np.clip(np.median(ended), *LENGTHS[name]) + usual[0]) / 2
     else:
         length = max(length, usual[0])
@@ -163,7 +167,7 @@ def observed_track(
 def _detected_track(
     seen: Sequence[SeenObject], frames: NDArray[np.int64], velocity: NDArray[np.float64]
 ) -> ObservedTrack:
-    """Return somebody whom a detector found, as tall as was seen, else as the detector says."""
+    """Return an actor of a detector, with the observed height if plausible."""
     actors = [one.actor for one in seen if one.actor is not None]
     length, width, height = np.median([one.size for one in actors], axis=0)
     tall = float(np.median([one.highest for one in seen]))
@@ -205,7 +209,7 @@ def _headings(
     velocity: NDArray[np.float64],
     lanes: LanesBeneath | None,
 ) -> list[float]:
-    """Return where its front points in each frame, radians."""
+    """Return the heading in each frame, radians."""
     found: list[float] = []
     for one, middle, (east, north) in zip(seen, middles, velocity, strict=True):
         moves = np.hypot(east, north) >= CREEPS_M_S
@@ -214,7 +218,7 @@ def _headings(
         if lanes is not None and one.diagonal > LANE_M:
             lane = lanes.lane_heading(middle, one.long_way if way is None else way)
         if lane is not None:
-            # One moment after another may be another vehicle; lanes are driven one way.
+            # Consecutive samples may be different vehicles; a lane has one direction.
             found.append(_nearest_side(one, lane, TURNS if way is not None else OFF))
         elif way is not None:
             found.append(_nearest_side(one, way, TURNS))
@@ -224,9 +228,9 @@ def _headings(
 
 
 def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
-    """Return where somebody on foot faces, radians: the way it goes, else square to its shoulders.
+    """Return a pedestrian's heading, radians: the direction of motion, else across the shoulders.
 
-    Its chest or its back: points do not tell.
+    Points do not distinguish chest and back.
     """
     if np.hypot(*velocity) >= STEPS_M_S:
         return float(np.arctan2(velocity[1], velocity[0]))
@@ -234,13 +238,13 @@ def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
 
 
 def _strides(one: SeenObject) -> bool:
-    """Return whether somebody on foot is in a step: from above no trunk is as deep as it is."""
+    """Return whether a pedestrian is in stride: deeper in plan than any trunk."""
     low, high = extents(one.points, one.long_way)
     return bool((high - low)[1] >= DEEP_M)
 
 
 def _nearest_side(one: SeenObject, way: float, within: float) -> float:
-    """Return the fitted heading nearest to a way, or else one fitted within so much of it."""
+    """Return the fitted heading nearest to a direction, or one fitted within a range of it."""
     quarter = one.yaw + np.pi / 2 * np.arange(4.0, dtype=np.float64)
     gap: NDArray[np.float64] = np.asarray(quarter - way, np.float64)
     off = np.abs(wrapped(gap))
@@ -249,17 +253,17 @@ def _nearest_side(one: SeenObject, way: float, within: float) -> float:
 
 
 def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (N, 2) m/s: over the moments before and after each."""
+    """Return velocities (N, 2), m/s, by central differences."""
     if len(times) < 2:
         return np.zeros_like(places)
     return np.asarray(np.gradient(places, times, axis=0))
 
 
 def _both_flanks(one: SeenObject, yaw: float) -> bool:
-    """Return whether both flanks of an object were seen, or all of its front or its rear.
+    """Return whether both flanks of an object are visible, or all of its front or its rear.
 
-    A flank was seen if points lie along it; of the other one alone they lie at a corner. Of ends
-    that is not asked: where something hides a part of a car, the bonnet or the roof looks like one.
+    A flank is visible if points lie along it; otherwise they lie only at a corner. Ends are not
+    tested: if an object hides a part of a car, bonnet or roof look like an end.
     """
     c, s = np.cos(yaw), np.sin(yaw)
     along, across = (one.points @ np.array([[c, -s], [s, c]])).T
@@ -272,7 +276,7 @@ def _both_flanks(one: SeenObject, yaw: float) -> bool:
 def _completed(
     one: SeenObject, yaw: float, size: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return x, y and yaw of the box whose sides towards the sensor are where they were seen."""
+    """Return x, y and yaw of the full box, whose sides towards the sensor are the visible ones."""
     low, high = extents(one.points, yaw)
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, -s], [s, c]])

@@ -1,4 +1,4 @@
-"""What `write_observation` wrote, read again: who was where in which frame."""
+"""Reader of observations written by `write_observation`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["ObservedTracks", "is_observation", "read_observation"]
 
 _EXPECTED = "a folder that `urbantwin traffic observe FRAMES --twin TWIN -o FOLDER` wrote"
 _COLUMNS = ("class", "track_id", "time_s", "x", "y", "yaw_rad", "length", "width", "height")
-#: Slower than this one stands, m/s.
+#: Speed below which an actor stands, m/s.
 _STANDS_M_S = 0.3
 
 
@@ -34,20 +34,20 @@ class _Observation(Part):
 
 @dataclass(frozen=True, eq=False)
 class ObservedTracks:
-    """Actors at moments, a row each.
+    """Observed actors, one row per actor and frame.
 
     Attributes:
-        track: (N,) whose row it is.
+        track: (N,) track ids.
         actor_class: (N,) names.
         time_s: (N,) seconds.
         xy: (N, 2) metres.
         yaw: (N,) radians.
-        size: (N, 3) length, width and height of its box, metres.
-        speed: (N,) m/s; ``nan`` where nobody knows.
+        size: (N, 3) length, width and height of the box, metres.
+        speed: (N,) m/s; ``nan`` if unknown.
         stands: (N,) whether it hardly moves.
-        sensors: (S, 2) where those stood who saw them; none where that is not told.
-        once: (N,) whether it was seen but once, between gaps, so that nobody knows whether it
-            stands; ``None`` where there are no gaps.
+        sensors: (S, 2) positions of the sensors; empty if unknown.
+        once: (N,) whether it was seen once between gaps, so that its motion is unknown; ``None``
+            without gaps.
     """
 
     track: NDArray[np.int64]
@@ -72,15 +72,15 @@ class ObservedTracks:
 
 
 def is_observation(path: Path) -> bool:
-    """Return whether this is a folder that ``urbantwin traffic observe`` wrote."""
+    """Return whether a folder was written by ``urbantwin traffic observe``."""
     return (path / "observation.json").is_file()
 
 
 def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
-    """Return who was where, and when the frames were.
+    """Return the observed tracks, and the times of the frames.
 
     Raises:
-        InputError: it is no observation, or nobody was observed.
+        InputError: it is no observation, or nothing was observed.
     """
     told = validated(
         read_json(folder / "observation.json", kind="observation"),
@@ -100,7 +100,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     order = np.lexsort((numbers[1], numbers[0]))
     track, time_s, x, y, yaw, *sides = (one[order] for one in numbers)
     name, xy = name[order], np.column_stack([x, y])
-    # Of the ways to the frame before and from it to the next: whoever is slow in either stands.
+    # Speeds to the previous and next frame: an actor slow in either stands.
     ways = np.full((2, len(track)), np.nan)
     same = np.flatnonzero(np.diff(track) == 0)
     along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]

@@ -1,8 +1,9 @@
-"""Who rides and who walks, by what one frame shows of somebody, and who stands beside whom.
+"""Classification of pedestrians and riders by their outline in one frame, and separation of groups.
 
-Who rides is as long as a bicycle below the saddle, and no longer than a trunk above its middle. Two
-people side by side are as long above, who pushes a stroller or leads a dog is at its end, and who
-walks is as long nowhere. In a group arms and wheels touch; heads and shoulders do not.
+A rider is as long as a bicycle below the saddle, and no longer than a trunk above its middle. Two
+people side by side are equally long above; a person with a stroller or a dog is at its end; a
+single pedestrian is short everywhere. In a group arms and wheels touch, but heads and shoulders do
+not.
 """
 
 from __future__ import annotations
@@ -16,32 +17,33 @@ from urbantwin.traffic.observed.box_fit import fitted_yaw
 
 __all__ = ["apart", "silhouette"]
 
-#: Below the saddle and above it, metres above the ground; so many points of either tell.
+#: Height of the saddle and of the trunk, metres above the ground; least number of points below and
+#: above.
 _SADDLE_M, _TRUNK_M = 0.9, 1.25
 _FEWEST_LOW, _FEWEST_HIGH = 8, 4
-#: Lengths, metres: of a wheelbase at least, of what is above it at most; and of all at most.
+#: Least length of a wheelbase, maximum length above it, and maximum length in all, metres.
 _WHEELS_M, _ABOVE_M, _LONGEST_M = 1.05, 0.9, 2.5
-#: Who rides sits above the middle, within this share of the length; who pushes or leads something
-#: is at its end.
+#: Maximum offset of a rider from the middle, as a share of the length; a person pushing or leading
+#: something is at its end.
 _MIDDLE = 0.25
-#: How wide and how tall somebody is at most who rides; how tall at least.
+#: Maximum width and height, and least height, of a rider, metres.
 _WIDE_M, _TALL_M, _SHORT_M = 0.95, 2.15, 1.3
-#: Nobody on foot is longer or wider than this.
+#: Maximum length of a pedestrian, metres.
 _STRIDE_M = 0.95
-#: A group: from corner to corner, metres; which share of its points must be somebody's.
+#: Least and greatest diagonal of a group, metres; least share of its points that belong to persons.
 _ALONE_M, _GROUP_M, _MOSTLY = 1.0, 4.0, 0.8
-#: Points of one head and its shoulders lie as near as this to each other, metres; so far apart are
-#: those of two; so many tell where they are.
+#: Maximum distance between points of one head and shoulders, metres; least distance between two
+#: heads; maximum number of points used.
 _GAP_M, _ABREAST_M, _MOST = 0.2, 0.5, 400
 
 
 def silhouette(plan: NDArray[np.float64], above: NDArray[np.float64], yaw: float) -> str | None:
-    """Return ``bicycle`` or ``pedestrian``, or ``None`` where it may be either, or neither.
+    """Return ``bicycle`` or ``pedestrian``; ``None`` if it may be either, or neither.
 
     Args:
-        plan: (N, 2) points of an object from above, metres.
-        above: (N,) their metres above the ground, without the ground itself.
-        yaw: of its fitted sides, radians.
+        plan: (N, 2) points of an object in plan, metres.
+        above: (N,) their heights above the ground, metres, without the ground itself.
+        yaw: heading of its fitted sides, radians.
     """
     c, s = np.cos(yaw), np.sin(yaw)
     turned = plan @ np.array([[c, -s], [s, c]])
@@ -64,11 +66,11 @@ def silhouette(plan: NDArray[np.float64], above: NDArray[np.float64], yaw: float
 
 
 def apart(plan: NDArray[np.float64], above: NDArray[np.float64]) -> list[NDArray[np.intp]]:
-    """Return the rows (M,) of each of a group of people and riders; nothing where it is none.
+    """Return the rows (M,) of each member of a group of people and riders; empty if it is none.
 
     Args:
-        plan: (N, 2) points of an object from above, metres.
-        above: (N,) their metres above the ground.
+        plan: (N, 2) points of an object in plan, metres.
+        above: (N,) their heights above the ground, metres.
     """
     size = float(np.linalg.norm(np.ptp(plan, axis=0)))
     if not _SHORT_M < above.max() < _TALL_M or not _ALONE_M < size < _GROUP_M:
@@ -87,7 +89,7 @@ def apart(plan: NDArray[np.float64], above: NDArray[np.float64]) -> list[NDArray
 
 
 def _heads(plan: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the middles (K, 2) of heads and shoulders; none where something is longer."""
+    """Return the centres (K, 2) of heads and shoulders; empty if a part is longer."""
     nobody = np.zeros((0, 2))
     plan = plan[:: len(plan) // _MOST + 1]
     if len(plan) < 2 * _FEWEST_HIGH:

@@ -1,11 +1,13 @@
-"""Which frames follow each other at once, and which after a gap, where nobody says when they were.
+"""Detection of gaps between frames without given times.
 
-Frames of published data are often a choice of a longer recording, and not an even one. What moves
-tells: who is no longer in place is a step farther in the next frame if that is 1/rate later, and
-anywhere after a gap. How often somebody else is found there by chance, frames tell that are far
-apart in the same recording. Both give the likelihoods of each pair of frames; how many pairs have a
-gap is found with them (expectation maximisation; Dempster, Laird and Rubin, Journal of the Royal
-Statistical Society B 39, 1977), so that what nobody's movement tells is decided by the others.
+Frames of published data are often an uneven selection from a longer recording. Moving objects
+reveal it: an object that left its place is one step farther in the next frame if that is 1/rate
+later, and anywhere after a gap. How often another object is found there by chance follows from
+frames far apart in the same recording.
+
+Both give the likelihoods for each pair of frames. The share of pairs with a gap is estimated with
+them (expectation maximisation; Dempster, Laird and Rubin, Journal of the Royal Statistical Society
+B 39, 1977), so that pairs without moving objects follow the others.
 """
 
 from __future__ import annotations
@@ -31,44 +33,44 @@ from urbantwin.traffic.observed.frame_times import LONGEST_S, FrameTimes, evenly
 
 __all__ = ["found_times"]
 
-#: Who is as near as this is still in place, metres, and tells of no gap: where frames are so far
-#: apart, seconds, that who walks is farther. Where they are not, everybody is asked.
+#: Objects within this distance, metres, have stayed and give no evidence, if frames are at least
+#: this far apart, seconds, so that a pedestrian moves farther. At higher rates all objects count.
 _STAYS_M, _STEP_S = 0.4, 0.3
-#: The same object is not taller, or longer from corner to corner, by more, metres: small, large.
+#: Maximum difference in height, and in diagonal, of the same object, metres: small, large.
 _TALLER_M, _LONGER_M = (0.15, 0.2), (0.6, 1.5)
-#: A vehicle moves along its sides, radians, once it has moved so far, metres.
+#: Maximum angle between a vehicle's long side and its motion, radians, and least motion for that
+#: test, metres.
 _ALONG, _MOVED_M = np.radians(30.0), 1.0
-#: Objects are asked of which so many points were seen, not farther from their sensor, metres, and
-#: of which so many of the points moved.
+#: Least number of points of an object, maximum distance from its sensor, metres, and least share of
+#: moving points.
 _POINTS, _REACH_M, _MOVES = 10, 40.0, 0.5
-#: Of small ones that left their place, the shares a walker's step away, a rider's, and elsewhere,
-#: and of large ones, in frames that follow each other: of simulated places, where all else was
-#: fitted as well (docs/howto/recorded_traffic.md).
+#: Shares in consecutive frames of small and of large objects that left their place: found within a
+#: pedestrian's step, within a rider's, and not found. From simulated places, on which the other
+#: constants were fitted, too (docs/howto/recorded_traffic.md).
 _FOLLOWS = np.array([[0.5, 0.2, 0.3], [0.8, 0.0, 0.2]])
-#: They are as good as so many objects of the recording itself.
+#: Weight of these shares, as a number of objects.
 _KNOWN = 100.0
-#: The same by chance, where a recording says nothing of it; as good as so many objects.
+#: The same shares by chance, as a prior; and its weight, as a number of objects.
 _CHANCE, _SUPPOSED = np.array([[0.2, 0.1, 0.7], [0.3, 0.0, 0.7]]), 5.0
-#: Chance is told by so many pairs of frames, at least so many frames apart.
+#: Number of pairs of frames for the shares by chance, and their least distance in frames.
 _CHANCE_PAIRS, _APART = 60, 3
-#: Pairs with a gap and without that are supposed beforehand, and the logarithm of the likelihood
-#: that must be gained by gaps for there to be any.
+#: Prior numbers of pairs with and without a gap, and least gain of log-likelihood for any gaps.
 _GAPS, _NONE, _GAINED = 0.1, 2.0, 3.0
 _ROUNDS, _FIRST = 100, 0.3
-#: Instead of nothing in a logarithm; and what no evidence exceeds.
+#: Least argument of a logarithm, and maximum evidence.
 _NEVER, _MOST = 1e-12, 50.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Objects:
-    """What is asked of the N objects of a frame.
+    """The N objects of a frame that give evidence.
 
     Attributes:
-        place: (N, 2) of their middles, metres.
+        place: (N, 2) centres, metres.
         top: (N,) metres above the ground.
-        diagonal: (N,) from corner to corner, metres.
-        way: (N,) of the longer side, radians.
-        outline: (N,) numbers of outlines, 0 where there is none.
+        diagonal: (N,) metres.
+        way: (N,) direction of the longer side, radians.
+        outline: (N,) numbers of outlines, 0 for none.
     """
 
     place: NDArray[np.float64]
@@ -83,11 +85,11 @@ class _Objects:
 
 
 def found_times(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> FrameTimes:
-    """Return which frames follow each other at once, by what moves in them.
+    """Return the times of frames, with gaps detected from moving objects.
 
     Args:
-        frames: the objects of each.
-        rate_hz: frames per second where there is no gap.
+        frames: the objects of each frame.
+        rate_hz: frame rate without gaps.
     """
     evenly = evenly_spaced(len(frames), rate_hz)
     if 1 / rate_hz > LONGEST_S or len(frames) < _APART + 2:
@@ -128,10 +130,10 @@ def _asked(objects: Sequence[SeenObject]) -> _Objects:
 
 
 def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float64]:
-    """Return how many left their place and are a walker's step, a rider's and not to be found.
+    """Count objects that left their place: within a pedestrian's step, a rider's, and lost.
 
-    Of small and of large objects (2, 3); large ones drive a vehicle's way, which counts as the
-    first. Who is in one frame alone is half an object.
+    The result (2, 3) is for small and large objects; large ones within a vehicle's range count as
+    the first. An object in one frame alone counts as half.
     """
     way = other.place[None] - one.place[:, None]
     gone = np.linalg.norm(way, axis=2)
@@ -151,7 +153,7 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
         fits &= ~(large & (gone > _MOVED_M) & (off > _ALONG))
-    # Who has nobody else in reach is the same, whatever rings and hidden parts make of it.
+    # A unique candidate is the same object, despite differences by rings and hidden parts.
     alone = (fits.sum(axis=0) == 1) & (fits.sum(axis=1, keepdims=True) == 1)
     fits &= alike | alone
     cost = np.where(fits, gone, np.inf)
@@ -170,7 +172,7 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
 
 
 def _matched(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows and columns of pairs at the least cost; those of infinite cost are none."""
+    """Return the rows and columns of a minimum-cost assignment, without infinite costs."""
     far = 1e3
     rows, columns = linear_sum_assignment(np.minimum(cost, far))
     kept = cost[rows, columns] < far
@@ -178,11 +180,11 @@ def _matched(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.in
 
 
 def _gaps(counted: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how likely each of N pairs has a gap; 0 for all where gaps explain hardly more.
+    """Return the probability of a gap for each of N pairs; 0 for all if gaps explain hardly more.
 
     Args:
-        counted: (N, 2, 3) what `_counted` says of each.
-        chance: (2, 3) shares of the same that chance makes.
+        counted: (N, 2, 3) results of `_counted`.
+        chance: (2, 3) shares of the same by chance.
     """
     by_chance = (counted * np.log(chance + _NEVER)).sum(axis=(1, 2))
     found = [_fitted(counted, chance, by_chance, share) for share in (_FIRST, 0.0)]
@@ -195,13 +197,13 @@ def _fitted(
     by_chance: NDArray[np.float64],
     share: float,
 ) -> tuple[NDArray[np.float64], float]:
-    """Return how likely each pair has a gap, and the logarithm of the likelihood of all.
+    """Return the probability of a gap for each pair, and the log-likelihood of all.
 
     Args:
-        counted: (N, 2, 3) what `_counted` says of each.
-        chance: (2, 3) shares of the same that chance makes.
-        by_chance: (N,) logarithms of the likelihoods with a gap.
-        share: of pairs with a gap, to begin with; 0 for no gaps at all.
+        counted: (N, 2, 3) results of `_counted`.
+        chance: (2, 3) shares of the same by chance.
+        by_chance: (N,) log-likelihoods with a gap.
+        share: initial share of pairs with a gap; 0 for no gaps at all.
     """
     follows, even = _FOLLOWS, share == 0.0
     for _ in range(_ROUNDS):
@@ -212,7 +214,7 @@ def _fitted(
             share = (likely.sum() + _GAPS) / (len(counted) + _GAPS + _NONE)
         seen = (counted * (1 - likely)[:, None, None]).sum(axis=0) + _KNOWN * _FOLLOWS
         follows = seen / seen.sum(axis=1, keepdims=True)
-        # No nearer to chance than halfway: else a gap between all frames were none.
+        # At most halfway to chance, else gaps between all frames would look like none.
         halfway = (_FOLLOWS + chance) / 2
         follows = np.where(follows[:, 2:] > halfway[:, 2:], halfway, follows)
     with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""What was observed as files: tracks, as readers of tracks take them, and ways to draw on."""
+"""Files of an observation: tracks in a common format, and proposed paths for drawing streets."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from urbantwin.traffic.observed.observed_track import ObservedTrack
 
 __all__ = ["observed_summary", "spacing_summary", "spacing_warnings", "write_observation"]
 
-#: Tracks of vehicles at least this long are proposed as lines to draw on, metres.
+#: Least length of vehicle tracks proposed as lines, metres.
 LONG_M = 6.0
-#: Frames at least so far apart, seconds, are told of at tenths of seconds, which are the steps of
-#: motions: who was seen once is at none of them otherwise.
+#: Step of frames, seconds, from which times are rounded to tenths of seconds, the steps of motions;
+#: otherwise actors seen once would be at none of them.
 SLOW_S = 0.5
 
 
 def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
-    """Write ``tracks.csv`` and ``proposal.geojson``; return what was found, in numbers."""
+    """Write ``tracks.csv`` and ``proposal.geojson``; return the summary."""
     time_s = found.times.time_s
     if found.times.told and np.diff(time_s).min(initial=np.inf) >= SLOW_S:
         time_s = time_s.round(1)
@@ -42,7 +42,7 @@ def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
 
 
 def observed_summary(found: Observation) -> dict[str, Any]:
-    """Return how many of each class move and wait, and how fast the middle one moves."""
+    """Return, by class, numbers of moving and waiting actors, and the median speed."""
     rows = {}
     for name in sorted({one.actor_class for one in found.tracks}):
         mine = [one for one in found.tracks if one.actor_class == name]
@@ -57,7 +57,7 @@ def observed_summary(found: Observation) -> dict[str, Any]:
 
 
 def spacing_summary(times: FrameTimes, names: Sequence[str]) -> dict[str, Any]:
-    """Return what is known of when frames (N names) were taken; nothing where they are even."""
+    """Return the known gaps between frames (N names); empty if they are even."""
     told: dict[str, Any] = {}
     if times.gap.any():
         told = {"gaps": int(times.gap.sum()), "of_pairs": len(times.gap)}
@@ -68,7 +68,7 @@ def spacing_summary(times: FrameTimes, names: Sequence[str]) -> dict[str, Any]:
 
 
 def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
-    """Return that frames are not evenly spaced, where nobody said so."""
+    """Return a warning if gaps between frames were detected."""
     if times.confidence is None or not times.gap.any():
         return []
     return [
@@ -83,7 +83,7 @@ def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
 
 
 def _proposal(tracks: tuple[ObservedTrack, ...]) -> str:
-    """Return the ways that vehicles drove as a sketch: what a person then joins to streets."""
+    """Return the paths of vehicles as a sketch, which a person then connects to streets."""
     features = []
     for number, one in enumerate(tracks, 1):
         driven = np.linalg.norm(one.boxes[-1, :2] - one.boxes[0, :2])

@@ -1,4 +1,4 @@
-"""Parked vehicles: the spaces of parking lanes and car parks, and who stands in them."""
+"""Parked vehicles: the spaces of parking lanes and car parks, and their occupancy."""
 
 from urbantwin.traffic.parked.occupancy import FIRST_PARKED_TRACK, ParkedVehicles, park
 

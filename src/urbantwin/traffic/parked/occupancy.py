@@ -1,7 +1,7 @@
-"""Who is parked: spaces taken at random, each by a vehicle of the fleet that fits.
+"""Occupancy of parking spaces: random spaces, each with a vehicle of the fleet that fits.
 
-A space decides by a random stream of its own whether it is taken, by whom, and how well: one
-space more or less changes no other, and who drives changes nobody who is parked.
+Each space has its own random stream for whether it is taken, by which vehicle, and how accurately:
+further spaces change no other, and moving traffic changes no parked vehicle.
 """
 
 from __future__ import annotations
@@ -32,32 +32,32 @@ from urbantwin.traffic.paths.placement import Ground, stand
 
 __all__ = ["FIRST_PARKED_TRACK", "ParkedVehicles", "park"]
 
-#: Parked vehicles have the tracks from here on, so that who drives does not renumber them.
+#: First track id of parked vehicles, so that moving traffic does not renumber them.
 FIRST_PARKED_TRACK = 30_001
-#: Nobody parks nearer to a bus stop's sign than this, metres (StVO, sign 224: 15 m to each side).
+#: Least distance of parked vehicles from a bus stop, metres (StVO, sign 224: 15 m to each side).
 STOP_M = 15.0
-#: Distance of the wheels' side from the kerb: mean and standard deviation, metres. The law wants
-#: less than 0.3 m where there is one (US Uniform Vehicle Code 11-1004: 12 inches).
+#: Distance of the wheels' side from the kerb: mean and standard deviation, metres. Laws require
+#: less than 0.3 m, if anything (US Uniform Vehicle Code 11-1004: 12 inches).
 KERB_M = (0.22, 0.07)
-#: How a vehicle stands in its space: along it as a part of the room that is left, and askew, rad
-#: (standard deviations, assumed).
+#: Standard deviations of a vehicle's heading in its space, rad, and of its position along it, as a
+#: share of the remaining room (assumed).
 ASKEW_RAD, ALONG_SHARE = 0.012, 0.25
-#: One in so many parks backwards in a space across the road (assumed).
+#: Share of vehicles parked backwards in spaces across the road (assumed).
 BACKWARDS = 0.3
-#: Room that stays before and behind, and to the next in a row, so that doors open, metres.
+#: Room left along the kerb, and between vehicles in a row, so that doors open, metres.
 GAP_ALONG_M, DOOR_M = 0.5, 0.55
-#: Vans among the parked, as `site.usual_traffic.VANS`; how many are tried until one fits.
+#: Share of vans, as `site.usual_traffic.VANS`; number of vehicles tried until one fits.
 VANS, TRIES = 0.10, 6
 _STREAM = 8_000_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class ParkedVehicles:
-    """Who is parked.
+    """The parked vehicles.
 
     Attributes:
-        rows: of the motion's actors, one per vehicle.
-        notes: by kind of space, how many there are, and how many are taken; why some are not.
+        rows: rows of the motion's actors, one per vehicle.
+        notes: by kind of space, the numbers of all and of taken ones, and reasons for others.
     """
 
     rows: list[dict[str, Any]] = field(default_factory=list)
@@ -77,18 +77,18 @@ def park(
     fleet: Fleet,
     asset: Callable[[str], Asset],
 ) -> ParkedVehicles:
-    """Fill the spaces of a site.
+    """Fill the parking spaces of a site.
 
-    Nobody is parked on a crossing, before a driveway, within 15 m of a bus stop, where a wall, a
-    pole or a tree stands, or in another vehicle.
+    Spaces on a crossing, at a driveway, within 15 m of a bus stop, at a wall, pole or tree, or
+    overlapping another vehicle stay empty.
 
     Args:
         network: the lanes.
         mesh: the static world.
-        ground: what vehicles stand on.
-        share: by kind of space, which share of those that can be used is taken, 0..1.
-        fleet: of the region; its seed decides.
-        asset: an asset's dimensions and contacts by name.
+        ground: ground below the vehicles.
+        share: by kind of space, share of the usable spaces that is taken, 0..1.
+        fleet: fleet of the region, whose seed is used.
+        asset: returns an asset's dimensions and contacts by name.
     """
     spaces = [
         *(street_spaces(network) if share.get("street", 0) > 0 else ()),
@@ -148,7 +148,7 @@ def park(
 
 @dataclass(eq=False)
 class _Tried:
-    """A vehicle that fits a space: where it would stand (2,), and whether nothing hinders it."""
+    """A vehicle that fits a space: its pose, and whether it stays."""
 
     space: Space
     asset: Asset
@@ -162,7 +162,7 @@ class _Tried:
 
 
 def _hindered(tried: Sequence[_Tried], network: RoadNetwork, mesh: LabelledMesh) -> list[str]:
-    """Return of each vehicle what keeps it from standing there; an empty text for nothing."""
+    """Return, for each vehicle, the reason why it cannot stand there; empty if it can."""
     if not tried:
         return []
     kept_free = _kept_free(network)
@@ -179,7 +179,7 @@ def _hindered(tried: Sequence[_Tried], network: RoadNetwork, mesh: LabelledMesh)
         "kept_free" if kept_free.intersects(outline) else "in_the_way" if what else ""
         for outline, what in zip(outlines, met, strict=True)
     ]
-    # The first come stays.
+    # The first vehicle stays.
     pairs = shapely.STRtree(outlines).query(outlines, predicate="intersects").T
     for one, other in sorted(pairs.tolist()):
         if one < other and not why[one] and not why[other]:
@@ -194,7 +194,7 @@ def _vehicle(
     fleet: Fleet,
     asset: Callable[[str], Asset],
 ) -> _Tried | None:
-    """Return the vehicle that takes a space; ``None``: none fits."""
+    """Return the vehicle that takes a space; ``None`` if none fits."""
     off = random.normal(size=3)
     backwards = space.kerb == 0 and not space.slanted and random.random() < BACKWARDS
     for attempt in range(TRIES):
@@ -225,7 +225,7 @@ def _vehicle(
 
 
 def _kept_free(network: RoadNetwork) -> shapely.Geometry:
-    """Return where nobody parks: crossings, the ways through junctions, about bus stops."""
+    """Return areas without parking: crossings, paths through junctions, around bus stops."""
     areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
     areas = [area.buffer(1.0) for area in areas]
     areas += [lane.polygon.buffer(-0.3) for lane in network.lanes if lane.kind == "connection"]

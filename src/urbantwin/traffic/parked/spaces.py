@@ -16,32 +16,32 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["Space", "car_park_spaces", "rectangle", "service_ground", "street_spaces"]
 
-#: Car parks: depth and width of a space, and the aisle between two rows, metres (German EAR 05,
-#: perpendicular spaces: 5.00 m deep, 2.50 m wide, aisle of 6.00 m).
+#: Car parks: depth and width of a space, and width of the aisle between two rows, metres (German
+#: EAR 05, perpendicular spaces: 5.00 m deep, 2.50 m wide, aisle of 6.00 m).
 DEEP_M, WIDE_M, AISLE_M = 5.0, 2.5, 6.0
-#: A usual car is so wide, metres: between two lines a slant of 45 degrees apart it takes as much of
-#: their length.
+#: Width of a usual car, metres, which is also the length that it loses between two lines at 45
+#: degrees.
 CAR_WIDE_M = 1.8
-#: What is nearer to a parking lane than this belongs to the street, and smaller than this is no car
-#: park, metres and square metres.
+#: Ground within this distance of a parking lane belongs to the street, metres; least area of a car
+#: park, square metres.
 STREET_M, LEAST_M2 = 0.5, 60.0
-#: A service way that comes so near to the kerb is a driveway, metres: it ends at the sidewalk.
+#: Service ways within this distance of the kerb are driveways, metres: they end at the sidewalk.
 BEYOND_M = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """A place for one vehicle.
+    """A space for one vehicle.
 
     Attributes:
         kind: ``street`` or ``car_park``.
-        place: (3,) its middle on the ground, site frame, metres.
-        yaw: where who drives in forwards looks, rad.
+        place: (3,) its centre on the ground, site frame, metres.
+        yaw: heading of a vehicle that drove in forwards, rad.
         length: along ``yaw``, metres.
         width: metres.
-        kerb: to which side the kerb is, 1 left, -1 right; 0 for spaces across the road.
+        kerb: side of the kerb, 1 left, -1 right; 0 for spaces across the road.
         lane: id of the parking lane; empty in car parks.
-        slanted: whether it lies at an angle to the road: nobody reverses into it.
+        slanted: whether it is at an angle to the road, so that no vehicle reverses into it.
     """
 
     kind: str
@@ -58,7 +58,7 @@ class Space:
         return rectangle(self.place[:2], self.yaw, self.length, self.width)
 
     def beyond(self) -> shapely.Polygon:
-        """Return what lies beyond the kerb, where a driveway would begin."""
+        """Return the area beyond the kerb, where a driveway would begin."""
         yaw = self.yaw + self.kerb * np.pi / 2
         depth = self.width if self.kerb else self.length
         wide = self.length if self.kerb else self.width
@@ -69,7 +69,7 @@ class Space:
 def rectangle(
     middle: NDArray[np.float64], yaw: float, length: float, width: float
 ) -> shapely.Polygon:
-    """Return a rectangle in plan about a middle (2,), its length along ``yaw`` (rad), metres."""
+    """Return a rectangle in plan about a centre (2,), its length along ``yaw`` (rad), metres."""
     ahead = np.array([np.cos(yaw), np.sin(yaw)]) * length / 2
     left = np.array([-np.sin(yaw), np.cos(yaw)]) * width / 2
     return shapely.Polygon(
@@ -78,10 +78,10 @@ def rectangle(
 
 
 def street_spaces(network: RoadNetwork) -> Iterator[Space]:
-    """Yield the spaces of parking lanes, between the lines that are painted there.
+    """Yield the spaces of parking lanes, between the painted lines.
 
-    Who parks along the road looks where the nearest lane of traffic leads, who parks across it
-    looks away from that lane, and who parks diagonally halfway between.
+    Vehicles parked along the road point in the direction of the nearest traffic lane, those across
+    it point away from that lane, and diagonal ones halfway between.
 
     Args:
         network: the lanes.
@@ -145,11 +145,11 @@ def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[S
 def car_park_spaces(mesh: LabelledMesh, network: RoadNetwork) -> Iterator[Space]:
     """Yield spaces on the ground of mapped car parks: rows along their longer side, with aisles.
 
-    Nobody maps the rows, so they are a plan: the first along the edge, two back to back after
-    every aisle.
+    Maps do not contain the rows. The layout is assumed: the first row along the edge, two back to
+    back after every aisle.
 
     Args:
-        mesh: the ground; what is labelled as parking beside the lanes of streets is a car park.
+        mesh: the ground; parking areas beside the lanes of streets are car parks.
         network: the lanes.
     """
     up = (mesh.semantic == semantic_id("parking")) & (mesh.normals()[:, 2] > 0.5)
@@ -169,7 +169,7 @@ def car_park_spaces(mesh: LabelledMesh, network: RoadNetwork) -> Iterator[Space]
 
 
 def service_ground(mesh: LabelledMesh, network: RoadNetwork) -> shapely.Geometry:
-    """Return the ground of service ways: what is road beside the lanes of streets."""
+    """Return the ground of service ways: road beside the lanes of streets."""
     ground = _level_ground(mesh, "road").difference(network.carriageway(0).buffer(STREET_M))
     inside = shapely.union_all([one.polygon for one in network.junctions if one.level == 0])
     found = ground.difference(inside.buffer(STREET_M)).buffer(-0.5).buffer(0.5)
@@ -185,7 +185,7 @@ def _level_ground(mesh: LabelledMesh, name: str) -> shapely.Geometry:
 
 
 def _rows(area: shapely.Polygon) -> Iterator[tuple[NDArray[np.float64], float]]:
-    """Yield middle (2,) and yaw of the spaces of an area."""
+    """Yield centre (2,) and yaw of the spaces of an area."""
     corners = shapely.get_coordinates(area.minimum_rotated_rectangle)
     sides = np.diff(corners[:3], axis=0)
     lengths = np.linalg.norm(sides, axis=1)
@@ -198,7 +198,7 @@ def _rows(area: shapely.Polygon) -> Iterator[tuple[NDArray[np.float64], float]]:
     long, deep = lengths[longer], lengths[1 - longer]
     room = area.buffer(0.05)
     shapely.prepare(room)
-    # Depths of the middles of the rows, and to which side each looks: away from its aisle.
+    # Depth of the middle of each row, and the side it faces: away from its aisle.
     rows, at = [], 0.0
     while at + DEEP_M <= deep + 1e-6:
         rows.append((at + DEEP_M / 2, -1.0))

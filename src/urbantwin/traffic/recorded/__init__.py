@@ -1,4 +1,4 @@
-"""Recorded tracks: what sensors, annotators or programs saw move, read into the site frame."""
+"""Recorded tracks of sensors, annotators or programs, read into the site frame."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Tracks as CSV: a row for every actor and moment."""
+"""Tracks as CSV: a row per actor and time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["SECONDS", "csv_rows", "numbers_of", "read_csv", "time_unit_of"]
 #: Unit of time -> seconds.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-#: What -> names that columns have for it, in lower case, without signs between words.
+#: Field -> usual names of its column, in lower case, without separators.
 _USUAL: dict[str, tuple[str, ...]] = {
     "track": ("trackid", "track", "id", "objectid", "vehicleid", "agentid", "trackingid"),
     "time": (
@@ -52,8 +52,8 @@ def csv_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     """Read tracks from CSV.
 
     Raises:
-        InputError: the file is missing or damaged, a column is missing or holds no numbers; it
-            names the line.
+        InputError: the file is missing or damaged, or a column is missing or not numeric; the
+            message names the line.
     """
     table = read_csv(path, "tracks as CSV")
     named = _columns(table, spec, path)
@@ -122,10 +122,10 @@ def read_csv(path: Path, expected: str) -> pa.Table:
 def numbers_of(
     table: pa.Table, name: str, path: Path, *, empty: bool = False
 ) -> NDArray[np.float64]:
-    """Return a column of numbers (N,); nan where it is empty, if it may be.
+    """Return a column of numbers (N,); nan for empty values, if allowed.
 
     Raises:
-        InputError: a row holds something else; the line is named.
+        InputError: a row holds something else; the message names the line.
     """
     text = pc.utf8_trim_whitespace(table[name])
     usual = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$"
@@ -159,13 +159,13 @@ def texts_of(table: pa.Table, name: str) -> NDArray[np.object_]:
 
 
 def time_unit_of(column: str) -> str:
-    """Return the unit of a column of times by its name: ``timestamp_ms``; seconds without one."""
+    """Return the unit of a column of times by its name (``timestamp_ms``), by default seconds."""
     found = re.search(r"[_ (\[](ns|us|ms|s)[)\]]?$", column.lower())
     return found[1] if found else "s"
 
 
 def _columns(table: pa.Table, spec: TracksSpec, path: Path) -> dict[str, str]:
-    """Return what -> its column, as described or by the usual names."""
+    """Return field -> column, as described or by the usual names."""
     plain = {re.sub(r"[^a-z]", "", name.lower()): name for name in reversed(table.column_names)}
     named: dict[str, str] = {}
     for what, usual in _USUAL.items():

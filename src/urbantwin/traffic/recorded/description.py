@@ -1,4 +1,4 @@
-"""Description of recorded tracks: which column is what, units, where the frame lies, classes."""
+"""Description of recorded tracks: columns, units, coordinate frame, classes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["COLUMNS", "IGNORED", "SignalsSpec", "TracksSpec", "class_of", "load_description"]
 
-#: What a description maps a class to that is to be left out.
+#: Target of classes that are left out.
 IGNORED = "ignore"
 
-#: Words in the names of classes (KITTI, nuScenes, OpenLABEL and ASAM OpenX, inD and its sisters,
-#: TUMTraf, SUMO) -> our classes, the first that is there. More special words stand first.
+#: Words in class names (KITTI, nuScenes, OpenLABEL and ASAM OpenX, inD and related ones, TUMTraf,
+#: SUMO) -> classes of UrbanTwin, of which the first that exists is used. Special words come first.
 _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("dontcare", (IGNORED,)),
     ("misc", (IGNORED,)),
@@ -50,7 +50,7 @@ _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 def class_of(name: str) -> str | None:
-    """Return our class of a recording's, ``ignore`` for what is no actor, ``None`` if unknown."""
+    """Return UrbanTwin's class of a recording's, ``ignore`` for no actor, ``None`` if unknown."""
     plain = name.lower().replace(" ", "").replace("_", "").replace("-", "")
     if plain in ACTOR_CLASSES:
         return plain
@@ -64,7 +64,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
-#: What a column can be.
+#: Fields that a column can hold.
 COLUMNS = (
     *("track", "time", "frame", "class", "x", "y", "z", "latitude", "longitude"),
     *("yaw", "length", "width", "height"),
@@ -72,14 +72,14 @@ COLUMNS = (
 
 
 class Origin(Strict):
-    """Where x, y are zero: x east, y north."""
+    """The origin of x, y: x east, y north."""
 
     latitude: Annotated[float, Field(ge=-90, le=90)]
     longitude: Annotated[float, Field(ge=-180, le=180)]
 
 
 class FramePose(Strict):
-    """Where the tracks' frame stands in the site frame: metres, degrees counter-clockwise."""
+    """The pose of the tracks' frame in the site frame: metres, degrees counter-clockwise."""
 
     x: Finite = 0.0
     y: Finite = 0.0
@@ -88,23 +88,23 @@ class FramePose(Strict):
 
 
 class UnitsSpec(Strict):
-    """Units of columns: of times, and of angles."""
+    """Units of columns of times and angles."""
 
     time: TimeUnit | None = None
     angle: Literal["rad", "deg"] | None = None
 
 
 class SignalsSpec(Strict):
-    """A table of what groups of signals showed.
+    """A table of the states of signal groups.
 
     Attributes:
-        file: CSV: a row for every group and moment, or for every change.
-        group: the column that names the group.
-        time: the column of the time, by the clock of the tracks.
-        state: the column of what it shows.
-        unit: of the time.
-        states: what a state is in SUMO's letters (``G`` ``g`` ``y`` ``u`` ``r`` ``O``), beside
-            those of SAE J2735 and colours, which are known.
+        file: CSV: a row per group and time, or per change.
+        group: column of the group.
+        time: column of the time, by the clock of the tracks.
+        state: column of the state.
+        unit: unit of the time.
+        states: state -> SUMO's letter (``G`` ``g`` ``y`` ``u`` ``r`` ``O``), in addition to those
+            of SAE J2735 and colours, which are known.
         places: group -> its stop lines (x, y) in the tracks' frame.
     """
 
@@ -130,24 +130,25 @@ class SignalsSpec(Strict):
 
 
 class TracksSpec(Strict):
-    """What a description says; all but ``tracks`` may be left out where the file tells it.
+    """The fields of a description; all but ``tracks`` are optional if the file has the information.
 
     Attributes:
         tracks: the file.
-        format: of the file; by its name and content without it.
-        columns: of a CSV: what -> the name of its column.
-        units: of the columns.
-        rate_hz: frames per second, where moments are numbered only.
-        heading: what ``yaw`` is measured from and which way round.
-        point: which point of the actor x and y are.
-        origin: where x, y are zero, latitude and longitude; or
-        crs: the coordinate reference system of x, y: ``EPSG:25832``; or
-        pose: the tracks' frame in the site frame. Without any of them it is the site frame.
-        classes: class of the recording -> ours, or ``ignore``.
-        sizes: ``recorded``: as far as they are those of such an actor; ``catalogue``: as our
-            meshes are.
-        signals: what the signals showed.
-        licence, attribution: whose the recording is, as manifests and cards pass it on.
+        format: format of the file; by default from its name and content.
+        columns: for CSV: field -> name of its column.
+        units: units of the columns.
+        rate_hz: frame rate, if times are frame numbers.
+        heading: reference and direction of ``yaw``.
+        point: reference point of the actor for x and y.
+        origin: latitude and longitude of the origin of x, y; or
+        crs: coordinate reference system of x, y: ``EPSG:25832``; or
+        pose: pose of the tracks' frame in the site frame. Without any of them it is the site frame.
+        classes: class of the recording -> UrbanTwin's, or ``ignore``.
+        sizes: ``recorded``: if plausible for the class; ``catalogue``: those of the catalogue's
+            meshes.
+        signals: states of the signals.
+        licence: licence of the recording, for manifests and cards.
+        attribution: attribution of the recording, for manifests and cards.
     """
 
     tracks: Name
@@ -192,13 +193,13 @@ class TracksSpec(Strict):
 
 
 def load_description(path: Path) -> tuple[TracksSpec, Document | None]:
-    """Return what is said of tracks, and where; nothing is, if ``path`` is a file of tracks.
+    """Return a description of tracks and its document; a default one for a file of tracks.
 
     Args:
         path: a description (``.yaml``, ``.yml``), or the tracks themselves.
 
     Raises:
-        InputError: the description is missing or wrong; file, field and line are named.
+        InputError: the description is missing or wrong; the message names file, field and line.
     """
     if path.suffix.lower() not in (".yaml", ".yml"):
         return TracksSpec(tracks=path.name), None

@@ -1,4 +1,4 @@
-"""Rows of tracks collected one after the other, from formats that are no tables."""
+"""Readers of tracks in formats that are not tables."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _UNKNOWN = (math.nan, math.nan, math.nan)
 
 @dataclass
 class RowList:
-    """Collects rows of a file."""
+    """Rows collected from a file."""
 
     file: Path
     expected: str
@@ -51,10 +51,10 @@ class RowList:
         yaw: float = math.nan,
         size: Sequence[float] = _UNKNOWN,
     ) -> None:
-        """Add a row; ``place`` says where in the file it stands.
+        """Add a row; ``place`` is its place in the file.
 
         Raises:
-            InputError: a number is missing, or is none.
+            InputError: a number is missing or invalid.
         """
         numbers = (time_s, *xyz, yaw, *size)
         if len(xyz) != 3 or len(size) != 3 or not all(_is_number(one) for one in numbers):
@@ -73,7 +73,7 @@ class RowList:
         return InputError(problem, file=self.file, place=place, expected=self.expected)
 
     def made(self) -> RecordedRows:
-        """Return the rows, track by track in the order of time.
+        """Return the rows in order of time.
 
         Raises:
             InputError: there are none.
@@ -107,19 +107,19 @@ def _is_number(value: object) -> bool:
 
 _KITTI = "a label file of KITTI tracking: 17 fields a line, 18 with a score"
 _FIELDS = (17, 18)
-_RATE_HZ = 10.0  # KITTI's own
+_RATE_HZ = 10.0  # KITTI's rate
 
 
 def kitti_rows(path: Path, spec: TracksSpec) -> RecordedRows:
-    """Read tracks of a sensor that stands.
+    """Read tracks of a stationary sensor.
 
-    A line is frame, track, type, truncation, occlusion, alpha, box in the picture (4), height,
-    width, length, x, y, z of the bottom's middle in the camera's frame (x right, y down, z
-    ahead), rotation about its y (KITTI development kit, tracking, readme). Returned is x ahead, y
-    left: ``pose:`` of a description says where that frame stands in the site.
+    A line is frame, track, type, truncation, occlusion, alpha, box in the image (4), height, width,
+    length, x, y, z of the bottom's centre, rotation about y (KITTI development kit, tracking,
+    readme). The camera's frame has x right, y down, z ahead. The result has x ahead, y left;
+    ``pose:`` of a description gives the pose of that frame in the site.
 
     Raises:
-        InputError: the file is missing, or a line is none.
+        InputError: the file is missing, or a line is invalid.
     """
     try:
         lines = path.read_bytes().decode("utf-8").splitlines()
@@ -139,7 +139,7 @@ def kitti_rows(path: Path, spec: TracksSpec) -> RecordedRows:
         frame, track, height, width, length, right, down, ahead, turned = (
             math.nan if value is None else value for value in values
         )
-        if track < 0:  # "DontCare" belongs to nobody
+        if track < 0:  # "DontCare" has no track
             continue
         if math.isnan(sum((frame, track, height, width, length, right, down, ahead, turned))):
             raise rows.error(place, "holds something else than numbers")
@@ -157,13 +157,13 @@ _US = 1e-6
 def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     """Read tracks from ``sample_annotation.json`` or from a tracking submission.
 
-    ``sample.json`` beside it gives the times; without it samples follow each other by ``rate_hz``
-    in the file's order. Classes of annotations are those of ``instance.json`` and
-    ``category.json``. Sizes are width, length, height, rotations w, x, y, z
-    (nuScenes, "Database schema"; "Tracking task", results format).
+    Times are from ``sample.json`` beside it; without it samples have the file's order and the rate
+    ``rate_hz``. Classes of annotations are those of ``instance.json`` and ``category.json``. Sizes
+    are width, length, height, rotations w, x, y, z (nuScenes, "Database schema"; "Tracking task",
+    results format).
 
     Raises:
-        InputError: a file is missing or not in the format; the entry is named.
+        InputError: a file is missing or not in the format; the message names the entry.
     """
     rows = RowList(path, _NUSCENES)
     whole = read_json_value(path, _NUSCENES)
@@ -216,7 +216,7 @@ def _times(folder: Path, samples: list[str], spec: TracksSpec, rows: RowList) ->
 
 
 def _kinds(folder: Path) -> dict[str, str]:
-    """Return instance -> name of its category, as far as the tables are there."""
+    """Return instance -> name of its category, if the tables exist."""
     if not (folder / "instance.json").is_file() or not (folder / "category.json").is_file():
         return {}
     names = {token: str(row.get("name")) for token, row in _table(folder / "category.json").items()}
@@ -243,12 +243,12 @@ _ENOUGH = (9, 10)
 def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     """Read tracks from OpenLABEL.
 
-    A cuboid's values are x, y, z of its middle, a quaternion x, y, z, w or angles about x, y, z,
+    A cuboid's values are x, y, z of its centre, a quaternion x, y, z, w or angles about x, y, z,
     and its sizes along x, y, z (ASAM OpenLABEL 1.0.0, 7.4.5 "Cuboid"). Frames have times
-    (``frame_properties.timestamp``: seconds, or a date), or follow each other by ``rate_hz``.
+    (``frame_properties.timestamp``: seconds, or a date), or the rate ``rate_hz``.
 
     Raises:
-        InputError: the file is missing or no OpenLABEL; the object and frame are named.
+        InputError: the file is missing or no OpenLABEL; the message names object and frame.
     """
     whole = read_json_value(path, _OPENLABEL)
     rows = RowList(path, _OPENLABEL)
@@ -320,17 +320,17 @@ def openscenario_rows(
 ) -> RecordedRows:
     """Read the trajectories of objects (``FollowTrajectoryAction`` with a ``Polyline``).
 
-    A position is that of the object's reference point; its box's middle lies before it by the
+    A position is that of the object's reference point; the centre of its box is offset by the
     ``Center`` of the object's ``BoundingBox`` (ASAM OpenSCENARIO XML 1.3, "BoundingBox").
 
     Args:
         path: the file.
-        spec: what a description says besides.
-        without_story: name of a ``Story`` that is passed over.
+        spec: the description; not used.
+        without_story: name of a ``Story`` to skip.
 
     Raises:
-        InputError: the file is missing, is none, or has positions of other kinds; the element's
-            line is named.
+        InputError: the file is missing, invalid, or has positions of other kinds; the message names
+            the element's line.
     """
     del spec
     rows = RowList(path, _OPENSCENARIO)
@@ -381,7 +381,7 @@ def openscenario_rows(
 def _body(
     item: etree._Element, rows: RowList
 ) -> tuple[str, tuple[float, ...], tuple[float, float]]:
-    """Return an object's class, its size, and where the middle of its box is."""
+    """Return an object's class, its size, and the offset of its box's centre."""
     kind = "unknown"
     for name in ("vehicleCategory", "pedestrianCategory", "miscObjectCategory"):
         found = item.xpath(f".//@{name}")

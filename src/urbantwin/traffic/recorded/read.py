@@ -1,4 +1,4 @@
-"""Reading recorded tracks: any format, into the site frame, checked."""
+"""Reading recorded tracks of any format into the site frame, with checks."""
 
 from __future__ import annotations
 
@@ -41,13 +41,14 @@ _READERS: dict[str, Callable[[Path, TracksSpec], RecordedRows]] = {
     "kitti": kitti_rows,
     "openscenario": openscenario_rows,
 }
-#: From so far on nobody is at the site: it is another place, metres.
+#: Minimum distance of all positions from the site above which the tracks are of another place,
+#: metres.
 _ELSEWHERE_M = 2000.0
 _SHORT_M = 1.0
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the files that a recording is read from.
+    """Return the files of a recording.
 
     Raises:
         InputError: the description is missing or wrong.
@@ -62,12 +63,12 @@ def read_recording(path: Path, frame: SiteFrame) -> Recording:
     """Read recorded tracks.
 
     Args:
-        path: a description of tracks (YAML), or a file of tracks that says enough itself.
-        frame: of the site.
+        path: a description of tracks (YAML), or a self-contained file of tracks.
+        frame: frame of the site.
 
     Raises:
-        InputError: a file is missing or damaged; a class is unknown; time goes back; a track
-            jumps; the tracks are somewhere else. The row is named.
+        InputError: a file is missing or damaged, a class is unknown, times decrease, a track jumps,
+            or the tracks are elsewhere. The message names the row.
     """
     spec, document = load_description(path)
     file = path.parent / spec.tracks
@@ -114,10 +115,10 @@ def read_recording(path: Path, frame: SiteFrame) -> Recording:
 
 
 def _format_of(file: Path) -> str:
-    """Return the format of a file, by its name and what it begins with.
+    """Return the format of a file, by its name and first bytes.
 
     Raises:
-        InputError: it is none that is known.
+        InputError: it is unknown.
     """
     suffix = file.suffix.lower()
     found = {".csv": "csv", ".tsv": "csv", ".xosc": "openscenario", ".txt": "kitti"}.get(suffix)
@@ -144,7 +145,7 @@ def _placing(
     float,
     tuple[str, ...],
 ]:
-    """Return what takes the file's x, y to the site's, how far it turns, and what is assumed."""
+    """Return the transform of the file's x, y to the site, its rotation, and assumptions."""
     if spec.pose is not None:
         turn = np.radians(spec.pose.yaw_deg)
         rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -183,7 +184,7 @@ def _placing(
 
 
 def _check_site(rows: RecordedRows, xy: NDArray[np.float64], assumed: tuple[str, ...]) -> None:
-    """Refuse tracks that are somewhere else."""
+    """Raise an error if the tracks are elsewhere."""
     away = np.linalg.norm(xy, axis=1)
     if not np.isfinite(away).all() or away.min() > _ELSEWHERE_M:
         row = int(np.argmin(np.where(np.isfinite(away), away, np.inf)))
@@ -198,7 +199,7 @@ def _check_site(rows: RecordedRows, xy: NDArray[np.float64], assumed: tuple[str,
 
 
 def _turned(rows: RecordedRows, spec: TracksSpec, turn: float) -> NDArray[np.float64]:
-    """Return headings (N,) in the site frame; nan where nothing is said."""
+    """Return headings (N,) in the site frame; nan if unknown."""
     yaw = rows.yaw
     if spec.heading == "north-clockwise":
         yaw = np.pi / 2 - yaw
@@ -208,7 +209,7 @@ def _turned(rows: RecordedRows, spec: TracksSpec, turn: float) -> NDArray[np.flo
 def _middle(
     xy: NDArray[np.float64], yaw: NDArray[np.float64], length: float, spec: TracksSpec
 ) -> NDArray[np.float64]:
-    """Return the middle (N, 2) of bounds from the point of the actor that is given."""
+    """Return the centres (N, 2) of bounds from the given reference point of the actor."""
     if spec.point == "centre" or np.isnan(length):
         return xy
     facing = np.where(np.isnan(yaw), course(xy), yaw)
@@ -216,7 +217,7 @@ def _middle(
 
 
 def course(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction (N,) of a path, rad; zero for one who stays."""
+    """Return the direction (N,) of a path, rad; zero for a static actor."""
     if len(xy) < 2 or np.ptp(xy, axis=0).max() < _SHORT_M:
         return np.zeros(len(xy))
     moved = np.gradient(xy, axis=0)
@@ -224,7 +225,7 @@ def course(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _class(rows: RecordedRows, mine: NDArray[np.int64], spec: TracksSpec) -> str:
-    """Return the class of a track: of what it is called most.
+    """Return the class of a track: that of its most frequent name.
 
     Raises:
         InputError: it is unknown.
@@ -243,7 +244,7 @@ def _class(rows: RecordedRows, mine: NDArray[np.int64], spec: TracksSpec) -> str
 
 
 def _median(size: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the medians (3,) of sizes; nan where none is said."""
+    """Return the medians (3,) of sizes; nan if unknown."""
     return np.array(
         [np.median(one[known]) if (known := one > 0).any() else np.nan for one in size.T]
     )

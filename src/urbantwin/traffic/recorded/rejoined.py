@@ -1,9 +1,9 @@
-"""Tracks that a tracker broke in two, joined again.
+"""Joining of tracks that a tracker broke in two.
 
-Who is lost for a moment behind another comes back under a new name. An end and a beginning belong
-together where the way between them is that of the mean of both velocities (right for whoever
-speeds up, brakes or turns steadily), and these differ no more than anybody could change them
-meanwhile. Pairs are made so that the errors are least in all (the assignment problem).
+An actor that is occluded for a moment continues under a new id. An end and a begin match if their
+displacement agrees with the mean of both velocities (exact for constant acceleration), and the
+difference of velocities is possible in the time between. Pairs minimise the total error (the
+assignment problem).
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from urbantwin.traffic.recorded.track_smoothing import LONGEST_FILLED_S
 
 __all__ = ["chains", "rejoined"]
 
-#: Velocities at an end are those of so long, seconds, and of so many moments at least.
+#: Duration over which velocities at an end are taken, seconds, and least number of samples.
 _OF_S, _OF = 0.8, 4
-#: The way is right to within this, and this much more for each second squared, metres.
+#: Tolerance of the displacement, metres, and its growth per second squared, metres.
 _OFF_M, _OFF_MS2 = 0.8, 0.5
-#: Velocities are told to within this, m/s, and change by no more than this, m/s2.
+#: Tolerance of velocities, m/s, and maximum acceleration, m/s2.
 _OFF_MS, _CHANGES_MS2 = 1.0, 5.0
-#: Who is thought to be much longer or shorter is somebody else.
+#: Maximum ratio of lengths of the same actor.
 _SAME_SIZE = 1.35
 
 
 @dataclass(frozen=True)
 class _End:
-    """Where a track ends, or begins, and how fast it goes there."""
+    """Begin or end of a track, with its velocity."""
 
     number: int
     time_s: float
@@ -42,9 +42,9 @@ class _End:
 
 
 def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...], int]:
-    """Return tracks with those of one actor joined, and how many breaks were mended.
+    """Return tracks with those of one actor joined, and the number of joins.
 
-    Nothing is filled: what is missing in between is a gap, no longer than such as are filled.
+    Nothing is interpolated: a gap remains, short enough to be filled later.
     """
     found = [
         tracks[chain[0]] if len(chain) == 1 else _joined([tracks[k] for k in chain])
@@ -54,7 +54,7 @@ def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...]
 
 
 def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
-    """Return which tracks are one actor's, by their numbers, in the order of time."""
+    """Return the numbers of tracks of the same actor, in order of time."""
     by_class: dict[str, list[int]] = defaultdict(list)
     for number, one in enumerate(tracks):
         if len(one.time_s) >= _OF:
@@ -78,7 +78,7 @@ def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
 
 
 def _end(number: int, track: RecordedTrack, order: slice) -> _End:
-    """Return the first moments in an order: of the beginning, or, from behind, of the end."""
+    """Return the begin of a track, or, in reverse order, its end."""
     times, xy = track.time_s[order], track.xy[order]
     count = max(int((np.abs(times - times[0]) <= _OF_S).sum()), _OF)
     fitted = np.polynomial.polynomial.polyfit(np.abs(times[:count] - times[0]), xy[:count], 1)
@@ -88,7 +88,7 @@ def _end(number: int, track: RecordedTrack, order: slice) -> _End:
 def _pairs(
     ends: Sequence[_End], starts: Sequence[_End], tracks: Sequence[RecordedTrack]
 ) -> dict[int, int]:
-    """Return which track goes on as which."""
+    """Return the continuation of each track that has one."""
     begins = np.array([one.time_s for one in starts])
     rows: list[tuple[int, int, float]] = []
     for k, end in enumerate(ends):
@@ -99,7 +99,7 @@ def _pairs(
                 rows.append((k, j, off))
     if not rows:
         return {}
-    # Only those that may be paired with anybody: the matrix stays small.
+    # Only possible pairs, so that the matrix stays small.
     left, right = (sorted({row[side] for row in rows}) for side in (0, 1))
     price = np.full((len(left), len(right)), 10.0)
     for k, j, off in rows:
@@ -112,7 +112,7 @@ def _pairs(
 
 
 def _off(end: _End, start: _End, tracks: Sequence[RecordedTrack]) -> float | None:
-    """Return how far an end and a beginning miss each other, 1 at the most; else nothing."""
+    """Return the relative error of an end and a begin, at most 1; ``None`` if they do not match."""
     passed = start.time_s - end.time_s
     before = -end.velocity  # its time runs backwards
     missed = float(np.linalg.norm((before + start.velocity) / 2 * passed - (start.xy - end.xy)))

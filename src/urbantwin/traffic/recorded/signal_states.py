@@ -1,4 +1,4 @@
-"""What groups of signals showed, from a table of their states."""
+"""States of signal groups from a table."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ __all__ = ["states_of"]
 
 _EXPECTED = "a table of the states of signal groups"
 
-#: States of SAE J2735 (MovementPhaseState; spellings of 2009 and 2016), and colours, in SUMO's
-#: letters. Letters of SUMO stand for themselves.
+#: States of SAE J2735 (MovementPhaseState; spellings of 2009 and 2016), and colours, as SUMO's
+#: letters. SUMO's letters stand for themselves.
 _STATES = {
     "unavailable": "O",
     "dark": "O",
@@ -48,10 +48,11 @@ _STATES = {
 def states_of(
     path: Path, spec: SignalsSpec, begins_s: float
 ) -> Mapping[str, tuple[tuple[float, str], ...]]:
-    """Return group -> (seconds since ``begins_s``, SUMO's letter) where its state changes.
+    """Return group -> (seconds since ``begins_s``, SUMO's letter) at each change of its state.
 
     Raises:
-        InputError: the file is missing, a column is, or a state is unknown; the line is named.
+        InputError: the file or a column is missing, or a state is unknown; the message names the
+            line.
     """
     table = read_csv(path, _EXPECTED)
     for field in ("group", "time", "state"):

@@ -1,4 +1,4 @@
-"""Recorded tracks in the site frame, and what no track can be."""
+"""Recorded tracks in the site frame, and plausibility checks."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from urbantwin.errors import InputError
 
 __all__ = ["RecordedRows", "RecordedSignals", "RecordedTrack", "Recording", "check_order"]
 
-#: Nobody is faster, m/s, and no sensor places them worse, metres.
+#: Maximum speed of any actor, m/s, and worst position error, metres.
 _FASTEST_MS, _WORST_M = 70.0, 3.0
-#: On foot (the 100 m in ten seconds), and on a bicycle downhill.
+#: Maximum speed on foot (the 100 m in ten seconds), and on a bicycle downhill, m/s.
 _FASTEST_OF = {"pedestrian": 12.0, "bicycle": 30.0, "animal": 20.0}
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedRows:
-    """What a file says of N moments of actors, in the file's own frame; angles and units are ours.
+    """N rows of a file in its own frame, with UrbanTwin's angles and units.
 
     Attributes:
         file: the file.
-        track: (N,) whose they are, as text.
+        track: (N,) track names.
         time_s: (N,) by the recording's clock.
         kind: (N,) the recording's name of the class.
-        xyz: (N, 3) the actor's middle in plan, metres; its height is of the ground below it or of
-            its middle, nan where nothing is said. Or longitude and latitude, degrees.
-        yaw: (N,) counter-clockwise from x, rad; nan where nothing is said.
-        size: (N, 3) length, width, height, metres; nan where nothing is said.
-        place: where a row stands in the file, for errors.
+        xyz: (N, 3) the actor's centre in plan, metres; height of the ground below it or of its
+            centre, nan if unknown. Or longitude and latitude, degrees.
+        yaw: (N,) counter-clockwise from x, rad; nan if unknown.
+        size: (N, 3) length, width, height, metres; nan if unknown.
+        place: returns a row's place in the file, for errors.
         geographic: whether x and y are longitude and latitude.
     """
 
@@ -53,16 +53,16 @@ class RecordedRows:
 
 @dataclass(frozen=True, eq=False)
 class RecordedTrack:
-    """One actor, at N moments.
+    """One actor at N times.
 
     Attributes:
-        name: as the recording calls it.
+        name: its name in the recording.
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
         time_s: (N,) ascending, seconds from the recording's start.
-        xy: (N, 2) middle of its bounds, site frame, metres.
-        yaw: (N,) heading, rad; nan where nothing is said.
-        z: (N,) about how high it is, metres; nan where nothing is said.
-        size: (3,) its length, width, height: medians of what was said, nan where nothing was.
+        xy: (N, 2) centre of its bounds, site frame, metres.
+        yaw: (N,) heading, rad; nan if unknown.
+        z: (N,) approximate height, metres; nan if unknown.
+        size: (3,) its length, width, height: medians, nan if unknown.
     """
 
     name: str
@@ -76,10 +76,10 @@ class RecordedTrack:
 
 @dataclass(frozen=True)
 class RecordedSignals:
-    """What groups of signals showed.
+    """The states of signal groups.
 
     Attributes:
-        shown: group -> (time, SUMO's letter of its state) where it changed, in order.
+        shown: group -> (time, SUMO's letter of its state) at each change, in order.
         places: group -> stop lines (x, y), site frame, metres.
     """
 
@@ -89,16 +89,16 @@ class RecordedSignals:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Everything that was recorded, in the site frame.
+    """A recording in the site frame.
 
     Attributes:
-        file: of the tracks.
-        tracks: in the order in which they begin.
+        file: file of the tracks.
+        tracks: the tracks, by their begin.
         begins_s: the recording's clock at 0 s.
-        duration_s: from the first to the last moment.
-        left_out: class of the recording -> how many tracks of it are left out on purpose.
-        signals: what the signals showed, if that was recorded.
-        assumed: what the file does not say and was taken for granted.
+        duration_s: time from the first to the last sample.
+        left_out: class of the recording -> number of tracks left out on purpose.
+        signals: states of the signals; ``None`` if not recorded.
+        assumed: assumptions about information that the file lacks.
     """
 
     file: Path
@@ -113,16 +113,16 @@ class Recording:
 def check_order(
     rows: RecordedRows, mine: NDArray[np.int64], xy: NDArray[np.float64], actor_class: str
 ) -> None:
-    """Refuse a track whose time does not go on, or that leaps.
+    """Raise an error for a track whose times do not ascend, or that jumps.
 
     Args:
-        rows: of the file.
-        mine: (M,) which rows are the track's, in the file's order.
-        xy: (M, 2) where it is, metres.
-        actor_class: which decides how fast it may be.
+        rows: rows of the file.
+        mine: (M,) rows of the track, in the file's order.
+        xy: (M, 2) its positions, metres.
+        actor_class: its class, which determines the maximum speed.
 
     Raises:
-        InputError: the first such row is named.
+        InputError: the message names the first such row.
     """
     passed = np.diff(rows.time_s[mine])
     if (back := np.flatnonzero(passed <= 0)).size:

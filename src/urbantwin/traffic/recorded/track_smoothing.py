@@ -1,9 +1,9 @@
-"""Smoothing of recorded tracks: noise taken off, resampled to the steps of a motion, gaps filled.
+"""Smoothing of recorded tracks: noise removed, resampled to the steps of a motion, gaps filled.
 
-Positions are fitted by cubic smoothing splines (Reinsch, Numerische Mathematik 10, 1967), twice
-more with less weight on what lies far beside (iterated weights of Huber's estimator; Holland and
-Welsch, Communications in Statistics A6, 1977): trackers leap when they begin. A spline can be asked
-at any moment, its derivative is the velocity, and it bridges what is missing.
+Positions are fitted by cubic smoothing splines (Reinsch, Numerische Mathematik 10, 1967). The fit
+is repeated twice with less weight on outliers (iterated weights of Huber's estimator; Holland and
+Welsch, Communications in Statistics A6, 1977), since trackers jump at their start. A spline can be
+evaluated at any time, its derivative is the velocity, and it bridges gaps.
 """
 
 from __future__ import annotations
@@ -18,36 +18,37 @@ from urbantwin.traffic.recorded.track import RecordedTrack
 
 __all__ = ["LONGEST_FILLED_S", "SmoothTrack", "smooth_positions", "smooth_track"]
 
-#: A longer gap is not filled: too much can happen meanwhile, seconds.
+#: Longer gaps are not filled, seconds.
 LONGEST_FILLED_S = 2.0
-_GAP = 1.5  # so many usual intervals are a gap
-_FEWEST = 5  # moments that a spline is fitted to
-#: Price of bending against squared distance from the moments, for moments a second apart. Stiffer
-#: tells moments that were held out worse, softer leaves accelerations that no vehicle has
+_GAP = 1.5  # intervals longer than this multiple of the usual one are gaps
+_FEWEST = 5  # least number of samples for a spline
+#: Weight of curvature against squared distance from the samples, for samples a second apart. A
+#: higher one predicts held-out samples worse, a lower one leaves accelerations that no vehicle has
 #: (docs/howto/recorded_traffic.md).
 _STIFFNESS = 1e-3
-#: Farther beside than so many times the usual, and than so much, is an outlier (metres).
+#: Samples farther off than this multiple of the usual distance, and than this, are outliers
+#: (metres).
 _BESIDE, _BESIDE_M = 3.0, 0.15
 _REWEIGHTED = 2
-#: Who is slower than this has no direction of travel, m/s, nor who came no farther, metres.
+#: Speed, m/s, and extent, metres, below which an actor has no direction of travel.
 _SLOW_MS, _SHORT_M = 0.5, 1.0
-#: The noise of a heading is that of many frames: it is a mean over so long, seconds.
+#: Duration over which headings are averaged, seconds.
 _HEADING_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothTrack:
-    """A track at N moments that follow each other by the motion's step.
+    """A track at N steps of the motion.
 
     Attributes:
         time_s: (N,) seconds.
-        xy: (N, 2) middle of its bounds, metres.
-        yaw: (N,) heading, rad, without leaps.
+        xy: (N, 2) centre of its bounds, metres.
+        yaw: (N,) heading, rad, unwrapped.
         speed: (N,) along the heading, m/s.
-        z: (N,) about how high it is, metres; ``None`` where nothing is said.
-        filled: spans that were missing and are filled, seconds.
-        absent: spans that are missing, seconds.
-        moved_m: (M,) how far smoothing moved each of the recorded moments.
+        z: (N,) approximate height, metres; ``None`` if unknown.
+        filled: gaps that are filled, seconds.
+        absent: gaps that are not filled, seconds.
+        moved_m: (M,) displacement of each recorded sample by smoothing.
     """
 
     time_s: NDArray[np.float64]
@@ -64,9 +65,9 @@ def smooth_track(track: RecordedTrack, step_s: float, *, smooth: bool = True) ->
     """Return a track at the steps that it spans; ``None`` if it spans none.
 
     Args:
-        track: as it was recorded.
+        track: the recorded track.
         step_s: time between two steps, seconds; the first is at 0.
-        smooth: take noise off; else moments are only joined.
+        smooth: remove noise; else samples are only interpolated.
     """
     first = int(np.ceil(track.time_s[0] / step_s - 1e-6))
     last = int(np.floor(track.time_s[-1] / step_s + 1e-6))
@@ -108,12 +109,12 @@ def smooth_positions(
     *,
     smooth: bool = True,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return positions (M, 2), m, and velocities (M, 2), m/s, at moments (M,) of a path.
+    """Return positions (M, 2), m, and velocities (M, 2), m/s, of a path at times (M,).
 
     Args:
-        time_s: (N,) ascending moments.
-        xy: (N, 2) where it was then, metres.
-        at_s: (M,) moments within.
+        time_s: (N,) ascending times.
+        xy: (N, 2) positions, metres.
+        at_s: (M,) times within.
         smooth: fit a smoothing spline; else the interpolating one.
     """
     if len(time_s) == 1:
@@ -124,7 +125,7 @@ def smooth_positions(
             np.column_stack([np.interp(at_s, time_s, values) for values in one.T])
             for one in (xy, velocity)
         )
-    # Seconds and metres from the first moment: better conditioned.
+    # Relative to the first sample, for better conditioning.
     since, ask, weight = time_s - time_s[0], at_s - time_s[0], np.ones(len(time_s))
     price = _STIFFNESS / float(np.median(np.diff(time_s)))
     near = xy - xy[0]
@@ -145,7 +146,7 @@ def smooth_positions(
 def _gaps(
     time_s: NDArray[np.float64],
 ) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
-    """Return the gaps that are filled and those that are not, as spans of time."""
+    """Return the gaps that are filled and those that are not, as intervals."""
     passed = np.diff(time_s)
     usual = float(np.median(passed)) if len(passed) else 0.0
     wide = np.flatnonzero(passed > _GAP * usual)
@@ -157,7 +158,7 @@ def _gaps(
 def _pieces(
     time_s: NDArray[np.float64], absent: tuple[tuple[float, float], ...]
 ) -> list[NDArray[np.int64]]:
-    """Return the moments between the gaps that are not filled."""
+    """Return the samples between the gaps that are not filled."""
     cuts = np.searchsorted(time_s, [back for _, back in absent])
     return np.split(np.arange(len(time_s)), cuts)
 
@@ -171,7 +172,7 @@ def _heading(
     *,
     smooth: bool,
 ) -> NDArray[np.float64]:
-    """Return the heading (N,), rad: as recorded, else where it goes; who stands keeps it."""
+    """Return the heading (N,), rad: recorded, else of travel; standing actors keep it."""
     known = np.isfinite(track.yaw)
     pace = np.linalg.norm(velocity, axis=1)
     far = bool(np.ptp(xy, axis=0).max() >= _SHORT_M)
