@@ -1,4 +1,4 @@
-"""Vector maps of Argoverse 2, read as a lane model."""
+"""Argoverse 2 vector maps, read as a lane model."""
 
 from urbantwin.roads.argoverse.file import anchor_of, is_placed
 from urbantwin.roads.argoverse.read import drivable_area, is_argoverse, read_argoverse

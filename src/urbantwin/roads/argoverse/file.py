@@ -37,9 +37,9 @@ __all__ = [
 
 EXPECTED = "an Argoverse 2 vector map: log_map_archive_....json with lane_segments"
 LANE_TYPES = ("VEHICLE", "BIKE", "BUS")
-#: Largest size of a map of a log, bytes.
+#: Maximum size of the map of a log, bytes.
 MOST_BYTES = 200_000_000
-#: Largest coordinate in a city, metres.
+#: Maximum coordinate in a city, metres.
 FAR_M = 1e6
 #: City -> UTM zone, latitude and longitude of its origin, degrees.
 CITIES = {
@@ -62,10 +62,10 @@ class Segment:
         id: unique within the map.
         within: whether it lies within an intersection.
         kind: ``VEHICLE``, ``BIKE`` or ``BUS``.
-        left: (N, 3) left boundary in the direction of travel, the city's metres.
+        left: (N, 3) left boundary in the direction of travel, city frame, metres.
         right: (M, 3) right boundary.
         marks: paint of the left and of the right boundary (``SOLID_WHITE``, ``NONE``, ...).
-        successors: ids of the segments that follow; some may lie beyond the map.
+        successors: ids of the following segments; some may lie outside the map.
     """
 
     id: int
@@ -79,7 +79,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A pedestrian crossing between two edges (N, 3) along which people walk."""
+    """A pedestrian crossing between two edges (N, 3) in walking direction."""
 
     id: int
     edges: tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -93,13 +93,13 @@ _Numbered = TypeVar("_Numbered", Segment, Crossing)
 
 @dataclass(frozen=True)
 class MapFile:
-    """A whole map, by id.
+    """A complete map, by id.
 
     Attributes:
         path: the file.
         segments, crossings: by id.
-        drivable: outlines (N, 3) of where vehicles can drive.
-        dropped: errors of the elements that are not used, in the order of the file.
+        drivable: outlines (N, 3) of drivable areas.
+        dropped: errors of the dropped elements, in the order of the file.
     """
 
     path: Path
@@ -110,7 +110,7 @@ class MapFile:
 
 
 def is_argoverse(path: Path) -> bool:
-    """Whether a ``.json`` file holds lane segments, by a first look."""
+    """Return whether a ``.json`` file contains lane segments, by a search for the key."""
     if path.suffix.lower() != ".json":
         return False
     try:
@@ -122,10 +122,10 @@ def is_argoverse(path: Path) -> bool:
 def read_file(path: Path) -> MapFile:
     """Read lane segments, pedestrian crossings and drivable areas.
 
-    One that lacks what it must have, or has the id of another one, is dropped.
+    Elements without required fields or with a repeated id are dropped.
 
     Raises:
-        InputError: not found, not JSON, or no lane segment can be read.
+        InputError: the file is missing, not JSON, or has no readable lane segment.
     """
     try:
         if path.stat().st_size > MOST_BYTES:
@@ -160,7 +160,7 @@ def _read(
     reader: Callable[[Path, str, object], _Item],
     dropped: list[InputError],
 ) -> Iterator[_Item]:
-    """Yield what can be read of rows; the errors of the others are appended to ``dropped``."""
+    """Yield the readable rows; errors of the others are appended to ``dropped``."""
     for key, row in rows.items():
         try:
             yield reader(path, key, row)
@@ -170,7 +170,7 @@ def _read(
 
 
 def _where(row: object) -> str:
-    """Return the first point of an element, the city's metres; empty where it has none."""
+    """Return the first point of an element as text, in city metres; empty if there is none."""
     for line in row.values() if isinstance(row, dict) else ():
         for point in line if isinstance(line, list) else ():
             x, y = (point.get(key) if isinstance(point, dict) else None for key in "xy")
@@ -193,7 +193,7 @@ def _by_id(
 
 
 def places_in(read: MapFile) -> NDArray[np.float64]:
-    """Return all points (N, 3) of boundaries, the city's metres."""
+    """Return all points (N, 3) of boundaries, city frame, metres."""
     return np.vstack([line for s in read.segments.values() for line in (s.left, s.right)])
 
 
@@ -273,22 +273,22 @@ def city_of(path: Path) -> str | None:
 
 
 def is_placed(path: Path) -> bool:
-    """Whether a map's file name tells its place on Earth."""
+    """Return whether a map's file name contains a known city."""
     return city_of(path) is not None
 
 
 def lonlat_of(city: str, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return longitude and latitude (N, 2), degrees, of a city's x, y (N, 2), metres."""
+    """Return longitude and latitude (N, 2), degrees, for x, y (N, 2) in a city, metres."""
     transformer, origin = _projection(city)
     x, y = (np.asarray(xy, float) + origin).T
     return np.column_stack(transformer.transform(x, y, direction="INVERSE"))
 
 
 def anchor_of(path: Path) -> tuple[float, float]:
-    """Return latitude and longitude of the middle of a map, degrees.
+    """Return latitude and longitude of the centre of a map, degrees.
 
     Raises:
-        InputError: not a map of Argoverse 2, or its name says no city that is known.
+        InputError: it is not a map of Argoverse 2, or its name contains no known city.
     """
     city = city_of(path)
     if city is None:

@@ -1,8 +1,8 @@
-"""Converting an Argoverse 2 vector map to the lane model, by way of lanelets.
+"""Conversion of an Argoverse 2 vector map to the lane model, through lanelets.
 
-A lane segment is what Lanelet2 calls a lanelet: two bounds in the direction of travel. Boundaries
-that are drawn through the same points are one line, and segments that follow each other share the
-ends of their boundaries; so the same planner makes streets and junctions of both kinds of map.
+A lane segment corresponds to a lanelet of Lanelet2: two bounds in the direction of travel.
+Boundaries through the same points are one line, and consecutive segments share the ends of their
+boundaries. So the same planner makes streets and junctions of both kinds of map.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ __all__ = ["drivable_area", "is_argoverse", "lanelets_of_map", "read_argoverse",
 
 #: Kind of a segment -> subtype of a lanelet.
 SUBTYPES = {"VEHICLE": "road", "BIKE": "bicycle_lane", "BUS": "bus_lane"}
-#: Ends of segments that follow each other are one place if they are nearer than this, metres; the
-#: format rounds to centimetres.
+#: Maximum distance between the ends of consecutive segments that are merged, metres; the format
+#: rounds to centimetres.
 SAME_M = 0.05
 
 
 def read_argoverse(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, object]]:
     """Read an Argoverse 2 vector map as a lane model in the site frame.
 
-    The name of the file says the city and so where on earth it lies; without one, the map's own x
-    and y are taken as east and north of the anchor. ``ways`` of roads are ids of lane segments.
+    The file name contains the city and thereby the georeference. Otherwise the map's own x and y
+    are east and north of the anchor. ``ways`` of roads are ids of lane segments.
 
     Returns:
-        The model, and notes: counts, what was assumed and what was left out.
+        The model, and notes: counts, assumptions and omissions.
 
     Raises:
-        InputError: not such a map, or one that lacks what it must have, or far from the anchor.
+        InputError: it is not such a map, lacks required elements, or is far from the anchor.
         StageError: the segments make no roads.
     """
     translation = translate(path, frame)
@@ -47,13 +47,13 @@ def read_argoverse(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, o
 
 
 def drivable_area(path: Path, frame: SiteFrame) -> shapely.Geometry:
-    """Return where the map says that vehicles can drive, in plan, site frame; empty if nowhere.
+    """Return the mapped drivable area in plan, site frame; empty if there is none.
 
-    It holds what lanes do not: the width beside them where cars park, and the asphalt between
-    carriageways that no median parts. A map that says no city is in its own x and y.
+    It includes areas outside lanes: the width beside them where cars park, and the asphalt between
+    carriageways without a median. For a map without a city it is in the map's own x and y.
 
     Raises:
-        InputError: not such a map, or one that lacks what it must have.
+        InputError: it is not such a map, or lacks required elements.
     """
     read = read_file(path)
     city = city_of(path)
@@ -67,7 +67,7 @@ def drivable_area(path: Path, frame: SiteFrame) -> shapely.Geometry:
 
 
 def translate(path: Path, frame: SiteFrame) -> Translation:
-    """Do what ``read_argoverse`` does, and say where each lane segment is in the model."""
+    """Return the result of ``read_argoverse`` with the place of each lane segment in the model."""
     read = read_file(path)
     found = translated(lanelets_of_map(read), frame)
     found.notes["speeds"] = "none in the map: 50 km/h, bicycle lanes 25 km/h"
@@ -78,10 +78,10 @@ def translate(path: Path, frame: SiteFrame) -> Translation:
 
 
 def lanelets_of_map(read: MapFile) -> Document:
-    """Return an Argoverse 2 map as the lanelets that it holds.
+    """Return an Argoverse 2 map as a document of lanelets.
 
-    Segments and crossings keep their ids unless they share one. ``intersection`` says whether the
-    map has a segment within an intersection. Those whose boundaries are a single place are dropped.
+    Segments and crossings keep their ids unless these collide. The tag ``intersection`` is that of
+    the segment. Elements with boundaries of a single point are dropped.
     """
     drawn = _Drawn(read)
     relations: dict[int, Relation] = {}
@@ -120,7 +120,7 @@ def lanelets_of_map(read: MapFile) -> Document:
 
 
 def _at(error: InputError, element: str, line: NDArray[np.float64]) -> InputError:
-    """Return an error that names an element and where it lies in the city, metres."""
+    """Return an error with an element and its position in the city, metres."""
     place = f"{element} at x = {line[0, 0]:.1f}, y = {line[0, 1]:.1f}"
     return InputError(error.problem, file=error.file, place=place, expected=error.expected)
 
@@ -131,7 +131,7 @@ def _lanelet(ways: list[int], tags: dict[str, str]) -> Relation:
 
 
 class _Drawn:
-    """Points and lines of a map, each once."""
+    """Unique points and lines of a map."""
 
     def __init__(self, read: MapFile) -> None:
         self.read = read
@@ -149,7 +149,7 @@ class _Drawn:
         return self._numbers[key]
 
     def _join(self) -> None:
-        """Merge the ends of successive segments that rounding has moved apart."""
+        """Merge the ends of consecutive segments that differ by rounding."""
         segments = self.read.segments
         for one in segments.values():
             for two in (segments[i] for i in one.successors if i in segments):
@@ -159,10 +159,10 @@ class _Drawn:
                         self._numbers.setdefault(key, self._number(a))
 
     def way(self, line: NDArray[np.float64], mark: str) -> int:
-        """Return the way through points, drawn either way round; the first mapped paint is kept.
+        """Return the way through points in either direction; the first mapped paint is kept.
 
         Raises:
-            InputError: all points are one.
+            InputError: all points coincide.
         """
         ids = [self._number(point) for point in line]
         ids = [n for k, n in enumerate(ids) if k == 0 or n != ids[k - 1]]
@@ -180,7 +180,7 @@ class _Drawn:
         return way
 
     def nodes(self) -> dict[int, Node]:
-        """Return all places: in degrees if the map's city is known, else the map's own."""
+        """Return all points, in degrees if the map's city is known, else in its own x and y."""
         places = np.array(self._places)
         city = city_of(self.read.path)
         tags = [{"ele": repr(float(z))} for z in places[:, 2]]

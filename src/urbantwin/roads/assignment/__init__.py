@@ -1,4 +1,4 @@
-"""Who goes where: the street network as a class of actors uses it, their circuits and flows."""
+"""Route assignment: the street network of a class of actors, their circuits and flows."""
 
 from typing import TYPE_CHECKING
 

@@ -1,7 +1,7 @@
 """Circuits: endless routes for actors that never leave a closed network.
 
-A *passage* leads from one gate to the next. Which gate is next is drawn by its traffic, less where
-the way is a detour; no actor returns to where it came from while there is another way.
+A *passage* leads from one gate to the next. The next gate is drawn by its traffic, reduced for
+detours. Actors return to their last gate only if there is no other route.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from urbantwin.roads.assignment.routing_graph import WayGraph
 
 __all__ = ["Circuit"]
 
-#: A way over another gate seems so much longer, seconds.
+#: Penalty for a route over another gate, seconds.
 _DETOUR_S = 1000.0
-#: So many passages one after the other are as good as endless; shares below this do not count.
+#: Number of passages that is equivalent to infinitely many; minimum share that counts.
 _ROUNDS, _SELDOM = 400, 1e-9
-#: A part of the network apart from the others is used if it has streets of this length inside the
-#: region, metres.
+#: Minimum length of streets inside the region for a separate part of the network to be used,
+#: metres.
 _PART_M = 60.0
-#: Fewer passages over some ways: rounds until as many begin as end at each start, and how near.
+#: Maximum number of balancing iterations of `lowered`, and its relative tolerance.
 _BALANCING, _BALANCED = 500, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """The passages that a class of actors can make.
+    """The passages available to a class of actors.
 
     Attributes:
-        graph: the ways.
+        graph: the routing graph.
         starts: (K,) states at gates, from which passages begin.
-        part: (K,) part of the network that each start lies in, such as the streets under a motorway
-            on a bridge; no passage leads from one part to another.
+        part: (K,) part of the network of each start, such as the streets under a motorway on a
+            bridge; no passage leads from one part to another.
         gates: (G,) numbers of the gates in use.
         target: (K, G) state at which a passage from a start to a gate ends; -1 for none.
-        chance: (K, G) chance that a passage from a start leads to a gate; rows sum to 1.
+        chance: (K, G) probability that a passage from a start leads to a gate; rows sum to 1.
         load: (K,) relative number of passages that begin at each start.
-        room_m: length of all its streets, metres, both ways of each taken together.
+        room_m: length of all its streets in both directions, metres.
     """
 
     graph: WayGraph
@@ -60,11 +60,10 @@ class Circuit:
 
     @classmethod
     def of(cls, graph: WayGraph) -> Circuit | None:
-        """Return the circuit of a graph; ``None`` without one.
+        """Return the circuit of a graph; ``None`` if it has none.
 
-        Parts that no way leads back from to another (the streets under a motorway on a bridge,
-        cycle tracks) have traffic of their own, which stays there: each in proportion to the
-        traffic of its gates.
+        Separate parts without a route back (the streets under a motorway on a bridge, cycle tracks)
+        have their own traffic, in proportion to that of their gates.
         """
         at_gate = np.flatnonzero(graph.gate >= 0)
         if not len(at_gate):
@@ -72,8 +71,8 @@ class Circuit:
         _, part = scipy.sparse.csgraph.connected_components(graph.seconds, connection="strong")
         size = np.bincount(part)
         load = np.bincount(part[at_gate], graph.weight[graph.gate[at_gate]], len(size))
-        load[size < 2] = 0.0  # a state by itself leads nowhere
-        load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never comes in
+        load[size < 2] = 0.0  # a single state leads nowhere
+        load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never inside
         tracks = np.bincount(part[~graph.own_way], minlength=len(size)) == 0
         inside_m = np.bincount(part, np.where(graph.outer, 0.0, graph.length_m), len(size))
         used = (load > 0) & (tracks | (inside_m >= _PART_M))
@@ -107,28 +106,28 @@ class Circuit:
         return cls(graph, starts, part[starts], gates, target, chance, load, room_m, before, row)
 
     def passage(self, start: int, random: np.random.Generator) -> list[int]:
-        """Draw a passage: the states after ``start``, the last at a gate again."""
+        """Draw a passage: the states after ``start``, the last one at a gate again."""
         row = self._row[start]
         column = int(np.searchsorted(np.cumsum(self.chance[row]), random.random(), side="right"))
         return self._way(row, int(self.target[row, min(column, len(self.gates) - 1)]))
 
     def _way(self, row: int, last: int) -> list[int]:
-        """Return the states after a start, up to one where a passage ends."""
+        """Return the states after a start, up to the end of a passage."""
         states = [last]
         while (before := int(self._before[row, states[-1]])) != self.starts[row]:
             states.append(before)
         return states[::-1]
 
     def begin(self, share: float) -> int:
-        """Return a start for a share of 1, in proportion to the gates' traffic.
+        """Return a start for a share between 0 and 1, in proportion to the gates' traffic.
 
-        A part of the network with longer passages has as many more actors on their way.
+        A part of the network with longer passages has proportionally more actors.
         """
         total = np.cumsum(self.load * self._seconds_of_part())
         return int(self.starts[np.searchsorted(total, share * total[-1], side="right")])
 
     def _seconds_of_part(self) -> NDArray[np.float64]:
-        """Return the mean time of a passage in the part of each start (K,); 1 if all are one."""
+        """Return the mean time of a passage in the part of each start (K,), s; 1 for one part."""
         seconds = np.ones(len(self.starts))
         parts = np.unique(self.part)
         if len(parts) < 2:
@@ -145,10 +144,10 @@ class Circuit:
         return seconds
 
     def usual(self) -> tuple[float, float]:
-        """Return the free travel time and the length of the usual way round.
+        """Return the free travel time (s) and the length (m) of the mean round trip.
 
-        The way round is from one entry into the region to the next; of who stays inside, from one
-        gate to the next.
+        A round trip leads from one entry into the region to the next; for actors that stay inside,
+        from one gate to the next.
         """
         flows = self.flows()
         pairs = tuple(np.array(list(flows)).T)
@@ -157,9 +156,9 @@ class Circuit:
         return float(share @ seconds), float(share @ metres)
 
     def flows(self, states: int = 2) -> dict[tuple[int, ...], float]:
-        """Return how often it goes through so many states one after the other, for each entry.
+        """Return the long-run frequency of each sequence of states per entry.
 
-        In the long run; the last of a passage are followed by nothing: -1.
+        ``states`` is the length of the sequences; those at the end of a passage are padded with -1.
         """
         found: dict[tuple[int, ...], float] = defaultdict(float)
         often = self._visits()[:, None] * self.chance
@@ -172,16 +171,16 @@ class Circuit:
         return {part: share / entries for part, share in found.items()}
 
     def lowered(self, share: Mapping[tuple[str, str], float]) -> tuple[Circuit, float]:
-        """Return it with fewer passages over some ways, and the share of entries that is left.
+        """Return it with fewer passages over some movements, and the remaining share of entries.
 
-        Of a passage as much is left as of the way that is lowered most. Then as many are to end at
-        each start as begin there, since nobody is taken off the road: of all such flows those are
-        taken that are nearest to what is left by their relative entropy (each is what is left times
-        a factor of where it begins and one of where it ends: M. H. Schneider and S. A. Zenios,
-        Operations Research 38, 1990, matrix balancing).
+        The remaining share of a passage is that of its most reduced movement. Then the numbers of
+        passages that begin and end at each start are balanced, since no actor is removed from the
+        network. Of all such flows this is the one with the least relative entropy to the remaining
+        flows: each is the remaining flow times a factor of its start and one of its end (M. H.
+        Schneider and S. A. Zenios, Operations Research 38, 1990, matrix balancing).
 
         Args:
-            share: (edge, next edge) -> share that is left there, above 0.
+            share: (edge, next edge) -> remaining share, above 0.
         """
         often = self._visits()[:, None] * self.chance
         left = often.copy()
@@ -195,7 +194,7 @@ class Circuit:
             ends = np.bincount(end.ravel(), left.ravel(), len(begins))
             if np.abs(begins - ends).max() <= _BALANCED * begins.sum():
                 break
-            # Where nothing ends or nothing begins nothing passes.
+            # Starts without beginning or ending passages have no flow.
             through = (begins > 0) & (ends > 0)
             ratio = np.sqrt(np.where(through, ends, 0.0) / np.where(through, begins, 1.0))
             left *= ratio[:, None]
@@ -208,11 +207,11 @@ class Circuit:
         return replace(self, chance=chance, load=begins), still
 
     def _whole_way(self, row: int, column: int) -> list[int]:
-        """Return the states of a passage, with the one that it starts from."""
+        """Return the states of a passage, including its start."""
         return [int(self.starts[row]), *self._way(row, int(self.target[row, column]))]
 
     def _entries(self, often: NDArray[np.float64]) -> float:
-        """Return how often the region is entered where passages (K, G) are made so often."""
+        """Return the number of entries into the region for given frequencies of passages (K, G)."""
         outer, entries = self.graph.outer, 0.0
         for row, column in np.argwhere(often > _SELDOM).tolist():
             way = self._whole_way(row, column)
@@ -221,14 +220,14 @@ class Circuit:
         return entries
 
     def _visits(self) -> NDArray[np.float64]:
-        """Return how often passages begin at each start, in the long run (K,); the sum is 1."""
+        """Return the long-run share of passages that begin at each start (K,); the sum is 1."""
         onward = np.zeros((len(self.starts), len(self.starts)))
         for k, targets in enumerate(self.target):
             for column in np.flatnonzero(self.chance[k]):
                 onward[k, self._row[int(targets[column])]] += self.chance[k, column]
         found = self.load / self.load.sum()
         for _ in range(_ROUNDS):
-            # Half stay where they are, or two gates would take turns for ever.
+            # Half of them stay in place, to avoid oscillation between two gates.
             found = 0.5 * (found + found @ onward)
         return np.asarray(found)
 
@@ -236,9 +235,9 @@ class Circuit:
 def _ways(
     graph: WayGraph, starts: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return cost (K, S) and predecessor (K, S) of the fastest ways that are not empty.
+    """Return cost (K, S) and predecessor (K, S) of the fastest non-empty routes.
 
-    Other gates on the way are avoided. The cost of the way from a state to itself is that round.
+    Other gates are avoided. The cost from a state to itself is that of a round trip.
     """
     arcs = scipy.sparse.coo_array(graph.seconds + graph.shunned)
     at_gate = graph.gate >= 0

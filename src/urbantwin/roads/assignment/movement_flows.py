@@ -1,4 +1,4 @@
-"""How many take each way from street to street, of those who circulate."""
+"""Flows of circulating traffic on each movement from street to street."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 
 __all__ = ["IN_CARS", "ON_LANES_IN_CARS", "flows_of_circuits", "movement_flows"]
 
-#: How many cars take as much of a green as one of a class (HCM 2016, 19: 2 for heavy vehicles;
-#: Indian Roads Congress 106, 1990, has 0.4 to 0.5 for motorcycles, but simulated ones queue behind
-#: each other more than those of Chennai do).
+#: Passenger car equivalents by class (HCM 2016, 19: 2 for heavy vehicles; Indian Roads Congress
+#: 106, 1990, has 0.4 to 0.5 for motorcycles, but simulated ones queue behind each other more than
+#: those of Chennai do).
 IN_CARS = {"car": 1.0, "van": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
-#: The same with bicycles, which ride among cars where they have no lane of their own. HBS 2001 has
-#: 0.5 for them (table 7-2); simulated cars stay behind one, and a queue leaves a green of 10 s at
-#: its pace.
+#: The same with bicycles in mixed lanes. HBS 2001 has 0.5 for them (table 7-2); simulated cars stay
+#: behind a bicycle, and a queue leaves a green of 10 s at its speed.
 ON_LANES_IN_CARS = {**IN_CARS, "bicycle": 1.0}
 
 
@@ -29,16 +28,16 @@ def movement_flows(
     *,
     bus_roads: Set[str] = frozenset(),
 ) -> dict[tuple[str, str, str], float]:
-    """Return (edge, next edge, the one after that) -> cars an hour.
+    """Return (edge, next edge, the one after that) -> cars per hour.
 
-    Empty where nobody circulates by car; the third is empty where a passage ends. Cyclists count
-    where they ride among cars.
+    Empty without circulating traffic; the third edge is empty where a passage ends. Bicycles count
+    where they share lanes with cars.
 
     Args:
         net: the SUMO network.
         outer: ids of the edges of outer roads.
-        per_hour: who comes into the region, by class of actors.
-        bus_roads: ids of the edges that bus lines run on.
+        per_hour: actors that enter the region per hour, by class.
+        bus_roads: ids of the edges of bus lines.
     """
     if not outer:
         return {}
@@ -60,7 +59,7 @@ def movement_flows(
 def flows_of_circuits(
     circuits: Iterable[tuple[Circuit, float]],
 ) -> dict[tuple[str, str, str], float]:
-    """Return what ``movement_flows`` does, of circuits and the cars that come in by each."""
+    """Return the result of ``movement_flows`` for circuits and their entering cars per hour."""
     found: dict[tuple[str, str, str], float] = defaultdict(float)
     for circuit, cars in circuits:
         edges, apart = (*circuit.graph.edges, ""), circuit.graph.apart

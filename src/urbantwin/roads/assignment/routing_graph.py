@@ -1,7 +1,7 @@
-"""The routing graph of a closed network: edges for drivers, directed edges for pedestrians.
+"""The routing graph of a closed network: edges for vehicles, directed edges for pedestrians.
 
-Outer roads (``roads.loop``) are its *gates*: by them one leaves the region and comes back. So are
-cul-de-sacs, where drivers turn round, and the ends of sidewalks where walkers do.
+Its *gates* are outer roads (``roads.loop``), over which actors leave and re-enter the region.
+Cul-de-sacs, where vehicles turn round, are gates too, as are ends of sidewalks for pedestrians.
 """
 
 from __future__ import annotations
@@ -29,34 +29,33 @@ CYCLING_MS = 5.0  # free-riding mean (Parkin and Rotheram, Transport Policy 17, 
 WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
 #: Traffic of a cul-de-sac, relative to that of a street that leaves the region.
 _DEAD_END_SHARE = 0.1
-#: A turn of cyclists across a signalised junction from a lane of their own seems so much longer,
-#: seconds: they go another way where there is one.
+#: Penalty for bicycles that turn across a signalised junction from a lane of their own, seconds:
+#: they use another route if there is one.
 _ACROSS_S = 5000.0
-#: A street that no line runs on seems so much longer to buses, seconds, and so many come in by it,
-#: relative to its traffic.
+#: Penalty for buses on streets without bus lines, seconds, and the relative traffic of gates there.
 _OFF_LINE_S, _OFF_LINE_SHARE = 300.0, 0.001
-#: To turn back where one came from seems so much longer to walkers, seconds.
+#: Penalty for pedestrians that turn back, seconds.
 _TURN_BACK_S = 300.0
-#: What lies a whole junction apart is not joined to it, metres.
+#: Maximum distance between linked walking areas of one junction, metres.
 _CORNER_M = 200.0
 
 
 @dataclass(frozen=True, eq=False)
 class WayGraph:
-    """The states that an actor can be in on its route, and their successors.
+    """The possible states of an actor on its route, and their successors.
 
     Attributes:
         edges: (S,) id of the edge of each state.
-        length_m: (S,) its length.
-        metres: (S, S) sparse, from the start of a state to the start of the next.
-        place: (S, 2) where it is, site frame.
-        seconds: (S, S) sparse, from the start of a state to the start of the next.
-        shunned: (S, S) sparse, how much longer such a step seems, seconds.
+        length_m: (S,) its length, metres.
+        metres: (S, S) sparse, distance from the start of a state to the start of the next.
+        place: (S, 2) position, site frame.
+        seconds: (S, S) sparse, time from the start of a state to the start of the next.
+        shunned: (S, S) sparse, penalty for such a step, seconds.
         outer: (S,) whether the edge is an outer road.
-        gate: (S,) number of the gate that the state belongs to; -1 for none.
+        gate: (S,) number of the gate of the state; -1 for none.
         weight: (G,) relative traffic of the gates.
-        apart: (S,) whether there are lanes for this class of actors that are not for cars.
-        own_way: (S,) whether it is a way for this class of actors alone: a cycle track.
+        apart: (S,) whether this class has lanes that are closed to cars.
+        own_way: (S,) whether it is for this class only: a cycle track.
     """
 
     edges: tuple[str, ...]
@@ -73,21 +72,21 @@ class WayGraph:
 
     @property
     def speed(self) -> float:
-        """The mean free speed, m/s."""
+        """Mean free speed, m/s."""
         return float(self.metres.sum() / max(float(self.seconds.sum()), 1e-9))
 
 
 def driven_graph(
     network: StreetNetwork, vclass: str, outer: Set[str], preferred: Set[str] = frozenset()
 ) -> WayGraph | None:
-    """Return the ways of a SUMO vehicle class; ``None`` where it may drive nowhere.
+    """Return the routing graph of a SUMO vehicle class; ``None`` if it may drive nowhere.
 
     Args:
         network: the streets.
         vclass: SUMO's vehicle class.
         outer: ids of the edges of outer roads.
-        preferred: ids of edges; where there are any, other streets seem longer, and hardly anybody
-            comes in by them.
+        preferred: ids of preferred edges; if there are any, other streets get a penalty, and gates
+            there have little traffic.
     """
     edges = network.allowing(vclass)
     if not edges:
@@ -137,11 +136,11 @@ def driven_graph(
 
 
 def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
-    """Return the ways of pedestrians; ``None`` where walking is impossible.
+    """Return the routing graph of pedestrians; ``None`` where walking is impossible.
 
-    State 2k is edge k in its own direction, state 2k + 1 the other. The sidewalks of outer roads
-    that are connected are one gate; where all of them are, each street inside is one, and where
-    there is none, every end of a sidewalk is.
+    State 2k is edge k in its own direction, state 2k + 1 the opposite direction. Connected
+    sidewalks of outer roads are one gate. If that would be all of them, each street inside is a
+    gate, and without outer roads each end of a sidewalk.
 
     Args:
         network: the streets.
@@ -157,7 +156,7 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
         _matrix(links, len(corners)), directed=False, limit=_CORNER_M
     )
     count = len(streets)
-    # From each end of a street (corner that it runs into) to each street that begins there.
+    # From each end of a street (its walking areas) to each street that begins there.
     runs_into = [at_end, at_start]
     begins_at = [at_start, at_end]
     arcs: dict[tuple[int, int], float] = {}
@@ -180,7 +179,7 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
     gate, weight = _walkers_gates(network, streets, outer, arcs)
     shunned: dict[tuple[int, int], float] = {}
     for state in np.flatnonzero(gate >= 0).tolist():
-        # At a gate one may turn back, if there is nothing better.
+        # At a gate an actor may turn back if there is no better route.
         pair = (state, state ^ 1)
         if pair not in arcs:
             arcs[pair] = float(streets[state // 2].getLength()) / WALKING_MS
@@ -202,16 +201,16 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
 
 
 def _has_own_lane(edge: Edge) -> bool:
-    """Return whether cyclists have a lane of their own."""
+    """Return whether an edge has a lane for bicycles only."""
     return any(lane.allows("bicycle") and not lane.allows("passenger") for lane in edge.getLanes())
 
 
 def _turns_across(edge: Edge, following: Edge) -> bool:
-    """Return whether cyclists turn from a lane of their own across a signalised junction.
+    """Return whether cyclists turn from their own lane across a signalised junction.
 
-    Two of them who meet in its middle wait for each other for ever in SUMO. Where cyclists have
-    lanes of their own, they usually make such turns in two stages. A cycle track of its own leads
-    on without a turn, however it bends.
+    Two opposite ones would block each other forever in SUMO. Cyclists with their own lanes usually
+    make such turns in two stages. A separate cycle track continues without a turn, however it
+    bends.
     """
     if is_cycle_track(edge) and is_cycle_track(following):
         return False
@@ -227,7 +226,7 @@ def _turns_across(edge: Edge, following: Edge) -> bool:
 def _corners_of_edges(
     streets: list[Edge], corners: list[Edge], number: dict[str, int]
 ) -> tuple[list[set[int]], list[set[int]], dict[tuple[int, int], float]]:
-    """Return the walking areas at the start and the end of each street, and what joins corners."""
+    """Return the walking areas at the start and the end of each street, and their links."""
     index = {edge.getID(): k for k, edge in enumerate(streets)}
     at_start: list[set[int]] = [set() for _ in streets]
     at_end: list[set[int]] = [set() for _ in streets]
@@ -260,8 +259,8 @@ def _walkers_gates(
         pairs = pairs[outside[pairs].all(axis=1)]
         graph = _matrix({(int(a), int(b)): 1.0 for a, b in pairs}, len(streets))
         _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        # Whoever walks from one gate to itself never comes in: where all outer sidewalks of a
-        # place are one gate, each street inside is a gate in their stead.
+        # A route from one gate to itself never enters the region: if all outer sidewalks of a place
+        # are one gate, each street inside is a gate instead.
         links = _matrix({(a // 2, b // 2): 1.0 for a, b in arcs}, len(streets))
         _, place = scipy.sparse.csgraph.connected_components(links, directed=False)
         at_gate = outside.copy()

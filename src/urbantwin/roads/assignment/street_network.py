@@ -1,9 +1,9 @@
-"""The street network as one class of actors may use it: entries, exits and routes.
+"""The street network of a class of actors: entries, exits and routes.
 
-A SUMO network is a graph of edges. Here it becomes, for one of SUMO's vehicle classes, a sparse
-matrix of travel times from edge to edge and a list of *gates*: edges over which traffic enters or
-leaves the site. A gate at the border of the region carries through traffic; one inside is a dead
-end, where a few people live.
+A SUMO network is a graph of edges. For one of SUMO's vehicle classes it becomes a sparse matrix of
+travel times from edge to edge and a list of *gates*: edges over which traffic enters or leaves the
+site. A gate at the border of the region carries through traffic; one inside is a dead end with
+little traffic.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 __all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway", "is_cycle_track"]
 
 Edge = Any  # sumolib.net.edge.Edge; sumolib has no types
-_BORDER_M = 30.0  # a gate nearer to the region's border than this is a street cut by the border
-#: Relative traffic of bicycles on a cycle track of its own: as on a street of two lanes of the
-#: class that has such tracks.
+_BORDER_M = 30.0  # a gate nearer to the region's border is a street cut by it
+#: Relative traffic of bicycles on a separate cycle track: that of two lanes of the class of street
+#: that has such tracks.
 CYCLE_TRACK_PER_HOUR = 2 * LANE_PER_HOUR["primary"]
-_DEAD_END_SHARE = 0.1  # traffic of a gate inside the region, relative to one at its border
+_DEAD_END_SHARE = 0.1  # traffic of a gate inside the region relative to one at its border
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +54,17 @@ class Gates:
 
 @dataclass(frozen=True, eq=False)
 class Streets:
-    """What one class of actors can use of a network.
+    """The part of a network open to one class of actors.
 
     Attributes:
         edges: ids of edges; those from ``street_count`` on are walking areas and crossings.
-        street_count: how many of the edges are streets, which routes name.
-        length_m: (E,) lengths of edges.
+        street_count: number of edges that are streets, which routes name.
+        length_m: (E,) lengths of edges, metres.
         ends: (E, 2, 2) first and last point of each edge, site frame.
-        seconds: (E, E) sparse, from the start of one edge to the start of the next.
+        seconds: (E, E) sparse, time from the start of one edge to the start of the next.
         turn_back: pairs of edges that are the two directions of one street.
-        entries: where actors come in.
-        exits: where they leave.
+        entries: gates where actors enter.
+        exits: gates where actors leave.
     """
 
     edges: tuple[str, ...]
@@ -78,13 +78,12 @@ class Streets:
 
 
 class StreetNetwork:
-    """A network that netconvert wrote, in the site frame.
+    """A network written by netconvert, in the site frame.
 
     Args:
         path: the ``.net.xml``.
-        region: the site's region (site frame), or ``None`` where every gate counts alike.
-        without: ids of edges that are not there for anybody: outer roads, where traffic passes
-            through.
+        region: the site's region (site frame); ``None`` for equal weights of all gates.
+        without: ids of edges to ignore: outer roads, where traffic passes through.
 
     Raises:
         StageError: the file is not a SUMO network.
@@ -98,7 +97,7 @@ class StreetNetwork:
         without: Set[str] = frozenset(),
     ) -> None:
         try:
-            etree.parse(path)  # first, because sumolib leaves a file that it cannot read open
+            etree.parse(path)  # first, because sumolib does not close a file that it cannot read
         except etree.XMLSyntaxError as error:
             raise StageError(f"{path.name} is not a SUMO network ({error})") from error
         with reading_sumo_network(path):
@@ -112,33 +111,33 @@ class StreetNetwork:
 
     @property
     def streets(self) -> list[Edge]:
-        """Edges that are no part of a junction, sorted by their ids."""
+        """Edges outside junctions, sorted by id."""
         return self._streets
 
     @property
     def corners(self) -> list[Edge]:
-        """Walking areas and crossings, sorted by their ids."""
+        """Walking areas and crossings, sorted by id."""
         inside = self._net.getEdges(withInternal=True)
         found = [edge for edge in inside if edge.getFunction() in ("walkingarea", "crossing")]
         return sorted(found, key=lambda edge: str(edge.getID()))
 
     def allowing(self, vclass: str) -> list[Edge]:
-        """Return the streets that a SUMO class may use; trams run on nothing but rails."""
+        """Return the streets that a SUMO class may use; trams use rails only."""
         edges = [edge for edge in self._streets if edge.allows(vclass)]
         if vclass == "tram":
             return [edge for edge in edges if not edge.allows("passenger")]
         return edges
 
     def way_over(self, edge: Edge, following: Edge) -> float:
-        """Return the length of the way over the junction between two edges, metres."""
+        """Return the length of the connection between two edges over the junction, metres."""
         lanes = (item.getViaLaneID() for item in edge.getOutgoing().get(following, []))
         return max((float(self._net.getLane(x).getLength()) for x in lanes if x), default=0.0)
 
     def driven_by(self, vclass: str) -> Streets | None:
-        """Return the streets that vehicles of a SUMO class may use; ``None`` where there are none.
+        """Return the streets of a SUMO vehicle class; ``None`` if there are none.
 
-        A street without a way on is an exit, one without a way to it an entry; turning round does
-        not count as a way. In a network without such ends (a ring) every edge is both.
+        A street without successor is an exit, one without predecessor an entry; U-turns do not
+        count. In a network without such ends (a ring) every edge is both.
         """
         edges = self.allowing(vclass)
         if not edges:
@@ -169,10 +168,7 @@ class StreetNetwork:
         )
 
     def walked(self) -> Streets | None:
-        """Return the ways of pedestrians, both directions; ``None`` where walking is impossible.
-
-        Gates are the ends of sidewalks and footways at nodes that have a single neighbour.
-        """
+        """Return the streets of pedestrians, both directions; ``None`` if walking is impossible."""
         streets = [edge for edge in self._streets if has_walkway(edge)]
         if not streets:
             return None
@@ -183,7 +179,7 @@ class StreetNetwork:
         for number, edge in enumerate(edges):
             for following in edge.getOutgoing():
                 other = index.get(following.getID())
-                # Sidewalks meet in walking areas; other connections are for bicycles.
+                # Sidewalks connect through walking areas; other connections are for bicycles.
                 if other is None or "walkingarea" not in (
                     edge.getFunction(),
                     following.getFunction(),
@@ -215,7 +211,7 @@ class StreetNetwork:
         )
 
     def _neighbours(self) -> dict[str, set[str]]:
-        """Return, for each node, the nodes that an edge joins it to."""
+        """Return the adjacent nodes of each node."""
         near: dict[str, set[str]] = defaultdict(set)
         for edge in self._streets:
             start, end = edge.getFromNode().getID(), edge.getToNode().getID()
@@ -224,7 +220,7 @@ class StreetNetwork:
         return near
 
     def rank(self, edge: Edge, vclass: str) -> float:
-        """Return the relative traffic of an edge for a class: of its kind times its lanes."""
+        """Return the relative traffic of an edge for a class: that of its kind times its lanes."""
         if vclass == "bicycle" and is_cycle_track(edge):
             return CYCLE_TRACK_PER_HOUR
         names = re.findall(r"highway\.(\w+)", edge.getType() or "")
@@ -246,7 +242,7 @@ class StreetNetwork:
 
 
 def _opposite_directions(edges: list[Edge]) -> frozenset[tuple[int, int]]:
-    """Return the pairs of edges that join the same two nodes in opposite directions."""
+    """Return the pairs of edges that link the same two nodes in opposite directions."""
     between: dict[tuple[str, str], list[int]] = defaultdict(list)
     for number, edge in enumerate(edges):
         between[edge.getFromNode().getID(), edge.getToNode().getID()].append(number)
@@ -270,12 +266,12 @@ def _matrix(arcs: dict[tuple[int, int], float], count: int) -> scipy.sparse.csr_
 
 
 def has_walkway(edge: Edge) -> bool:
-    """Return whether some lane of an edge is for people on foot and not for cars."""
+    """Return whether an edge has a lane for pedestrians that is closed to cars."""
     return any(
         lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()
     )
 
 
 def is_cycle_track(edge: Edge) -> bool:
-    """Return whether an edge is a way for bicycles of its own, not the cycle lane of a street."""
+    """Return whether an edge is a separate cycle track, not the cycle lane of a street."""
     return edge.getType() == CYCLE_TRACK_TYPE and not edge.allows("passenger")

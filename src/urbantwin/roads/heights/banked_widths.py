@@ -10,15 +10,16 @@ from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, fi
 
 __all__ = ["with_banked_widths"]
 
-#: Differences smaller than this are left, metres.
+#: Smaller differences are ignored, metres.
 NOTICED_M = 0.004
 
 
 def with_banked_widths(model: LaneModel) -> LaneModel:
     """Return a model with its widths converted from plan to the banked surface.
 
-    A road with superelevation is turned about its reference line, and offsets and widths are
-    measured in the turned plane (ASAM OpenDRIVE 1.8, 10.5): in plan they shrink by its cosine.
+    A road with superelevation is rotated about its reference line, and offsets and widths are
+    measured in the rotated plane (ASAM OpenDRIVE 1.8, 10.5): in plan they are shorter by its
+    cosine.
     """
     return model.with_roads(tuple(_road(road) for road in model.roads))
 
@@ -40,7 +41,7 @@ def _road(road: ModelRoad) -> ModelRoad:
 
 
 def _reach(road: ModelRoad) -> float:
-    """Return how far lanes reach from the reference line where the road begins, metres."""
+    """Return the extent of lanes from the reference line at the road's start, metres."""
     reach = 0.0
     for side in (1, -1):
         t = float(road.offset.at(0.0)[0])
@@ -62,9 +63,9 @@ def _grown(road: ModelRoad, width: Profile, start: float, end: float) -> Profile
     if width.is_zero:
         return width
     ds = np.linspace(0.0, end - start, max(2, int(np.ceil(end - start)) + 1))
-    # Where a profile has knots it may bend sharply: they are kept as stations.
+    # A profile may bend sharply at its knots, which are kept as stations.
     ds = np.unique(np.concatenate([ds, width.start[width.start < end - start]]))
     value = width.at(ds) / np.cos(road.bank.at(start + ds))
-    # Tapers begin and end without a kink: the slopes at both ends are the profile's own.
+    # Tapers stay smooth: the slopes at both ends are those of the profile.
     ends = width.slope(ds[[0, -1]]) / np.cos(road.bank.at(start + ds[[0, -1]]))
     return fitted(ds, value, tolerance=NOTICED_M / 8, slopes=(float(ends[0]), float(ends[1])))

@@ -25,25 +25,25 @@ __all__ = [
     "smooth_step",
 ]
 
-#: Fall of a paved carriageway that sheds water: from the crown of a two-way street to both sides,
+#: Usual fall of a paved carriageway for drainage: from the crown of a two-way street to both sides,
 #: on a one-way carriageway to the outer side (AASHTO Green Book 2018, 4.2.2: 1.5 to 2 %).
 NORMAL_FALL = 0.02
-#: Over this distance before a junction the cross-fall turns into the junction's surface, metres.
+#: Length before a junction over which the cross-fall runs out, metres.
 RUN_OUT_M = 15.0
-#: Ground of cells up to this size shows the cross-fall of a road, metres.
+#: Maximum cell size of an elevation model that shows the cross-fall of a road, metres.
 FINE_M = 2.0
-#: A crown shows where this much of the carriageway lies on either side of the reference line, m.
+#: Minimum width of the carriageway on either side of the reference line for a crown, metres.
 SIDE_M = 2.0
-#: What is nearer to the edge may be curb, metres.
+#: Margin at the edge, which may contain the curb, metres.
 EDGE_M = 0.6
-#: Larger crowns are not the road's: a hedge, a wall, a row of parked cars.
+#: Bounds of crowns; larger values come from hedges, walls or parked cars.
 CROWNS = (0.0, 0.05)
 #: Smoothing of measured values along the road, standard deviation, metres.
 ALONG_M = 8.0
-#: Residuals beyond this weigh less in the measurement (Huber, 1964), metres.
+#: Residuals beyond this get less weight in the regression (Huber, 1964), metres.
 HUBER_M = 0.03
 ROUNDS = 4
-#: Offsets across that are sampled.
+#: Number of samples across the carriageway.
 SAMPLES = 9
 #: Steepest grade by class (AASHTO, A Policy on Geometric Design of Highways and Streets, 2018:
 #: freeways table 8-1, arterials table 7-4, collectors table 6-8, local streets 5.3.2.3).
@@ -60,7 +60,7 @@ GRADE = {
     "tertiary_link": 0.12,
 }
 GRADE_OF_LOCAL_STREETS = 0.15
-#: Largest superelevation by class (the same, 3.3.3.2: 4 to 6 % in towns, 8 % on freeways).
+#: Maximum superelevation by class (the same, 3.3.3.2: 4 to 6 % in towns, 8 % on freeways).
 BANK = {"motorway": 0.08, "motorway_link": 0.08, "trunk": 0.06, "trunk_link": 0.06}
 BANK_OF_STREETS = 0.06
 #: Design speeds, km/h, and the rates of vertical curvature K there: metres of curve per percent of
@@ -72,15 +72,15 @@ SAG_K = (3, 6, 9, 13, 18, 23, 30, 38, 45, 55, 63, 73)
 
 @dataclass(frozen=True)
 class CrossFall:
-    """How the ground, and the carriageways on it, lie across at stations.
+    """Cross-fall of the ground and of carriageways at stations.
 
     Attributes:
-        ground: (M,) height of the ground at the reference line, from a line fitted across.
+        ground: (M,) height of the ground at the reference line, from a line fitted across, metres.
         tilt: (M,) rise of the ground per metre to the left.
-        level: (M,) height at the reference line that the road should have.
-        bank: (M,) rise per metre to the left that the road should have.
-        crown: (R,) fall of the road to both sides, before it runs out towards junctions.
-        measured: (R,) whether the road's own cross-fall was seen in the ground.
+        level: (M,) target height of the road at the reference line, metres.
+        bank: (M,) target rise of the road per metre to the left.
+        crown: (R,) fall of the road to both sides, before its run-out towards junctions.
+        measured: (R,) whether the road's own cross-fall was measured in the ground.
     """
 
     ground: NDArray[np.float64]
@@ -96,10 +96,10 @@ class Limits:
     """Limits of a street's geometric design.
 
     Attributes:
-        grade: steepest grade.
-        crest: strongest curvature of a crest in the profile, 1/m.
-        sag: strongest curvature of a sag, 1/m.
-        bank: steepest superelevation.
+        grade: maximum grade.
+        crest: maximum curvature of a crest in the profile, 1/m.
+        sag: maximum curvature of a sag, 1/m.
+        bank: maximum superelevation, as a slope.
     """
 
     grade: float
@@ -121,14 +121,14 @@ def cross_falls(
     """Return the cross-fall of streets.
 
     Args:
-        stations: of the streets.
+        stations: stations of the streets.
         t: (M, K) offsets across the carriageway, metres to the left.
-        z: (M, K) smoothed ground there, with what lifts the road.
-        weight: (M, K) how much each of these counts.
-        elevation: the ground, to measure from.
-        limits: of each street.
-        lifted: (R,) whether a street stands above the ground anywhere.
-        share: (M,) of its cross-fall that a street has (``run_out``).
+        z: (M, K) smoothed ground there, including the lift of the road, metres.
+        weight: (M, K) weights of these samples.
+        elevation: the ground, for the measurement.
+        limits: limits of each street.
+        lifted: (R,) whether a street is above the ground anywhere.
+        share: (M,) share of its cross-fall that a street has (``run_out``).
     """
     ground, tilt = line_across(t, z, weight)
     side = np.array([_outer_side(road) for road in stations.roads], np.float64)
@@ -151,7 +151,7 @@ def cross_falls(
         bank = np.where(here, tilt + (seen[1] - tilt) * share, bank)
         crown = np.where(measured, seen[2], crown)
     steepest = np.array([limit.bank for limit in limits])[stations.road]
-    # What is steeper than roads are built is turned about the carriageway's middle.
+    # A carriageway that is too steep is rotated about its centre.
     cut = (bank - np.clip(bank, -steepest, steepest)) * share
     middle = (stations.left + stations.right) / 2
     return CrossFall(ground, tilt, level + cut * middle, bank - cut, crown, measured)
@@ -160,11 +160,11 @@ def cross_falls(
 def run_out(
     stations: Stations, calm: Mapping[int, Sequence[tuple[float, float]]]
 ) -> NDArray[np.float64]:
-    """Return the share (M,) of its cross-fall that a street has: 0 where it joins others, else 1.
+    """Return the share (M,) of its cross-fall that a street has: 0 at connections, else 1.
 
     Args:
-        stations: of the streets.
-        calm: id of a street -> stations between which it has none.
+        stations: stations of the streets.
+        calm: id of a street -> ranges of stations without cross-fall.
     """
     length = np.array([road.length for road in stations.roads])[stations.road]
     near = np.full(len(length), np.inf)
@@ -176,7 +176,7 @@ def run_out(
         spans += [(road.length, road.length)] * (road.successor is not None)
         for first, last in spans:
             near[part] = np.minimum(near[part], np.maximum(np.maximum(first - s, s - last), 0.0))
-    # Streets that are too short to run out at both ends have less of it in their middles.
+    # Streets too short for a run-out at both ends have a smaller share in the middle.
     return smooth_step(near / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
         length / (2.0 * RUN_OUT_M)
     )
@@ -201,7 +201,7 @@ def line_across(
 
 
 def _outer_side(road: ModelRoad) -> int:
-    """Return 0 for a two-way street, 1 where the outer side of a one-way road is its left."""
+    """Return 0 for a two-way street; else the outer side of a one-way road: 1 left, -1 right."""
     lanes = [lane for section in road.sections for lane in section.lanes if lane.allowed]
     if shared := [lane for lane in lanes if lane.opposite]:
         return int(np.sign(shared[0].id))
@@ -221,11 +221,11 @@ def _measured(
     half = (stations.left - stations.right) / 2
     t = stations.across(SAMPLES, margin=np.minimum(EDGE_M, half / 3))
     raw = elevation.raw_at(stations.beside(t).reshape(-1, 2)).reshape(t.shape)
-    # What the smoothed ground does along the road is taken out: the regression looks across.
+    # Variation of the smoothed ground along the road is removed: the regression is across.
     raw = raw - ground[:, None] - tilt[:, None] * t
     crown = np.zeros(len(stations.roads))
     if crowned.any():
-        # The first fit finds one crown a street; the second the rest, with that crown given.
+        # The first fit determines one crown per street; the second the rest, with that crown fixed.
         kink = _regressed(stations, raw, [np.ones_like(t), t, -np.abs(t)])[2]
         for k in np.flatnonzero(crowned).tolist():
             crown[k] = np.clip(np.median(kink[stations.of(k)]), *CROWNS)
@@ -264,7 +264,7 @@ def _regressed(
 
 
 def limits_of(road: ModelRoad) -> Limits:
-    """Return the limits for a road's class and for the highest speed on it."""
+    """Return the design limits for a road's class and its highest speed limit."""
     limit = max((lane.speed_limit for x in road.sections for lane in x.lanes), default=0.0)
     speed = (limit or 50.0 / 3.6) * 3.6
     return Limits(

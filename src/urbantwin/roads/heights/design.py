@@ -13,20 +13,20 @@ from urbantwin.roads.heights.stations import Stations
 
 __all__ = ["Pins", "design_profiles", "profile_slopes", "smoothed"]
 
-#: Lengths over which profiles are smoothed, one after the other until the limits are met, metres.
+#: Smoothing lengths, tried in order until the limits are met, metres.
 SMOOTHING_LENGTHS_M = (6.0, 12.0, 25.0, 50.0)
-#: How much steeper than the steepest ground along it a street may be.
+#: Amount by which a street may be steeper than the steepest ground along it.
 GRADE_TOLERANCE = 0.005
-#: Weight of pinned values, relative to a sample.
+#: Weight of pinned values relative to a sample.
 PINNED = 1e7
 
 
 @dataclass(frozen=True)
 class Pins:
-    """What roads must meet at their starts (row 0) and ends (row 1).
+    """Boundary conditions of roads at their starts (row 0) and ends (row 1).
 
     Attributes:
-        pinned: (2, R) whether an end is pinned at all.
+        pinned: (2, R) whether an end is pinned.
         value: (2, R) value there.
         slope: (2, R) derivative along the road.
     """
@@ -39,15 +39,15 @@ class Pins:
 def smoothed(
     stations: Stations, value: NDArray[np.float64], pins: Pins, length: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the smoothing splines of samples (M,) along many roads at once.
+    """Return the smoothing splines of samples (M,) along many roads.
 
-    Each minimises sum (z - value)^2 + length^4 sum z''^2 (Whittaker 1923; Reinsch 1967) and meets
-    its pins. Waves much shorter than ``2 pi length`` are levelled out.
+    Each minimises sum (z - value)^2 + length^4 sum z''^2 (Whittaker 1923; Reinsch 1967) under its
+    boundary conditions. Waves much shorter than ``2 pi length`` are removed.
 
     Args:
-        stations: where the samples are; evenly spaced on each road.
+        stations: stations of the samples, evenly spaced on each road.
         value: (M,) samples.
-        pins: what ends must meet.
+        pins: boundary conditions.
         length: (R,) smoothing length of each road, metres.
     """
     count = len(value)
@@ -70,7 +70,7 @@ def smoothed(
         at = ends[side][pins.pinned[side]]
         bands[2, at] += PINNED
         right[at] += PINNED * pins.value[side][pins.pinned[side]]
-        # The slope: a mirrored neighbour beyond the end, (z1 - z0) = step x slope.
+        # The slope, by a mirrored neighbour beyond the end: (z1 - z0) = step x slope.
         rise = inwards * step[at] * pins.slope[side][pins.pinned[side]]
         weight = 2.0 * stiff[at]
         bands[2, at] += weight
@@ -91,19 +91,19 @@ def design_profiles(
     limits: list[Limits],
     earthwork: float,
 ) -> NDArray[np.float64]:
-    """Return the heights (M,) of streets' profiles.
+    """Return the heights (M,) of streets' profiles, metres.
 
-    Each is the ground's, smoothed no more than its class asks for: over the first of
-    ``SMOOTHING_LENGTHS_M`` at which grade and vertical curvature are within the limits, else the
-    one that leaves them least; never further off the ground than ``earthwork``. It is nowhere
-    steeper than the steepest ground along the street by more than ``GRADE_TOLERANCE``.
+    Each is that of the ground with as little smoothing as its class requires. The first of
+    ``SMOOTHING_LENGTHS_M`` with grade and vertical curvature within the limits is used, else the
+    one that exceeds them least. The distance from the ground stays below ``earthwork``, and no
+    grade exceeds the steepest ground along the street by more than ``GRADE_TOLERANCE``.
 
     Args:
-        stations: where the ground was sampled.
-        ground: (M,) heights of the ground along the streets.
+        stations: stations of the ground's samples.
+        ground: (M,) heights of the ground along the streets, metres.
         pins: heights and grades at junctions.
-        limits: of each street.
-        earthwork: largest cut or fill, metres.
+        limits: limits of each street.
+        earthwork: maximum cut or fill, metres.
     """
     step = _steps(stations)
     grade, crest, sag = (
@@ -121,7 +121,8 @@ def design_profiles(
                 _largest(stations, bend) / sag,
             ]
         )
-        # Only if it brings more: where the ground itself is too steep, smoothing does not help.
+        # Only if it is a clear improvement: where the ground itself is too steep, smoothing does
+        # not help.
         better = (least > 1.0) & (beyond < 0.98 * least)
         better &= _largest(stations, np.abs(z - ground)) < earthwork
         best = np.where(better[stations.road], z, best)
@@ -134,7 +135,7 @@ def design_profiles(
 def _no_steeper(
     stations: Stations, z: NDArray[np.float64], ground: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return profiles moved towards the ground's until no grade exceeds the ground's."""
+    """Return profiles moved towards the ground until no grade exceeds that of the ground."""
     own, there = _differences(stations, z)[0], _differences(stations, ground)[0]
     bound = _largest(stations, np.abs(there))[stations.road] + GRADE_TOLERANCE
     share = np.where(
@@ -146,7 +147,7 @@ def _no_steeper(
 
 
 def profile_slopes(stations: Stations, z: NDArray[np.float64], pins: Pins) -> NDArray[np.float64]:
-    """Return derivatives (M,) of samples along roads: central, at the ends pinned or one-sided."""
+    """Return derivatives (M,) of samples along roads; at ends, pinned or one-sided."""
     step = _steps(stations)[stations.road]
     slope = np.zeros(len(z))
     slope[1:-1] = z[2:] - z[:-2]
@@ -161,14 +162,14 @@ def profile_slopes(stations: Stations, z: NDArray[np.float64], pins: Pins) -> ND
 
 
 def _steps(stations: Stations) -> NDArray[np.float64]:
-    """Return the spacing (R,) of each road's stations."""
+    """Return the spacing (R,) of each road's stations, metres."""
     return np.asarray(stations.s[stations.first[:-1] + 1])
 
 
 def _differences(
     stations: Stations, z: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return grade (M,) to the next station and curvature (M,), 0 where there is none."""
+    """Return grade (M,) to the next station and curvature (M,), 0 where undefined."""
     step = _steps(stations)[stations.road]
     rise, bend = np.zeros(len(z)), np.zeros(len(z))
     rise[:-1] = np.diff(z) / step[:-1]

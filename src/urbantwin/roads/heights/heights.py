@@ -1,4 +1,4 @@
-"""Heights of every road from the ground, stage by stage."""
+"""Heights of all roads from the ground, in stages."""
 
 from __future__ import annotations
 
@@ -27,40 +27,41 @@ from urbantwin.roads.model import LaneModel, ModelRoad, Profile
 
 __all__ = ["hermite_profiles", "with_heights"]
 
-#: Spacing of the stations that streets are designed at, and of those that areas are drawn by, m.
+#: Spacing of the stations for the design of streets, and for their areas, metres.
 STEP_M, DENSE_M = 2.5, 1.0
-#: Offsets across a carriageway that the smoothed ground is sampled at, and other streets.
+#: Number of samples of the smoothed ground across a carriageway, and of the surface of other
+#: streets.
 SAMPLES, SAMPLES_YIELDING = 7, 15
-#: Over this distance a street comes off another one that it followed, metres.
+#: Length over which a street departs from another one that it followed, metres.
 EASING_M = 15.0
-#: What lies on another street counts this many times more than what does not.
+#: Additional weight of samples on another street.
 SHARED_WEIGHT = 500.0
-#: Furthest that smoothing may take a street off the ground, metres: on a coarse DEM, which does not
-#: know of cuts and fills, and on one that shows them.
+#: Maximum deviation of a smoothed street from the ground, metres: on a coarse DEM without cuts and
+#: fills, and on one that shows them.
 EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
-#: Slopes of the ground are taken over this distance to both sides, metres.
+#: Distance to both sides for slopes of the ground, metres.
 SLOPE_REACH_M = 1.0
-#: Bank is smoothed over this length, metres.
+#: Smoothing length of the bank, metres.
 BANK_SMOOTHING_M = 2.0
-#: Decimals of metres, and of metres per metre, that are kept.
+#: Decimals of heights (metres) and slopes that are kept.
 DIGITS = 9
-#: Pieces that bend less than this are straight, 1/m.
+#: Pieces with less curvature are straight, 1/m.
 STRAIGHT = 1e-8
-#: Spacing of the knots, metres, and how much a way may turn from one to the next, radians.
+#: Spacing of the knots on connecting roads, metres, and maximum turn between them, radians.
 STEP_CONNECTING_M, TURN_CONNECTING = 2.5, 0.2
-#: Offsets across a lane that the surface is sampled at.
+#: Number of samples of the surface across a lane.
 SAMPLES_CONNECTING = 5
 
 
 def with_heights(
     model: LaneModel, elevation: Elevation, lift: Lift
 ) -> tuple[LaneModel, RoadSurface]:
-    """Return the model with elevation, superelevation and crown of every road, and its surface.
+    """Return the model with elevation, superelevation and crown of all roads, and its surface.
 
     Args:
         model: the lanes in plan.
         elevation: the ground.
-        lift: how far roads are lifted off it.
+        lift: height of roads above the ground.
     """
     streets = [road for road in model.roads if road.junction < 0]
     ways = [road for road in model.roads if road.junction >= 0]
@@ -91,7 +92,7 @@ def _put(roads: list[ModelRoad], which: Sequence[int], other: Sequence[ModelRoad
 
 @dataclass(frozen=True)
 class _Site:
-    """The ground, as it is and as roads see it, and the levels of junctions by their ids."""
+    """The ground, its regression under roads, and the levels of junctions by id."""
 
     elevation: Elevation
     ground: RoadGround
@@ -99,7 +100,7 @@ class _Site:
 
 
 def _carriageway(stations: Stations) -> NDArray[np.float64]:
-    """Return points (N, 2) all over the carriageways of the ground level, a metre apart."""
+    """Return points (N, 2) on the carriageways of the ground level, about a metre apart."""
     ground = np.array([road.level == 0 for road in stations.roads], bool)[stations.road]
     width = stations.left - stations.right
     count = np.where(ground, np.ceil(width).astype(int) + 1, 0)
@@ -116,7 +117,7 @@ def _streets(
     overlaps: Overlaps,
     surface: RoadSurface | None = None,
 ) -> list[ModelRoad]:
-    """Return streets with heights; on a surface of other streets, if there is one."""
+    """Return streets with heights, on the ground or on the surface of other streets."""
     if not streets:
         return []
     base: Base = surface.height if surface else site.ground
@@ -126,7 +127,7 @@ def _streets(
     t = stations.across(SAMPLES_YIELDING if surface else SAMPLES)
     ends = stations.edges()
     level = np.array([road.level for road in streets])[stations.road]
-    # Where a ramp meets a junction on the ground, it meets the ground's surface.
+    # At a junction on the ground, a ramp joins the ground's surface.
     for at, number in zip(ends, levels_at_ends(streets, site.levels), strict=True):
         level[at] = number
     z = _sampled(stations.beside(t), level, base)
@@ -146,7 +147,7 @@ def _streets(
     along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
     calm = BANK_SMOOTHING_M
-    if surface:  # what others do is followed, not smoothed
+    if surface:  # others' shape is followed, not smoothed
         earthwork, calm = 0.0, 1.0
     height = design_profiles(stations, cross.level, along, limits, earthwork)
     bank = smoothed(stations, cross.bank, across, np.full(len(streets), calm))
@@ -169,9 +170,9 @@ def _eased(
     weight: NDArray[np.float64],
     on: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Return ground (M, K) that streets leave gently where they come off another street.
+    """Return ground (M, K) with a gradual transition where streets depart from another street.
 
-    What following the other street (``on``, (M,)) asks for beyond the ground itself fades out over
+    The difference between the other street (``on``, (M,)) and the ground fades out over
     ``EASING_M`` along the road, or up to its end if that is nearer.
     """
     free, held = line_across(t, z), line_across(t, z, weight)
@@ -193,7 +194,7 @@ def _eased(
 
 
 def _sampled(xy: NDArray[np.float64], level: NDArray[np.int64], base: Base) -> NDArray[np.float64]:
-    """Return the base (M, K) at points (M, K, 2) on levels (M,)."""
+    """Return heights of the base (M, K) at points (M, K, 2) on levels (M,)."""
     z = np.zeros(xy.shape[:2])
     for number in np.unique(level):
         here = level == number
@@ -218,7 +219,7 @@ def _grades(
 
 
 def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
-    """Return which roads (R,) stand above the ground somewhere."""
+    """Return the mask (R,) of roads that are above the ground somewhere."""
     found = np.array([road.level > 0 for road in stations.roads])
     lift = base.lift_at(stations.pose[:, :2], 0)
     return found | (np.maximum.reduceat(lift, stations.first[:-1]) > 0.02)
@@ -227,7 +228,7 @@ def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
 def hermite_profiles(
     stations: Stations, value: NDArray[np.float64], slope: NDArray[np.float64]
 ) -> list[Profile]:
-    """Return a profile a road, with the values (M,) and slopes (M,) at its stations.
+    """Return a profile per road with given values (M,) and slopes (M,) at its stations.
 
     Straight lines are one piece, however long.
     """
@@ -240,7 +241,7 @@ def hermite_profiles(
     c = (3.0 * rise - step * (2.0 * slope[:-1] + slope[1:])) / step**2
     d = (step * (slope[:-1] + slope[1:]) - 2.0 * rise) / step**3
     abcd = np.column_stack([value[:-1], slope[:-1], c, d])
-    # A piece that only goes on with the straight line before it is left out.
+    # A piece that continues the straight line before it is left out.
     line = np.abs(abcd[:, 2:] * [1.0, 10.0]).max(axis=1) < STRAIGHT
     goes_on = np.zeros(len(abcd), bool)
     goes_on[1:] = line[1:] & line[:-1] & (np.abs(np.diff(abcd[:, 1])) < STRAIGHT)
@@ -254,7 +255,7 @@ def hermite_profiles(
 
 
 def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tuple[ModelRoad, ...]:
-    """Return connecting roads with heights: on the surface, and smooth into the streets they join.
+    """Return connecting roads with heights on the surface, continuous with the linked streets.
 
     Args:
         ways: connecting roads.
@@ -289,7 +290,7 @@ def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tupl
 def _pins(
     ways: Stations, mouths: Mouths, mouth_of: Mapping[tuple[int, str], int]
 ) -> tuple[Pins, Pins]:
-    """Return what profiles of elevation and of bank must meet where ways meet streets."""
+    """Return the boundary conditions of elevation and bank where connecting roads join streets."""
     links = [[road.predecessor, road.successor] for road in ways.roads]
     number = np.array(
         [
@@ -301,11 +302,11 @@ def _pins(
     which = np.where(held, number, 0)
     place = np.stack([ways.pose[at] for at in ways.edges()])
     t = mouths.seen_from(which, place[..., :2])[1]
-    # 1 where the way runs on as the street does, out of its end or in at its start.
+    # 1 where the connecting road runs along the street's direction, -1 against it.
     sign = np.array([[1.0], [-1.0]]) * mouths.out[which]
     slope = sign * mouths.slope(which, t)
     _, bank, crown = np.moveaxis(mouths.height[which], -1, 0)
-    # Along a way that bends the surface goes on in its tangent plane: grade turns into bank.
+    # Along a curved path the surface is its tangent plane: grade turns into bank.
     turn = mouths.turn(which, t) - ways.bend * slope
     return (
         Pins(held, mouths.rise(which, t), ways.pace * slope),

@@ -1,4 +1,4 @@
-"""Junction mouths: the ends of streets, and the road surface there as seen from the junction."""
+"""Junction mouths: the ends of streets, and their road surface as seen from the junction."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from urbantwin.roads.model import ModelRoad
 
 __all__ = ["Mouths", "levels_at_ends", "mouths_of"]
 
-#: A street's end counts this far back into the street, metres.
+#: Length of a street's end that is included, metres.
 BACK_M = 1.0
 
 
 @dataclass(frozen=True)
 class Mouths:
-    """Ends of streets (E), the starts first, in the streets' order.
+    """Ends of streets (E), first all starts, then all ends, in the streets' order.
 
     Attributes:
         xy: (E, 2) end of the reference line.
         ahead: (E, 2) its direction, along increasing stations.
         out: (E,) 1 where stations increase out of the street, -1 where they decrease.
-        right, left: (E,) offsets between which the street lies.
-        level: (E,) level of what the street leads to there.
+        right, left: (E,) offsets of the street's borders, metres.
+        level: (E,) level of the adjoining junction, else of the street.
         height: (E, 3) height of the reference line, rise to the left, and fall to both sides.
-        grade: (E, 3) how these change along the reference line.
+        grade: (E, 3) derivatives of these along the reference line.
         bend: (E,) curvature of the reference line, 1/m.
     """
 
@@ -50,7 +50,7 @@ class Mouths:
     def seen_from(
         self, which: NDArray[np.int64], xy: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far points (N, K, 2) lie out of mouths (N, K), and to the left of them."""
+        """Return the distances of points (N, K, 2) out of and to the left of mouths (N, K)."""
         gap = xy - self.xy[which]
         ahead = self.ahead[which]
         along = (gap * ahead).sum(axis=-1)
@@ -60,7 +60,7 @@ class Mouths:
     def distance(
         self, which: NDArray[np.int64], u: NDArray[np.float64], t: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the distance to the end of the street, which reaches a little back into it."""
+        """Return the distance to the end of the street, which extends slightly back into it."""
         beyond = np.maximum(np.maximum(u, -BACK_M - u), 0.0)
         beside = np.maximum(np.maximum(self.right[which] - t, t - self.left[which]), 0.0)
         return np.asarray(np.hypot(beyond, beside))
@@ -68,7 +68,7 @@ class Mouths:
     def extended(
         self, which: NDArray[np.int64], u: NDArray[np.float64], t: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the height of the street's surface, drawn straight on out of its end."""
+        """Return the height of the street's surface, extended straight out of its end."""
         return self.rise(which, t) + u * self.out[which] * self.slope(which, t)
 
     def rise(self, which: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,7 +77,7 @@ class Mouths:
         return np.asarray(level + t * bank - np.abs(t) * crown)
 
     def turn(self, which: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how the rise to the left changes along the street's lanes, seen straight on."""
+        """Return the derivative of the rise to the left along the street's lanes."""
         _, bank, crown = np.moveaxis(self.grade[which], -1, 0)
         bend = self.bend[which]
         change = bank - np.sign(t) * crown + bend * self.slope(which, t)
@@ -91,7 +91,7 @@ class Mouths:
 
 
 def levels_at_ends(streets: Sequence[ModelRoad], levels: Mapping[int, int]) -> NDArray[np.int64]:
-    """Return the levels (2, R) of what streets lead to at their starts and ends, else their own.
+    """Return the levels (2, R) of the junctions at streets' starts and ends, else their own.
 
     Args:
         streets: R streets.
@@ -113,8 +113,8 @@ def mouths_of(streets: Sequence[ModelRoad], stations: Stations, level: NDArray[n
 
     Args:
         streets: R streets, with their profiles.
-        stations: of these streets.
-        level: (2, R) levels of what they lead to.
+        stations: stations of these streets.
+        level: (2, R) levels of their ends.
     """
     height = np.zeros((2, len(streets), 3))
     grade = np.zeros((2, len(streets), 3))

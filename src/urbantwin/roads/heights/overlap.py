@@ -1,4 +1,4 @@
-"""Overlaps: carriageways that meet outside junctions and must share one surface."""
+"""Overlaps: carriageways that touch outside junctions and must share one surface."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from urbantwin.roads.model import ModelRoad
 
 __all__ = ["NO_OVERLAPS", "Overlaps", "find_overlaps"]
 
-#: Carriageways this close together are one area of asphalt, metres.
+#: Carriageways within this distance are one area of asphalt, metres.
 SEAM_M = 0.6
-#: Smaller overlaps are where roads touch, square metres.
+#: Smaller overlaps are ignored, square metres.
 LEAST_M2 = 0.1
-#: A difference in height that matters, metres.
+#: Smaller height differences are ignored, metres.
 STEP_UP_M = 0.005
-#: How far an overlap affects the profile of a road, metres.
+#: Range in which an overlap affects the profile of a road, metres.
 AROUND_M = 2.0
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Where streets must lie as their neighbours do.
+    """Streets that must match the heights of their neighbours.
 
     Attributes:
-        calm: id of a street -> stations between which it has no cross-fall of its own.
+        calm: id of a street -> ranges of stations without its own cross-fall, metres.
         yielding: ids of streets that follow the surface of others.
     """
 
@@ -38,19 +38,19 @@ class Overlaps:
     yielding: frozenset[int]
 
 
-#: Nothing overlaps.
+#: No overlaps.
 NO_OVERLAPS = Overlaps({}, frozenset())
 
 
 def find_overlaps(
     streets: Sequence[ModelRoad], ways: Sequence[ModelRoad], stations: Stations
 ) -> Overlaps:
-    """Return where streets, as they lie now, differ in height from what shares their asphalt.
+    """Return where streets differ in height from roads that share their asphalt.
 
     Args:
         streets: streets with heights.
-        ways: ways through junctions, which should not lie on streets, but now and then do.
-        stations: of the streets and of the ways.
+        ways: connecting roads, which occasionally overlap streets.
+        stations: stations of the streets and of the connecting roads.
     """
     roads = [*streets, *ways]
     areas = stations.areas(grown=np.repeat([SEAM_M / 2, -0.05], [len(streets), len(ways)]))
@@ -68,7 +68,7 @@ def find_overlaps(
         points = shapely.get_coordinates(area)
         t, u = one.curve.locate(points), two.curve.locate(points)
         if a >= len(streets):
-            # The way is fitted to the street: the street's crown would be a kink in it.
+            # The connecting road is fitted to the street, whose crown would be a kink in it.
             if not (two.crown.is_zero and _falls_little(two)):
                 calm[two.id].append(_interval(u[0]))
             continue

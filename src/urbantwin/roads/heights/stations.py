@@ -1,4 +1,4 @@
-"""Stations along many roads at once, and the extent of the carriageway there."""
+"""Stations along many roads, and the extent of the carriageway there."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from urbantwin.roads.model.curve import all_at
 
 __all__ = ["SHARPEST", "RoadGround", "Stations", "stations_of"]
 
-#: Streets do not bend more sharply than this, 1/m: what does is a kink of their drawing.
+#: Maximum curvature of streets, 1/m: higher values are kinks of the drawing.
 SHARPEST = 0.2
-#: Curvature and pace at ends are taken over this distance, metres.
+#: Distance for curvature and pace at ends, metres.
 NEAR_M = 0.02
-#: Standard deviation of the weights: what takes cars, curbs and noise out of the ground, metres.
+#: Standard deviation of the regression weights, metres: it removes cars, curbs and noise.
 SMOOTHING_M = 5.0
-#: Cell size of the grid that the regression is solved on, metres.
+#: Cell size of the regression grid, metres.
 CELL_M = 2.0
-#: Weight of ground beside the road, relative to the ground under it: a canal, a retaining wall or
-#: an embankment beside a street does not tilt it; where no road is, the ground goes on.
+#: Weight of ground beside the road relative to ground under it: a canal, a retaining wall or an
+#: embankment beside a street does not tilt it, and the ground is defined away from roads.
 BESIDE = 0.003
 
 
 @dataclass(frozen=True)
 class Stations:
-    """Stations of many roads, one road after the other (M in all).
+    """Stations of many roads, one road after the other (M in total).
 
     Attributes:
         roads: the roads.
         first: (R + 1,) index of each road's first station, and M.
         road: (M,) index of the road.
-        s: (M,) metres along the reference line.
+        s: (M,) station along the reference line, metres.
         pose: (M, 3) x, y, heading of the reference line.
-        sides: (4, M) offsets, metres to the left, of the carriageway's right and left border, and
-            of those of everything, footways too.
+        sides: (4, M) offsets to the left, metres: right and left border of the carriageway, and of
+            all lanes including footways.
         bend: (2, R) curvature of the reference lines at their starts and ends, 1/m.
-        pace: (2, R) metres in plan per metre of station there: not quite 1 on cubics.
+        pace: (2, R) metres in plan per metre of station there: not exactly 1 on cubics.
     """
 
     roads: tuple[ModelRoad, ...]
@@ -61,30 +61,30 @@ class Stations:
 
     @property
     def right(self) -> NDArray[np.float64]:
-        """The carriageway's right border (M,)."""
+        """Offset of the carriageway's right border (M,), metres to the left."""
         return np.asarray(self.sides[0])
 
     @property
     def left(self) -> NDArray[np.float64]:
-        """The carriageway's left border (M,)."""
+        """Offset of the carriageway's left border (M,), metres to the left."""
         return np.asarray(self.sides[1])
 
     @property
     def outer_right(self) -> NDArray[np.float64]:
-        """The right border of everything (M,)."""
+        """Offset of the outermost right border (M,), footways included, metres to the left."""
         return np.asarray(self.sides[2])
 
     @property
     def outer_left(self) -> NDArray[np.float64]:
-        """The left border of everything (M,)."""
+        """Offset of the outermost left border (M,), footways included, metres to the left."""
         return np.asarray(self.sides[3])
 
     def areas(self, *, outer: bool = False, grown: ArrayLike = 0.0) -> NDArray[np.object_]:
-        """Return the area (R,) of each road's carriageway, or of everything on it.
+        """Return the area (R,) of each road's carriageway, or of all its lanes.
 
         Args:
-            outer: whether footways count.
-            grown: how much further it reaches to both sides, metres, all or each (R,).
+            outer: whether to include footways.
+            grown: margin on both sides, metres, for all roads or each (R,).
         """
         if not self.roads:
             return np.zeros(0, object)
@@ -103,7 +103,7 @@ class Stations:
         return found
 
     def pick(self, roads: Sequence[ModelRoad], which: Sequence[int]) -> Stations:
-        """Return the stations of some roads only: ``roads``, which had the indices ``which``."""
+        """Return the stations of some roads: ``roads``, which had the indices ``which``."""
         parts = [np.arange(self.first[k], self.first[k + 1]) for k in which]
         index = np.concatenate([np.zeros(0, np.int64), *parts])
         counts = [len(part) for part in parts]
@@ -132,7 +132,7 @@ class Stations:
     def across(
         self, count: int, *, margin: NDArray[np.float64] | float = 0.0
     ) -> NDArray[np.float64]:
-        """Return offsets (M, count) spread evenly over the carriageway, less a margin (M,)."""
+        """Return offsets (M, count), evenly spaced over the carriageway without a margin (M,)."""
         right, left = self.right + margin, self.left - margin
         share = np.linspace(0.0, 1.0, count)
         return np.asarray(right[:, None] + (left - right)[:, None] * share)
@@ -145,14 +145,14 @@ class Stations:
 class RoadGround:
     """Local linear regression of the ground under carriageways, and the lift of ramps and bridges.
 
-    At every point a plane is fitted to the cells under carriageways nearby, weighted by a Gaussian
-    (Cleveland & Devlin, "Locally weighted regression", JASA 83, 1988): it keeps every plane as it
-    is, and a road beside a step in the ground stays on its own side.
+    At each point a plane is fitted to nearby cells under carriageways, weighted by a Gaussian
+    (Cleveland & Devlin, "Locally weighted regression", JASA 83, 1988). It preserves planes, and a
+    road beside a step in the ground stays on its own side.
 
     Args:
         elevation: the ground.
-        lift: how far roads are lifted off it.
-        carriageway: (N, 2) points that cover the carriageways of the ground level densely.
+        lift: height of roads above the ground.
+        carriageway: (N, 2) dense points on the carriageways of the ground level.
     """
 
     def __init__(self, elevation: Elevation, lift: Lift, carriageway: NDArray[np.float64]) -> None:
@@ -172,12 +172,12 @@ class RoadGround:
         return np.asarray(z + lift)
 
     def lift_at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        """Return how far roads of a level are lifted (N,) at points (N, 2), metres."""
+        """Return the lift (N,) of roads of a level at points (N, 2), metres."""
         return self._lift.at(xy, level)
 
     @cached_property
     def _grid(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Regressed heights, and the place and size of their cells."""
+        """Regressed heights, and the position and size of their cells."""
         ground = self._elevation
         block = max(1, round(CELL_M / ground.step))
         weight = np.full(ground.raw.shape, BESIDE)
@@ -185,7 +185,7 @@ class RoadGround:
         rows, columns = ground.raw.shape
         inside = (cell >= 0).all(axis=1) & (cell[:, 0] < columns) & (cell[:, 1] < rows)
         weight[cell[inside, 1], cell[inside, 0]] = 1.0
-        # Moments of weight, place and height; the border's cells go on beyond the grid.
+        # Moments of weight, position and height; the border's cells extend beyond the grid.
         pad = [(0, -n % block) for n in (rows, columns)]
         weight, z = np.pad(weight, pad, mode="edge"), np.pad(ground.raw, pad, mode="edge")
         y, x = (
@@ -222,12 +222,12 @@ class RoadGround:
 
 
 def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf) -> Stations:
-    """Return stations along roads, evenly spaced, at least three a road, both ends included.
+    """Return evenly spaced stations along roads, at least three per road, including both ends.
 
     Args:
         roads: the roads.
-        step: largest spacing, metres.
-        turn: largest mean change of heading from one to the next, radians.
+        step: maximum spacing, metres.
+        turn: maximum mean change of heading between stations, radians.
     """
     counts = [
         max(
@@ -242,7 +242,7 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     near = [min(NEAR_M, road.length / 50) for road in roads]
     curves = [road.curve for road in roads]
     pose = all_at(curves, s)
-    # Curvature and pace at the ends are measured just inside of them.
+    # Curvature and pace at the ends are measured just inside.
     inside = [np.array([d, road.length - d]) for road, d in zip(roads, near, strict=True)]
     ends = pose[np.column_stack([first[:-1], first[1:] - 1])]
     change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]
@@ -263,7 +263,7 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
 
 
 def _turning(road: ModelRoad) -> float:
-    """Return by how much the reference line turns in all, radians, give or take its last piece."""
+    """Return the approximate total turn of the reference line, radians."""
     pieces = road.curve.pieces
     arcs = sum(abs(piece.curvature) * piece.length for piece in pieces)
     cubics = [piece.heading for piece in pieces if piece.u]
@@ -273,14 +273,14 @@ def _turning(road: ModelRoad) -> float:
 def _values(
     profile: Profile, s: NDArray[np.float64], least: float = -math.inf
 ) -> NDArray[np.float64] | float:
-    """Return values (N,) of a profile at stations, or the one that it has at all of them."""
+    """Return values (N,) of a profile at stations, or its constant value."""
     if profile.constant_value is not None:
         return max(profile.constant_value, least)
     return np.maximum(profile.at(s), least)
 
 
 def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (4, N): the carriageway's right and left, and everything's."""
+    """Return (4, N): right and left border of the carriageway, and of all lanes."""
     found = np.zeros((4, len(s)))
     starts = np.searchsorted(s, [section.s for section in road.sections[1:]]).tolist()
     for section, (begin, end) in zip(
@@ -303,7 +303,7 @@ def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
                     flat = t
             found[0 if side < 0 else 1, inside] = flat
             found[2 if side < 0 else 3, inside] = t
-    # A road of footways alone is its own carriageway.
+    # On a road of footways only, they are the carriageway.
     bare = found[1] - found[0] < 0.5
     found[:2, bare] = found[2:, bare]
     return found

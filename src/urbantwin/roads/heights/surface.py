@@ -1,4 +1,4 @@
-"""The surface of the roads: streets by their profiles, blended over junctions without a step."""
+"""The road surface: streets by their profiles, blended continuously over junctions."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ __all__ = ["Base", "RoadSurface"]
 
 #: Heights (N,) at points (N, 2) of a level, metres.
 Base = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-#: How far a street's end reaches into a junction, and how far its side reaches sideways, metres.
+#: Influence of a street's end into a junction, and of its side sideways, metres.
 REACH_M, SIDE_REACH_M = 14.0, 6.0
-#: A street that would correct the ground by more than this is another surface: there is a wall
-#: between a ramp and the street beside or under it, metres.
+#: Corrections above this mean another surface: there is a wall between a ramp and the street beside
+#: or under it, metres.
 WALL_M = 2.0
-#: Weight of the ground between the streets: that of a street's end about 4 m away.
+#: Weight of the ground between streets: that of a street's end about 4 m away.
 GROUND_WEIGHT = 0.03
 #: Spacing of samples along streets, metres.
 STEP_M = 1.0
-#: As many ends, and samples of sides, are looked at around a point.
+#: Maximum number of ends, and of side samples, considered around a point.
 ENDS, SIDES = 12, 6
-#: Borders are as exact as this, metres.
+#: Tolerance of borders, metres.
 TOUCH_M = 0.005
 
 
 @dataclass(frozen=True)
 class _Level:
-    """What is asked about one level again and again."""
+    """Search structures of one level."""
 
     streets: tuple[ModelRoad, ...]
     stations: Stations
@@ -50,19 +50,20 @@ class _Level:
 
 
 class RoadSurface:
-    """Height of the roads' surface anywhere, on every level.
+    """Height of the road surface anywhere, on each level.
 
-    On a street it is the street's own, to the last digit. Beside and between streets it is the
-    base, corrected so that it meets every street that ends or runs there in height and slope: the
-    corrections are weighted by inverse squared distance within a limited reach (Shepard 1968;
-    Franke & Nielson, "Smooth interpolation of large sets of scattered data", 1980) to the ends of
-    streets, whose surfaces go straight on. Where streets overlap, they fade into each other.
+    On a street it is exactly that of the street's profiles. Beside and between streets it is the
+    base with a correction that makes it continuous in height and slope with each street that ends
+    or runs there. Corrections are weighted by inverse squared distance to the ends of streets
+    within a limited range (Shepard 1968; Franke & Nielson, "Smooth interpolation of large sets of
+    scattered data", 1980); the surfaces of streets extend straight out of their ends. Overlapping
+    streets are blended.
 
     Args:
         model: the lanes, with their heights.
         base: height between the streets.
-        stations: of the model's streets and then its ways through junctions, about a metre apart,
-            if they are known already.
+        stations: stations of the model's streets and then its connecting roads, about a metre
+            apart, if already known.
     """
 
     def __init__(self, model: LaneModel, base: Base, stations: Stations | None = None) -> None:
@@ -104,7 +105,7 @@ class RoadSurface:
         return z
 
     def on_streets(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
-        """Return 1 for points (N, 2) that lie on a street of a level, else 0."""
+        """Return 1 for points (N, 2) on a street of a level, else 0."""
         points = np.asarray(xy, np.float64).reshape(-1, 2)
         found = np.zeros(len(points))
         if level in self._levels:
@@ -112,7 +113,7 @@ class RoadSurface:
         return found
 
     def ridges(self, level: int = 0) -> list[shapely.LineString]:
-        """Return the lines where the surface has a ridge: reference lines of crowned streets."""
+        """Return the ridges of the surface: reference lines of crowned streets."""
         known = self._levels.get(level)
         streets = known.streets if known else ()
         return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
@@ -130,7 +131,7 @@ class RoadSurface:
             part = stations.of(k)
             s = np.repeat(stations.s[part], 2)
             z[part] = road.heights(s, outer[part].ravel()).reshape(-1, 2)
-        # Where ways lead over a footway, its border is not felt.
+        # Where connecting roads cross a footway, its border has no influence.
         free = np.ones(len(sides), bool)
         free[ways.query(shapely.points(sides), "dwithin", distance=SIDE_REACH_M / 2)[0]] = False
         sides = sides[free]
@@ -150,7 +151,7 @@ class RoadSurface:
     def _on_streets(
         self, known: _Level, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return which points lie on streets, and their heights."""
+        """Return the indices of points on streets, and their heights."""
         which, street = _inside(known.footprints, points)
         order = np.argsort(street, kind="stable")
         which, street = which[order], street[order]
@@ -184,7 +185,7 @@ class RoadSurface:
             mine, z, margin, outer = np.concatenate(found).T
             mine = mine.astype(np.int64)
             inside = np.where(paved[mine], margin, outer)
-            # A way through a junction that cuts a corner takes precedence over the footway there.
+            # A connecting road that cuts a corner takes precedence over the footway there.
             bare = np.flatnonzero(~paved[mine])
             cut = _inside(known.ways, points[mine[bare]])[0]
             inside[bare[cut]] = -1.0
@@ -197,11 +198,12 @@ class RoadSurface:
     def _correction(
         self, known: _Level, points: NDArray[np.float64], base: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the correction of the base beside and between streets."""
+        """Return the correction of the base beside and between streets, metres."""
         if not len(points):
             return np.zeros(0)
         total, weight = np.zeros(len(points)), np.full(len(points), GROUND_WEIGHT)
-        # The end of a street counts, not its middle: half its width is added to the reach.
+        # Distance is to the whole end of the street, not its centre: its width is added to the
+        # range.
         count = max(1, min(ENDS, len(known.mouths.out)))
         gap, which = known.mouth_tree.query(
             points, k=np.arange(1, count + 1), distance_upper_bound=REACH_M + known.widest
@@ -232,15 +234,15 @@ class RoadSurface:
 def _inside(
     areas: shapely.STRtree, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices of points (N, 2) and of areas that they lie in."""
+    """Return the indices of points (N, 2) and of the areas that contain them."""
     which, area = areas.query(shapely.points(points))
-    # Prepared areas answer faster than the tree's own predicate.
+    # Prepared areas are faster than the tree's own predicate.
     shapely.prepare(areas.geometries)
     hit = shapely.intersects_xy(areas.geometries[area], points[which])
     return which[hit], area[hit]
 
 
 def _fading(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-    """Return weights that grow beyond bounds close by and are 0 from ``reach`` on."""
+    """Return weights that diverge at zero distance and are 0 from ``reach`` on."""
     near = np.maximum(distance, 1e-4)
     return np.asarray((np.maximum(reach - near, 0.0) / (reach * near)) ** 2)

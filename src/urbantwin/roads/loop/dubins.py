@@ -1,8 +1,8 @@
-"""Dubins paths with a bus's turning radius: the shortest ways from one pose to another.
+"""Dubins paths with a bus's turning radius: the shortest paths between two poses.
 
 They consist of arcs of one radius and at most one line (L. E. Dubins, "On curves of minimal length
 with a constraint on average curvature", American Journal of Mathematics 79, 1957). Between the two
-directions of a street such a path is a turnaround loop (a dubins_path).
+directions of a street such a path is a turnaround loop.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["BUS_RADIUS_M", "Pose2", "dubins_path"]
 #: x, y in metres and heading in radians.
 Pose2 = tuple[float, float, float]
 
-#: Least radius of a lane's middle on a turnaround: a 12 m bus turns about an inner radius of 5.3 m
-#: (Directive 97/27/EC, annex I, 7.6.1), the middle of its lane then about one of 7 m.
+#: Minimum radius of a lane's centre line on a turnaround: a 12 m bus turns about an inner radius of
+#: 5.3 m (Directive 97/27/EC, annex I, 7.6.1), with its lane's centre at about 7 m.
 BUS_RADIUS_M = 7.0
-#: Words of paths by the side of their greatest turn: +1 turns left, 0 goes straight.
+#: Path types by the side of their largest turn: +1 turns left, -1 right, 0 is straight.
 _WORDS = {
     "left": ((1, 0, 1), (-1, 0, 1), (1, 0, -1), (-1, 1, -1)),
     "right": ((-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1)),
@@ -30,14 +30,14 @@ _NOTHING_M = 1e-6  # Shorter pieces are left out.
 def dubins_path(
     start: Pose2, end: Pose2, *, radius: float = BUS_RADIUS_M, turn: str | None = None
 ) -> Curve:
-    """Return the shortest curve of lines and arcs from one pose to another.
+    """Return the shortest curve of lines and arcs between two poses.
 
     Args:
-        start: where it begins: x, y, heading, site frame.
-        end: where it ends.
-        radius: of every arc, metres.
-        turn: ``left`` or ``right``, the side that it turns round to; ``None`` for the shorter. On
-            the right-hand side of a street one turns round to the left.
+        start: x, y, heading of the start, site frame.
+        end: the same of the end.
+        radius: radius of all arcs, metres.
+        turn: ``left`` or ``right``, the side of the turnaround; ``None`` for the shorter one. In
+            right-hand traffic it is the left.
 
     Raises:
         ValueError: the radius is not positive, or the poses are the same.
@@ -66,12 +66,12 @@ def dubins_path(
 def _legs(
     word: tuple[int, int, int], a: float, b: float, d: float
 ) -> tuple[float, float, float] | None:
-    """Return the lengths of a word's three pieces, for a radius of 1; ``None`` if it cannot be.
+    """Return the lengths of a path type's three pieces for radius 1; ``None`` if impossible.
 
     Start at the origin with heading ``a``, end at (d, 0) with heading ``b``.
     """
     first, middle, last = word
-    # Centres of the first and last circle; a circle to the left lies 90 degrees to the left.
+    # Centres of the first and last circle; that of a left turn lies 90 degrees to the left.
     cx, cy = -first * math.sin(a), first * math.cos(a)
     ex, ey = d - last * math.sin(b), last * math.cos(b)
     gap, course = math.hypot(ex - cx, ey - cy), math.atan2(ey - cy, ex - cx)
@@ -80,7 +80,7 @@ def _legs(
             return None
         # The three circles touch: their centres form a triangle with sides 2, 2 and gap.
         wide = math.acos(gap / 4.0)
-        # Heading where the circles touch: square to the line between their centres.
+        # Heading where the circles touch: perpendicular to the line between their centres.
         touch = course + first * wide + first * math.pi / 2
         turn_first = _turned(touch - a, first)
         turn_middle = math.pi + 2 * wide
@@ -97,6 +97,6 @@ def _legs(
 
 
 def _turned(angle: float, side: int) -> float:
-    """Return the turn to one side that a change of heading takes, 0 to 2 pi."""
+    """Return the angle of a turn to one side for a change of heading, 0 to 2 pi."""
     turn = (side * angle) % (2 * math.pi)
     return 0.0 if 2 * math.pi - turn < 1e-9 else turn

@@ -13,16 +13,17 @@ from urbantwin.roads.loop.dubins import Pose2, dubins_path
 
 __all__ = ["FreeSpace", "Points", "band", "dubins_points", "unit"]
 
-#: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
+#: Maximum turn between two points of a drawn curve, radians; the deviation from an arc of 11 m
+#: radius is then 2 cm.
 STEP = math.radians(7.0)
-#: Room between two roads round the region, metres.
+#: Clearance between two roads round the region, metres.
 RING_GAP_M = 6.0
-#: Room between the straight way out of a street and the middle of any other street, metres.
+#: Clearance between the straight way out of a street and the centre line of other streets, metres.
 WAY_OUT_ROOM_M = 3.0
-#: Square metres of other roads, and of buildings that stand in the twin, weigh as much as so many
-#: of buildings beyond, which do not.
+#: Cost of overlaps with other roads and with buildings in the twin, per square metre, relative to
+#: buildings outside the twin.
 ROAD_COST, STANDING_COST = 5.0, 20.0
-#: Farther than any region reaches, metres.
+#: Length beyond any region, metres.
 FAR_M = 5000.0
 
 Points = NDArray[np.float64]
@@ -34,12 +35,12 @@ def unit(heading: float) -> Points:
 
 
 def band(line: Points, half: float) -> shapely.Polygon:
-    """Return the area within so many metres to both sides of a line (N, 2)."""
+    """Return the area within ``half`` metres on both sides of a line (N, 2)."""
     return shapely.LineString(line).buffer(half, cap_style="flat")
 
 
 def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
-    """Return points (N, 2) of the Dubins path from pose to pose, both ends included."""
+    """Return points (N, 2) of the Dubins path between two poses, including both ends."""
     curve = dubins_path(start, end, radius=radius, turn=turn)
     stations = [0.0]
     for piece, begin in zip(curve.pieces, curve.starts, strict=False):
@@ -51,14 +52,14 @@ def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = No
 
 
 class FreeSpace:
-    """Streets of the region by their number, buildings, and areas beyond it that are taken.
+    """Streets of the region by number, buildings, and occupied areas outside.
 
     Args:
-        roads: (N, 2) points of every street.
-        half_widths: how far each reaches to its sides, metres.
+        roads: (N, 2) points of each street.
+        half_widths: half-widths of the streets, metres.
         buildings: areas of buildings.
-        standing: areas of those of them that stand in the twin, because they reach into the region.
-        region: which roads round it leave free, also where the map has no street up to its border.
+        standing: areas of buildings in the twin, which reach into the region.
+        region: area to avoid for roads round it, also where the map has no street up to its border.
     """
 
     def __init__(
@@ -81,22 +82,22 @@ class FreeSpace:
         self.hull = _counter_clockwise(shapely.convex_hull(inside))
 
     def take(self, area: shapely.Geometry) -> None:
-        """Note that an area is taken."""
+        """Mark an area as occupied."""
         self._taken.append(area)
 
     def reserve(self, area: shapely.Geometry) -> None:
-        """Note that an area is kept free for a road that comes later."""
+        """Reserve an area for a later road."""
         self._reserved.append(area)
 
     def cost(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
-        """Return how much of an area is taken by others than some streets, square metres.
+        """Return the cost of an area: its overlap with others than some streets, square metres.
 
-        Roads count `ROAD_COST` times, buildings that stand in the twin `STANDING_COST` times.
+        Roads count `ROAD_COST` times, buildings in the twin `STANDING_COST` times.
 
         Args:
             area: the area.
-            streets: numbers of the streets that do not count.
-            enough: once it is known to be more than this, what is known is returned.
+            streets: numbers of the streets to ignore.
+            enough: a cost above this may be returned incomplete.
         """
         cost = STANDING_COST * self.walls_on(area)
         if cost > enough:
@@ -110,18 +111,18 @@ class FreeSpace:
         return cost + _area_on(area, [self._buildings.geometries[k] for k in built])
 
     def walls_on(self, area: shapely.Geometry) -> float:
-        """Return how much of an area lies in buildings that stand in the twin, square metres."""
+        """Return the overlap of an area with buildings in the twin, square metres."""
         met = sorted(self._standing.query(area, predicate="intersects").tolist())
         return _area_on(area, [self._standing.geometries[k] for k in met])
 
     def leads_out(self, street: int, point: Points, heading: float) -> bool:
-        """Return whether the straight way on from a street's end leaves all streets behind."""
+        """Return whether the straight continuation of a street's end avoids all other streets."""
         ahead = unit(heading)
         ray = shapely.LineString([point + ahead * 3.0, point + ahead * FAR_M])
         return not set(self._lines.query(ray, predicate="intersects").tolist()) - {street}
 
     def place(self, point: Points, heading: float) -> float:
-        """Return where a ray leaves the hull of everything, metres along its border."""
+        """Return where a ray leaves the hull of all streets, metres along its border."""
         return _leaves(self.hull.exterior, point, heading)
 
     def ring(self, half_width: float) -> shapely.LinearRing:
@@ -132,7 +133,7 @@ class FreeSpace:
 
 
 def _area_on(area: shapely.Geometry, others: Sequence[shapely.Geometry]) -> float:
-    """Return how much of an area lies in others, square metres."""
+    """Return the overlap of an area with others, square metres."""
     shapely.prepare(area)
     met = [area.intersection(other) for other in others if area.intersects(other)]
     return float(shapely.union_all(met).area)

@@ -1,4 +1,4 @@
-"""Layout of outer roads: new ways and nodes with ids of their own."""
+"""Layout of outer roads: new ways and nodes with new ids."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ __all__ = ["CLEARANCE_M", "Gate", "Layout", "half_width", "outer_tags", "turning
 Choice = TypeVar("Choice")
 #: Smaller overlaps are ignored, square metres.
 ROOM_M2 = 1.0
-#: So many square metres of overlap weigh as much as one of road.
+#: Cost of the area of a choice relative to its overlaps.
 SIZE_COST = 0.1
-#: Widths that roads need in plan, metres.
+#: Widths of roadside elements in plan, metres.
 SIDEWALK_M, CYCLE_LANE_M = 2.5, 1.5
-#: Room beside a road, metres.
+#: Clearance beside a road, metres.
 CLEARANCE_M = 1.5
-#: Radius of the inner border where vehicles turn round, metres: a 12 m bus has to pass between
-#: circles of 5.3 and 12.5 m (Directive 97/27/EC, annex I, 7.6.1), its middle near 8 m.
+#: Radius of the inner border of turnarounds, metres: a 12 m bus has to pass between circles of 5.3
+#: and 12.5 m (Directive 97/27/EC, annex I, 7.6.1), with its centre near 8 m.
 INNER_M = 9.0
-#: Tags of a street that its outer road has too.
+#: Tags of a street that its outer road inherits.
 KEPT = ("highway", "motorroad", "surface")
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """A place where a one-way outer road begins or ends.
+    """The start or end of a one-way outer road.
 
     Attributes:
         node: id of the node.
-        point: (2,) where it is, site frame.
+        point: (2,) its position, site frame.
         heading: outwards, radians.
         street: number of the street that ends there; -1 on a turnaround.
         tags: the street's tags.
-        lanes: how many lanes lead through.
-        lane_m: how wide they are, metres.
+        lanes: number of lanes.
+        lane_m: width of the lanes, metres.
         joints: nodes on the way out, nearest first, where roads of other gates join.
         beside: numbers of other streets that begin or end there.
     """
@@ -67,16 +67,16 @@ class Gate:
 
 
 class Layout:
-    """Outer roads as they are laid out.
+    """The layout of outer roads.
 
     Args:
         pieces: the streets of the region.
-        known: ids of nodes that are not free.
-        side: ``right`` or ``left``, the side that traffic keeps to.
+        known: ids of nodes in use.
+        side: driving side, ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: areas of buildings.
-        standing: areas of those that stand in the twin.
-        region: what roads round it leave free.
+        standing: areas of buildings in the twin.
+        region: area that roads round it avoid.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Layout:
         return "left" if self.side == "right" else "right"
 
     def new_node(self) -> int:
-        """Return an id that no node has yet."""
+        """Return an unused node id."""
         self._next_node += 1
         return self._next_node - 1
 
@@ -122,13 +122,13 @@ class Layout:
         *own: int,
         twice: Callable[[Choice], float] = lambda choice: 0.0,
     ) -> Choice:
-        """Return the first choice that has room, else the one that overlaps least for its size.
+        """Return the first choice without overlap, else the one with the least cost.
 
         Args:
-            choices: where a road could lie, the best first.
-            area_of: the area that it would take.
+            choices: candidate layouts, the best first.
+            area_of: function that returns the area of a choice.
             own: streets that it may touch.
-            twice: how much of it would lie on itself, square metres.
+            twice: function that returns its overlap with itself, square metres.
         """
         least = math.inf
         crowded = True
@@ -146,7 +146,7 @@ class Layout:
         return best
 
     def lengthen(self, street: int, node: int, point: Points, *, at_start: bool) -> None:
-        """Let a street go on to a new node."""
+        """Extend a street to a new node."""
         piece = self.pieces[street]
         nodes, points = piece.nodes, piece.points
         if at_start:
@@ -167,8 +167,8 @@ class Layout:
     ) -> None:
         """Add an outer road as two ways that meet halfway; arguments as for ``add``.
 
-        In one piece, netconvert would cut a road off where it comes near its own beginning.
-        ``half`` is the number of the point where they meet; halfway along the road if not given.
+        netconvert would cut off a single way where it comes near its own beginning. ``half`` is the
+        index of the point where they meet; by default halfway along the road.
         """
         if half is None:
             along = stations_of_points(points)
@@ -194,9 +194,9 @@ class Layout:
         Args:
             points: (N, 2) its points.
             tags: its tags.
-            first: the node at its first point.
-            last: the node at its last.
-            joints: nodes at points between, by the number of the point.
+            first: node at its first point.
+            last: node at its last point.
+            joints: nodes at points between, by the index of the point.
         """
         named = {0: first, len(points) - 1: last, **(joints or {})}
         nodes = tuple(named[k] if k in named else self.new_node() for k in range(len(points)))
@@ -208,12 +208,12 @@ class Layout:
 
 
 def turning_radius(carriageway_m: float) -> float:
-    """Return the radius of the middle of a road on which vehicles turn round, metres."""
+    """Return the radius of the centre line of a turnaround, metres."""
     return INNER_M + carriageway_m / 2
 
 
 def half_width(carriageway_m: float, tags: Mapping[str, str]) -> float:
-    """Return how far a road reaches to its sides, sidewalks and cycle lane included, metres."""
+    """Return half the width of a road including sidewalks and cycle lanes, metres."""
     width = carriageway_m / 2
     width += SIDEWALK_M if tags.get("sidewalk", "no") != "no" else 0.0
     return width + (CYCLE_LANE_M if _has_cycle_lane(tags) else 0.0)
@@ -231,13 +231,13 @@ def outer_tags(
     """Return the tags of a one-way outer road.
 
     Args:
-        street: tags of the street that it goes on from, ``sidewalk`` filled in.
-        lanes: how many lanes it has.
-        lane_m: how wide they are, metres; as wide as the street's, because SUMO's two-wheelers
-            get stuck beside cars where lanes become narrower.
-        side: ``right`` or ``left``, the side that traffic keeps to.
-        kmh: the speed that its bends allow.
-        sidewalks: on which sides it has sidewalks where the street has any.
+        street: tags of the street that it continues, including ``sidewalk``.
+        lanes: number of lanes.
+        lane_m: width of the lanes, metres: that of the street, because SUMO's two-wheelers get
+            stuck beside cars where lanes become narrower.
+        side: driving side, ``right`` or ``left``.
+        kmh: speed limit for its bends, km/h.
+        sidewalks: sides with sidewalks if the street has any.
     """
     tags = {key: street[key] for key in KEPT if key in street} | either_way(street)
     tags |= {"oneway": "yes", "lanes": str(lanes), "maxspeed": str(kmh)}

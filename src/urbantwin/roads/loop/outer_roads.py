@@ -1,9 +1,9 @@
-"""Outer roads: beyond the region every exit leads back to an entry.
+"""Outer roads: beyond the region each exit leads back to an entry.
 
-A two-way street that the border cuts goes on for a few metres to a turnaround. One-way
-exits lead to one-way entries: the two carriageways of a street directly, others round the region.
-Outer roads are ordinary one-way roads with the lanes, cycle lanes and sidewalks of the streets
-that they join, so that all that holds for a street holds for them.
+A two-way street cut by the border is extended by a few metres to a turnaround. One-way exits lead
+to one-way entries: the two carriageways of a street directly, others round the region. Outer roads
+are ordinary one-way roads with the lanes, cycle lanes and sidewalks of the streets that they join,
+so that they are treated like streets.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from urbantwin.site import WayPiece
 
 __all__ = ["OuterRoads", "close_loop"]
 
-#: How far the way out of a one-way street may bend aside to pass between buildings, radians.
+#: Directions of the way out of a one-way street that are tried to avoid buildings, radians.
 FINER_BENDS = tuple(math.radians(a) for a in sorted(range(-75, 80, 5), key=lambda a: (abs(a), -a)))
 
 
@@ -35,11 +35,12 @@ class OuterRoads:
     """The network with outer roads.
 
     Attributes:
-        pieces: all ways: the region's, some made longer, and the outer ones, whose ``way`` is 0.
-        no_turns: turns that are forbidden: from a way, over a node, to a way.
+        pieces: all ways: those of the region, some extended, and the outer ones, whose ``way`` is
+            0.
+        no_turns: forbidden turns: from a way, over a node, to a way.
         nodes: ids of the nodes at which outer roads begin and end.
-        notes: how many streets turn round, how many roads join others, what was cut back, what
-            remains open, how many roads found no room of their own.
+        notes: numbers of turnarounds, of roads by kind, of cut-back dead ends, of open ends, and of
+            outer roads with overlaps.
     """
 
     pieces: tuple[WayPiece, ...]
@@ -63,19 +64,19 @@ def close_loop(
     standing: Sequence[shapely.Geometry] = (),
     region: shapely.Geometry | None = None,
 ) -> OuterRoads:
-    """Join every end of a street at the region's border to another, or to itself.
+    """Join each end of a street at the region's border to another, or to itself.
 
-    Cul-de-sacs within the region stay: vehicles turn round at their end. A one-way
-    street that ends within the region, where nothing leads on, is cut back to its last junction.
+    Cul-de-sacs within the region stay: vehicles turn round at their end. A one-way street with a
+    dead end within the region is cut back to its last junction.
 
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        buildings: areas of buildings, site frame; streets turn round beside them where they can.
-        standing: those of them that stand in the twin: they reach into the region.
-        region: roads round it leave it free, also where the map ends before its border.
+        buildings: areas of buildings, site frame, which turnarounds avoid if possible.
+        standing: areas of buildings in the twin, which reach into the region.
+        region: area that roads round it avoid, also where the map ends before its border.
     """
     of_map = frozenset(known)
     about = (of_map, driving_side, country, buildings, standing, region)
@@ -139,7 +140,7 @@ def close_loop(
 
 
 def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
-    """Return ways whose tag ``sidewalk`` says on which sides they have sidewalks."""
+    """Return ways whose tag ``sidewalk`` gives the sides with sidewalks."""
     one_way = ("yes", "1", "true")
     others = [
         shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
@@ -157,7 +158,7 @@ def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
 
 
 def _blind_ends(layout: Layout, known: frozenset[int]) -> list[LooseEnd]:
-    """Return the one-way exits that end within the region, where no outer road reaches them."""
+    """Return the one-way exits that end within the region, unreachable for outer roads."""
     number = {piece.id: k for k, piece in enumerate(layout.pieces)}
     return [
         end
@@ -167,14 +168,14 @@ def _blind_ends(layout: Layout, known: frozenset[int]) -> list[LooseEnd]:
 
 
 def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
-    """Return the heading of a straight way from an end past all streets; ``None`` without one."""
+    """Return the heading of a straight way out from an end; ``None`` if there is none."""
     headings = (end.heading + bend for bend in BENDS)
     free = (h for h in headings if layout.space.leads_out(street, end.point, h))
     return next(free, None)
 
 
 def _past_walls(layout: Layout, gate: Gate) -> Gate:
-    """Return a gate whose way out leads through as little as possible of standing buildings."""
+    """Return a gate whose way out has the least overlap with buildings in the twin."""
     turned = [replace(gate, heading=gate.heading + bend) for bend in FINER_BENDS]
     free = [one for one in turned if layout.space.leads_out(one.street, one.point, one.heading)]
     return min(free, key=lambda one: layout.space.walls_on(_ahead(one)), default=gate)
@@ -187,7 +188,7 @@ def _ahead(gate: Gate) -> shapely.Polygon:
 
 
 def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:
-    """Return the ways without what lies between some ends and the last junction before each."""
+    """Return the ways without the parts between some ends and the last junction before each."""
     uses = Counter(node for piece in pieces for node in piece.nodes)
     found = {piece.id: piece for piece in pieces}
     for end in ends:

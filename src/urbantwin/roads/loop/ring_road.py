@@ -16,21 +16,20 @@ from urbantwin.roads.loop.layout import CLEARANCE_M, Gate, Layout, half_width, o
 
 __all__ = ["WAY_OUT_M", "add_ring_roads"]
 
-#: Radius of the bends, metres, and the speed on them, km/h: 2.8 m/s^2 to the side.
+#: Radius of the bends, metres, and their speed limit, km/h: 2.8 m/s^2 lateral.
 RADIUS_M, KMH = 25.0, 30
 #: Spacing of points along a road, metres.
 STEP_M = 8.0
-#: So much of the straight way out of a gate is kept free for its road, metres.
+#: Length of the straight way out of a gate that is reserved for its road, metres.
 WAY_OUT_M = 130.0
 
 
 def add_ring_roads(
     layout: Layout, exits: list[Gate], entries: list[Gate], tips: list[Gate]
 ) -> tuple[int, int]:
-    """Join exits to entries; return how many roads that made and how many gates remain open.
+    """Join exits to entries; return the number of roads made and of gates left open.
 
-    Where there are exits only or entries only, the far points of turnarounds stand in for the
-    others.
+    With exits only or entries only, the far points of turnarounds replace the others.
     """
     if not (exits or entries):
         return 0, 0
@@ -50,7 +49,7 @@ def add_ring_roads(
         pairs = [(k, int(row.argmin())) for k, row in enumerate(apart)]
     else:
         pairs = [(int(column.argmin()), k) for k, column in enumerate(apart.T)]
-    # The shortest first: what lies under a longer road must be there before it.
+    # The shortest first: roads inside a longer one must exist before it.
     pairs.sort(key=lambda pair: (float(apart[pair]), pair))
     leave, arrive = Counter(i for i, _ in pairs), Counter(j for _, j in pairs)
     for i, j in pairs:
@@ -69,10 +68,10 @@ def _road(
     more_leave: bool,
     more_arrive: bool,
 ) -> None:
-    """Lead one road round the region.
+    """Add one road round the region.
 
-    Of roads that share a gate, the outermost goes straight on into it; those within join it from
-    the side.
+    Of roads that share a gate, the outermost leads straight into it; inner ones join it from the
+    side.
     """
     street = exit_ if exit_.street >= 0 else entry
     lanes = entry.lanes if entry.street >= 0 else exit_.lanes
@@ -114,9 +113,9 @@ def _road(
 def _between(
     ring: shapely.LinearRing, start: Pose2, end: Pose2, a: float, b: float, sense: float
 ) -> list[Points]:
-    """Return points (N, 2) from pose to pose: along the ring where they lie far apart on it.
+    """Return candidate paths (N, 2) between two poses: along the ring if they are far apart on it.
 
-    Where they do not, straight across, and over a place of the ring between, for what stands there.
+    Otherwise straight across, and through a point of the ring between, to avoid buildings.
     """
     length = float(ring.length)
     way = (sense * (b - a)) % length
@@ -139,7 +138,7 @@ def _between(
 
 
 def _station(ring: shapely.LinearRing, gate: Gate) -> float:
-    """Return where the straight way out of a gate crosses the ring."""
+    """Return where the straight way out of a gate crosses the ring, metres along it."""
     ray = shapely.LineString([gate.point, gate.point + unit(gate.heading) * float(ring.length)])
     meet = shapely.get_coordinates(shapely.intersection(ray, ring))
     return float(ring.project(shapely.Point(meet[0] if len(meet) else gate.point)))
@@ -161,7 +160,7 @@ def _course(ring: shapely.LinearRing, station: float, sense: float) -> float:
 def ring_distance(
     start: NDArray[np.float64], end: NDArray[np.float64], length: float
 ) -> NDArray[np.float64]:
-    """Return the distances (N, M) between places (N,) and (M,) the shorter way round a ring."""
+    """Return the shorter distances (N, M) along a ring between places (N,) and (M,), metres."""
     gap = np.abs(np.asarray(start)[:, None] - np.asarray(end)[None])
     return np.asarray(np.minimum(gap, length - gap))
 
@@ -169,17 +168,17 @@ def ring_distance(
 def match_exits(
     exits: NDArray[np.float64], entries: NDArray[np.float64], length: float
 ) -> list[tuple[int, int]]:
-    """Return pairs (exit, entry) so that each is in one pair at least and the roads are short.
+    """Return pairs (exit, entry) that include each at least once and give short roads.
 
-    The cost of a pair is the square root of its way along the border. With a concave cost the
-    cheapest pairs never cross each other, because uncrossing two of them always saves (McCann,
-    "Exact solutions to the transportation problem on the line", Proceedings of the Royal Society
-    A 455, 1999), so that roads outside the region can be drawn without crossings.
+    The cost of a pair is the square root of its length along the border. With a concave cost the
+    cheapest pairs never cross, because uncrossing two of them always saves (McCann, "Exact
+    solutions to the transportation problem on the line", Proceedings of the Royal Society A 455,
+    1999). Roads outside the region can then be drawn without crossings.
 
     Args:
         exits: (N,) places of the exits along the border, metres.
         entries: (M,) places of the entries.
-        length: of the border.
+        length: length of the border, metres.
     """
     if not len(exits) or not len(entries):
         return []
@@ -187,8 +186,7 @@ def match_exits(
     swap = len(exits) < len(entries)
     if swap:
         cost = cost.T
-    # The more numerous side has one pair each; what finds no partner of its own shares the
-    # nearest.
+    # Each of the more numerous side is in one pair; those without a free partner share the nearest.
     rows, columns = cost.shape
     padded = np.hstack([cost, np.repeat(cost.min(axis=1, keepdims=True), rows - columns, axis=1)])
     row, column = linear_sum_assignment(padded)

@@ -16,24 +16,24 @@ from urbantwin.site.access import CYCLE_TRACK, is_driven
 
 __all__ = ["LooseEnd", "loose_ends", "motor_lanes", "outward"]
 
-#: The heading of an end is that of its last stretch of this length, metres.
+#: Length at an end over which its heading is measured, metres.
 HEADING_M = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class LooseEnd:
-    """An end of a piece of a way, at a node that leads nowhere else.
+    """An end of a piece of a way, at a node without other ways.
 
     Attributes:
         piece: the piece.
         node: the node.
         at_start: whether it is the piece's first node, else its last.
-        point: (2,) where it is, site frame.
+        point: (2,) its position, site frame.
         heading: from the street outwards, radians.
-        leaves: lanes on which traffic comes out of the street here.
-        enters: lanes on which traffic could go in.
+        leaves: number of lanes out of the street here.
+        enters: number of lanes into the street here.
         lane_m: width of the widest of these lanes, metres.
-        cut: whether the region's border cut it, so that the street goes on in the map.
+        cut: whether the region's border cut it, so that the street continues in the map.
     """
 
     piece: WayPiece
@@ -48,20 +48,20 @@ class LooseEnd:
 
     @property
     def ahead(self) -> NDArray[np.float64]:
-        """The unit vector (2,) outwards."""
+        """Unit vector (2,) outwards."""
         return np.array([math.cos(self.heading), math.sin(self.heading)])
 
 
 def motor_lanes(
     tags: Mapping[str, str], side: str, country: str
 ) -> tuple[list[float], list[float]]:
-    """Return the widths of the lanes of motor traffic along a way and against it, metres.
+    """Return the widths of the motor traffic lanes along a way and against it, metres.
 
-    Of a cycle track they are those of its bicycles.
+    For a cycle track they are those of its bicycle lanes.
 
     Args:
-        tags: the way's tags, ``sidewalk`` filled in.
-        side: ``right`` or ``left``, the side that traffic keeps to.
+        tags: the way's tags, including ``sidewalk``.
+        side: driving side, ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     walks = tags.get("sidewalk", "no")
@@ -79,16 +79,16 @@ def loose_ends(
     known: Iterable[int],
     lanes: Sequence[tuple[list[float], list[float]]],
 ) -> list[LooseEnd]:
-    """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
+    """Return the ends at nodes without other pieces, in the order of the pieces.
 
-    Of one-way streets that begin or end at one node, where no other leads on, it is the end of the
-    widest. Streets that are closed to motor traffic have none: nothing comes there. Nor have cycle
-    tracks of one direction, which no road for cars leads on.
+    If several one-way streets begin or end at one node without continuation, it is the end of the
+    widest. Streets closed to motor traffic have none, nor have one-way cycle tracks, which no road
+    for cars continues.
 
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
-        lanes: of each piece, the widths of its lanes along it and against it, metres.
+        lanes: widths of the lanes of each piece along it and against it, metres.
     """
     arms: dict[int, int] = defaultdict(int)
     for piece in pieces:
@@ -127,7 +127,7 @@ def loose_ends(
 
 
 def outward(points: NDArray[np.float64]) -> float:
-    """Return the heading from inside a polyline to its first point."""
+    """Return the heading from inside a polyline to its first point, radians."""
     away = np.linalg.norm(points - points[0], axis=1)
     far = np.flatnonzero(away >= HEADING_M)
     other = points[far[0]] if len(far) else points[int(np.argmax(away))]

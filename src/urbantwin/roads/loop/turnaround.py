@@ -24,20 +24,20 @@ from urbantwin.roads.loop.road_ends import LooseEnd
 
 __all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]
 
-#: Half of the angle between the two legs of a turnaround at the end of a street, radians.
+#: Half of the angle between the two legs of a turnaround, radians.
 SPLAY = math.radians(35.0)
-#: Streets go on straight for so long before they turn round, so that no junction reaches back
-#: into the region; the first length is taken at which there is room, metres.
+#: Candidate lengths of the straight part before a turnaround, metres, which keep junctions out of
+#: the region.
 STEMS_M = (14.0, 22.0, 32.0, 44.0, 58.0, 75.0, 95.0, 120.0)
-#: How far a street may bend aside at the border to find room, radians.
+#: Candidate bends of a street at the border to find room, radians.
 BENDS = tuple(math.radians(angle) for angle in (0, 15, -15, 30, -30, 45, -45, 60, -60))
-#: Two carriageways nearer than this to each other, and cut not farther apart along the street,
-#: turn into each other directly, metres.
+#: Maximum distance between two carriageways that are joined directly: sideways, and in total,
+#: metres.
 NEAR_M, NEAR_AHEAD_M = 45.0, 120.0
-#: Their legs run straight for so long, metres, and then apart by the first angle that has room.
+#: Length of the straight part of their legs, metres, and candidate angles apart, radians.
 LEG_M = 4.0
 SPLAYS = tuple(math.radians(angle) for angle in (0, 15, 30, 45, 55))
-#: Speed on a turnaround, km/h: about 2.8 m/s^2 to the side at the usual radius of 11 m.
+#: Speed limit on a turnaround, km/h: about 2.8 m/s^2 lateral at the usual radius of 11 m.
 DROP_KMH = 20
 
 
@@ -69,7 +69,7 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
 
 
 class Directed(Protocol):
-    """A place (2,) and a heading outwards, radians."""
+    """A position (2,) and a heading outwards, radians."""
 
     @property
     def point(self) -> Points: ...
@@ -81,7 +81,7 @@ End = TypeVar("End", bound=Directed)
 
 
 def near_pairs(exits: Sequence[End], entries: Sequence[End]) -> list[tuple[End, End]]:
-    """Return exits and entries beside each other, the nearest first: two carriageways each."""
+    """Return pairs of adjacent exits and entries, the nearest first: two carriageways each."""
     pairs = sorted(
         (_apart(a, b), i, j)
         for i, a in enumerate(exits)
@@ -107,11 +107,11 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     ahead /= np.linalg.norm(ahead)
     across = entry.point - exit_.point
     side = 1.0 if ahead[0] * across[1] - ahead[1] * across[0] > 0 else -1.0
-    # Both begin to turn at the same distance outwards.
+    # Both turns begin at the same distance outwards.
     front = max(float(exit_.point @ ahead), float(entry.point @ ahead))
 
     def turnaround_line(stem: float, splay: float) -> Points:
-        """The legs run straight to the front, then apart by the splay, then into each other."""
+        """Return legs straight to the front, then apart by the splay, then joined."""
         poses = []
         for gate, aside in ((exit_, -side * splay), (entry, side * splay)):
             step = front - float(gate.point @ ahead) + LEG_M
@@ -137,27 +137,27 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     own = (exit_.street, entry.street, *exit_.beside, *entry.beside)
     line = layout.with_most_room(lines, area_of, *own, twice=twice)
     layout.space.take(area_of(line))
-    # They meet at the tip: one leg may be much longer than the other, and where the two ways lie
-    # side by side netconvert would take the turn itself for a junction.
+    # The halves meet at the tip: one leg may be much longer than the other, and where the two ways
+    # are side by side netconvert would make a junction of the turn.
     tip = int((line[1:-1] @ ahead).argmax()) + 1
     layout.add_halves(line, tags, first=exit_.node, last=entry.node, half=tip)
 
 
 def _apart(gate: Directed, other: Directed) -> float:
-    """Return how far a gate lies to the side of another, metres."""
+    """Return the lateral distance of a gate from another, metres."""
     ahead = unit(gate.heading) + unit(other.heading)
     gap = other.point - gate.point
     return abs(float(ahead[0] * gap[1] - ahead[1] * gap[0])) / float(np.linalg.norm(ahead))
 
 
 def _tags(layout: Layout, street: dict[str, str], lanes: int, lane_m: float) -> dict[str, str]:
-    """Return the tags of a road that turns round; people walk on its outer side."""
+    """Return the tags of a turnaround, with a sidewalk on its outer side."""
     side = layout.side
     return outer_tags(street, lanes, lane_m, side=side, kmh=DROP_KMH, sidewalks=side)
 
 
 def _turnaround_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
-    """Return the turnaround (N, 2) of a street, from its end and back to it."""
+    """Return the line (N, 2) of a turnaround from the end of a street and back."""
     aside = SPLAY if turn == "left" else -SPLAY
     x, y = (float(v) for v in tip)
     start, end = (x, y, heading - aside), (x, y, heading + math.pi + aside)

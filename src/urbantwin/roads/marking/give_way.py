@@ -1,4 +1,4 @@
-"""Give-way lines (teeth) and lines between parking bays, which the lane model implies."""
+"""Give-way lines (triangles) and lines between parking bays, implied by the lane model."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
 
 __all__ = ["GIVE_WAY", "bay_length", "parking_bays", "teeth"]
 
-#: Numbers of the give-way sign in the catalogues of Germany and the USA, and in Vienna's.
+#: Numbers of the give-way sign in the catalogues of Germany, the USA and the Vienna Convention.
 GIVE_WAY = frozenset({"205", "R1-2", "B1"})
-#: Teeth: width, length, from one to the next, and how far before the end of the road, metres
-#: (US MUTCD 3B.16: 0.3 to 0.6 m wide, half as long again, 0.1 to 0.3 m apart).
+#: Triangles of give-way lines: width, length, spacing, and distance before the end of the road,
+#: metres (US MUTCD 3B.16: 0.3 to 0.6 m wide, half as long again, 0.1 to 0.3 m apart).
 TOOTH_M, LONG_M, EVERY_M, BEFORE_M = 0.5, 0.7, 0.75, 0.6
-#: A parking lane at least this wide has bays across the road, metres (German RASt 06, 6.1.5).
+#: Minimum width of a parking lane with perpendicular bays, metres (German RASt 06, 6.1.5).
 ACROSS_M = 3.5
-#: Length along the road of a bay along it and of one across it, metres; narrower lanes have none.
+#: Length along the road of a parallel and of a perpendicular bay, and minimum width of a lane with
+#: bays, metres.
 BAY_ALONG_M, BAY_ACROSS_M, NARROWEST_M = 6.0, 2.5, 1.6
 
 
 def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
-    """Yield level and triangles (4, 2) of every give-way line, pointing at the waiting traffic.
+    """Yield level and triangles (4, 2) of each give-way line, pointing at the waiting traffic.
 
-    Traffic waits before a junction: the line of a sign on a road through a junction lies at the
-    end of the street that leads to that road.
+    Traffic waits before a junction: the line for a sign on a connecting road lies at the end of the
+    street that leads to it.
     """
     drawn: set[tuple[int, bool, int]] = set()
     for sign in model.signals:
@@ -62,10 +63,10 @@ def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
 def _street_before(
     model: LaneModel, road: ModelRoad, lanes: set[int], *, forward: bool
 ) -> tuple[ModelRoad, set[int], bool] | None:
-    """Return the street whose traffic comes onto lanes of a road, its lanes and their direction.
+    """Return the street whose traffic uses lanes of a road, with its lanes and their direction.
 
-    A street is returned as it is. From a road through a junction the way is followed back, against
-    the traffic; ``None`` where it comes from no street.
+    A street is returned unchanged. A connecting road is followed back against the traffic; ``None``
+    if no street leads to it.
     """
     seen: set[int] = set()
     while road.junction >= 0:
@@ -103,17 +104,17 @@ def bay_length(stands: str, widest: float) -> tuple[float, bool]:
     """Return a bay's length along the road, metres, and whether it is slanted by 45 degrees.
 
     Args:
-        stands: how vehicles park, as ``SectionLane.parking`` says.
-        widest: of the lane, metres.
+        stands: orientation of parked vehicles, as ``SectionLane.parking``.
+        widest: maximum width of the lane, metres.
     """
-    if widest < ACROSS_M:  # half of a bay on the sidewalk is no bay
+    if widest < ACROSS_M:  # half of a bay on the sidewalk does not count as one
         return BAY_ALONG_M, False
     slanted = stands == "diagonal"
     return BAY_ACROSS_M * math.sqrt(2.0 if slanted else 1.0), slanted
 
 
 def parking_bays(model: LaneModel) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yield level and ends (2, 2) of every line between two bays."""
+    """Yield level and ends (2, 2) of each line between two bays."""
     for road in model.roads:
         if road.junction >= 0:
             continue
@@ -127,7 +128,7 @@ def parking_bays(model: LaneModel) -> Iterator[tuple[int, NDArray[np.float64]]]:
 def _bays(
     road: ModelRoad, section: LaneSection, lane: SectionLane, end: float
 ) -> NDArray[np.float64]:
-    """Return the ends (N, 2, 2) of the lines across a parking lane, evenly along it."""
+    """Return the ends (N, 2, 2) of the lines across a parking lane, evenly spaced."""
     fine = np.arange(section.s, end, 0.5)
     wide = lane.width.at(fine - section.s) >= NARROWEST_M
     if not wide.any():
@@ -135,14 +136,14 @@ def _bays(
     first, last = fine[wide][0], fine[wide][-1]
     widest = float(lane.width.at(fine - section.s).max())
     length, slanted = bay_length(lane.parking, widest)
-    # Slanted lines end that much farther on, as traffic goes, than they begin.
+    # Slanted lines end this much farther along the traffic than they begin.
     lean = widest if slanted else 0.0
     count = int((last - first - lean) // length)
     if count < 1 and slanted:
         return np.zeros((0, 2, 2))
     s = (first + last) / 2 + length * (np.arange(count + 1) - count / 2)
     lean *= 0.5 if lane.forward else -0.5
-    # Where the lane tapers a slanted line would be crooked.
+    # Where the lane tapers a slanted line would be distorted.
     least = 0.9 * widest if slanted else NARROWEST_M
     whole = [lane.width.at(s + at - section.s) >= least for at in (-lean, lean)]
     s = s[np.logical_and(*whole)]

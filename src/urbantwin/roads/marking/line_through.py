@@ -1,8 +1,8 @@
-"""Lines between lanes that go on side by side through a junction.
+"""Lines between adjacent lanes that continue through a junction.
 
-Where carriageways part or merge, and past a minor street, the lines between the lanes of the street
-that goes straight on are painted on (US MUTCD 3B.08; German RMS 1, 4.3: the broken line goes on
-along the major road).
+Where carriageways part or merge, and past a minor street, the lines between the lanes of the
+through street continue (US MUTCD 3B.08; German RMS 1, 4.3: the broken line continues along the
+major road).
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from urbantwin.roads.network import RoadNetwork
 
 __all__ = ["guide_lines", "lines_through"]
 
-#: Ways that turn by more do not go straight on, radians.
+#: Maximum turn of movements that go straight on, radians.
 STRAIGHT = np.radians(25.0)
-#: Lanes that part leave no line between them: how much further apart than wide, metres.
+#: Maximum distance of diverging lanes beyond their width for a line between them, metres.
 PARTED_M = 1.0
-#: Room beside crossings, metres.
+#: Clearance beside crossings, metres.
 CLEAR_M = 0.5
 STEP_M = 1.0
-#: Ways that turn less, or that are shorter, are found without a line: radians, metres.
+#: Minimum turn (radians) and length (metres) of turns with a guide line.
 TURN, LENGTH_M = np.radians(50.0), 22.0
 GUIDE_STEP_M = 0.5
 
 
 def lines_through(network: RoadNetwork, model: LaneModel) -> Iterator[Line]:
-    """Yield the lines between lanes that lead side by side through a junction without signals."""
+    """Yield the lines between adjacent lanes through junctions without signals."""
     controlled = {junction for item in model.controllers for junction in item.junctions}
     ways: dict[int, list[ModelRoad]] = defaultdict(list)
     for road in model.roads:
@@ -59,14 +59,14 @@ def _lane(road: ModelRoad) -> SectionLane:
 
 
 def _ends(road: ModelRoad) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the road and the lane that a way comes from, and those that it leads to."""
+    """Return road and lane at the start of a connecting road, and those at its end."""
     lane, ends = _lane(road), (road.predecessor, road.successor)
     roads = [-1 if end is None else end.id for end in ends]
     return (roads[0], lane.predecessor or 0), (roads[1], lane.successor or 0)
 
 
 def _is_beside(road: ModelRoad, other: ModelRoad) -> bool:
-    """Whether another way leads from the next lane outwards to the next lane outwards."""
+    """Return whether another connecting road links the next lanes outwards at both ends."""
     if not all(_lane(x).kind in MOTOR for x in (road, other)):
         return False
     for (at, lane), (there, next_lane) in zip(_ends(road), _ends(other), strict=True):
@@ -81,7 +81,7 @@ def _turn(road: ModelRoad) -> float:
 
 
 def _is_crossed(model: LaneModel, road: ModelRoad, ways: Sequence[ModelRoad]) -> bool:
-    """Whether a way from a street that is no smaller leads across."""
+    """Return whether a movement from a street with at least as many lanes crosses."""
     (start, _), (end, _) = _ends(road)
     return any(
         bool(way.curve.line.crosses(road.curve.line))
@@ -92,14 +92,14 @@ def _is_crossed(model: LaneModel, road: ModelRoad, ways: Sequence[ModelRoad]) ->
 
 
 def _lanes(model: LaneModel, end: tuple[int, int]) -> int:
-    """Return how many lanes for motors a road has on one side of its middle."""
+    """Return the number of motor traffic lanes of a road on one side of its middle."""
     road, lane = model.road_by_id[end[0]], end[1]
     most = max(road.sections, key=lambda section: len(section.lanes)).lanes
     return sum(one.kind in MOTOR and one.id * lane > 0 for one in most)
 
 
 def _between(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
-    """Yield the line midway between two ways, where they are side by side all along."""
+    """Yield the line midway between two connecting roads if they are adjacent all along."""
     count = max(3, int(road.length / STEP_M) + 1)
     share = np.linspace(0.0, 1.0, count)
     here, there = (one.curve.at(share * one.length)[:, :2] for one in (road, other))
@@ -111,7 +111,7 @@ def _between(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
 
 
 def guide_lines(model: LaneModel) -> Iterator[Line]:
-    """Yield the outer border of every long turn across oncoming traffic at signals."""
+    """Yield the outer border of each long turn across oncoming traffic at signals."""
     controlled = {junction for item in model.controllers for junction in item.junctions}
     inner = 1.0 if model.driving_side == "right" else -1.0
     for road in model.roads:
@@ -123,7 +123,7 @@ def guide_lines(model: LaneModel) -> Iterator[Line]:
         heading = np.unwrap(road.curve.at(s)[:, 2])
         if lane.kind not in MOTOR or inner * (heading[-1] - heading[0]) < TURN:
             continue
-        # A connecting road's one lane has its reference line on its left or right: the border away
-        # from the turn's centre is the one towards the kerb.
+        # A connecting road's single lane is to the left or right of its reference line: the border
+        # away from the turn's centre is the one towards the kerb.
         t = road.middle(section, lane, s) - inner * lane.width.at(s) / 2
         yield Line("guide", road.place(s, t)[:, :2], road.level, lane.strip)

@@ -1,7 +1,7 @@
 """Painted lines in plan: lane marks and stop lines.
 
-They follow from the lane model. Without one only the lane network is known: lanes
-side by side, and stop lines where signals stop traffic.
+They follow from the lane model. Without one only the lane network is known: adjacent lanes, and
+stop lines at signals.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from urbantwin.roads.network import RoadNetwork
 
 __all__ = ["DASH_M", "GAP_M", "MOTOR", "Line", "lane_marks", "placed", "stop_lines", "strokes"]
 
-#: Longest chord of a line where its road bends or its lanes change, metres.
+#: Maximum chord of a line where its road bends or its lanes change, metres.
 CHORD_M = 1.0
-#: Painted and bare length of a broken line, metres (German RMS 1, built-up areas).
+#: Painted and unpainted length of a broken line, metres (German RMS 1, built-up areas).
 DASH_M, GAP_M = 3.0, 6.0
-#: The same of lines that guide turns (US MUTCD 3B.08: dotted extensions, 2 ft and 2 to 6 ft).
+#: The same for guide lines of turns (US MUTCD 3B.08: dotted extensions, 2 ft and 2 to 6 ft).
 BROKEN = {"broken": (DASH_M, GAP_M), "guide": (0.6, 1.2)}
-#: A line this far within a lane is not its border, metres.
+#: Lines farther than this inside a lane are not its border, metres.
 BORDER_M = 0.5
-#: Kinds of lanes that motor traffic drives on.
+#: Kinds of lanes with motor traffic.
 MOTOR = ("driving", "bus")
 
 
@@ -40,8 +40,8 @@ class Line:
         kind: ``solid``, ``broken``, ``guide``, ``curb`` or ``stop``.
         points: (N, 2), site frame, metres.
         level: 0 on the ground, 1, 2, ... above other roads.
-        lane: id of the strip that it belongs to; empty where it belongs to none.
-        signal: id of the signal program that stops traffic there; empty where none does.
+        lane: id of its strip; empty if none.
+        signal: id of the signal program that stops traffic there; empty if none.
     """
 
     kind: str
@@ -54,7 +54,7 @@ class Line:
 def lane_marks(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
     """Return the lines along lanes: painted ones and curbs.
 
-    Where two roads run on each other, nothing of the one lies in the middle of the other's lanes.
+    Where two roads overlap, lines inside the other road's lanes are removed.
     """
     if model is None:
         return list(_marks_of_strips(network))
@@ -63,7 +63,7 @@ def lane_marks(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
 
 
 def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
-    """Return the lines at which traffic stops, from its right to its left or the reverse."""
+    """Return the lines at which traffic stops, across its lane in either direction."""
     found = []
     stopped = {head.lane: head.program for head in network.signals}
     for area in model.areas if model else ():
@@ -94,7 +94,7 @@ def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
 
 
 def strokes(line: Line) -> list[NDArray[np.float64]]:
-    """Return the painted pieces of a line, evenly from end to end."""
+    """Return the painted pieces of a line, evenly spaced from end to end."""
     if line.kind not in BROKEN:
         return [line.points]
     dash, gap = BROKEN[line.kind]
@@ -114,7 +114,7 @@ def strokes(line: Line) -> list[NDArray[np.float64]]:
 def placed(
     model: LaneModel, road: int, s: float, corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return corners (N, 2) in the site frame of corners ahead and to the left of a station."""
+    """Return corners (N, 2) in the site frame, given relative to a station: ahead, left."""
     x, y, heading = model.road_by_id[road].curve.at(s)[0]
     c, sn = np.cos(heading), np.sin(heading)
     return np.asarray(np.array([x, y]) + corners[:, :2] @ np.array([[c, sn], [-sn, c]]))
@@ -136,7 +136,7 @@ def _marks_of_road(road: ModelRoad) -> Iterator[Line]:
 
 
 def _beside_lanes(lines: Sequence[Line], network: RoadNetwork) -> Iterator[Line]:
-    """Yield what of lines lies beside lanes or on their borders."""
+    """Yield the parts of lines beside lanes or on their borders."""
     lanes = [lane for lane in network.lanes if lane.kind in MOTOR and not lane.junction]
     inner = shapely.buffer([lane.polygon for lane in lanes], -BORDER_M)
     tree = shapely.STRtree(inner)
@@ -153,14 +153,14 @@ def _beside_lanes(lines: Sequence[Line], network: RoadNetwork) -> Iterator[Line]
 
 
 def _kind(mark: str) -> str:
-    """OpenDRIVE's names of lane marks as what is drawn."""
+    """Return the kind of line for a lane mark of OpenDRIVE."""
     if "curb" in mark:
         return "curb"
     return "broken" if mark.startswith("broken") or mark == "botts dots" else "solid"
 
 
 def _marks_of_strips(network: RoadNetwork) -> Iterator[Line]:
-    """Lines between lanes side by side that run in one direction."""
+    """Yield lines between adjacent lanes of one direction."""
     side = 1.0 if network.driving_side == "right" else -1.0
     for road in network.roads:
         lanes = [network.lane_by_id[name] for name in road.lanes if name in network.lane_by_id]
@@ -178,7 +178,7 @@ def _marks_of_strips(network: RoadNetwork) -> Iterator[Line]:
 
 
 def _long_axis(corners: shapely.MultiPoint) -> NDArray[np.float64] | None:
-    """Return the ends (2, 2) of the line along the middle of a narrow area."""
+    """Return the ends (2, 2) of the centre line of a narrow area."""
     frame = shapely.oriented_envelope(corners)
     if frame.geom_type == "LineString":
         return np.asarray(shapely.get_coordinates(frame)[:2])

@@ -1,7 +1,7 @@
 """All road markings as quadrilaterals in plan.
 
-Widths of lines follow German RMS 1 and US MUTCD 3A.06 and 3B.16 where the map says nothing: lane
-marks 0.15 m, stop lines 0.4 m, give-way teeth 0.5 m wide and 0.7 m long.
+Widths of lines follow German RMS 1 and US MUTCD 3A.06 and 3B.16 as defaults: lane marks 0.15 m,
+stop lines 0.4 m, give-way teeth 0.5 m wide and 0.7 m long.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["PAINT_KINDS", "Paint", "painted", "zebra"]
 
-#: Kinds of markings; ``zebra`` are stripes, ``crossing`` what marks crossings otherwise.
+#: Kinds of markings; ``zebra`` are stripes, ``crossing`` other markings of crossings.
 PAINT_KINDS = ("zebra", "crossing", "line", "stop", "arrow", "teeth", "bay", "disc")
 #: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
 LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
 Quad = NDArray[np.float64]
-#: Stripes of a zebra crossing, metres: painted, and from one to the next.
+#: Painted width and spacing of the stripes of a zebra crossing, metres.
 STRIPE_M, PERIOD_M = 0.5, 1.0
-#: Width, length of a mark and from one to the next, metres. Lines: US MUTCD 3B.18 (6 to 24 inches);
-#: dashes: German RMS 1 (0.12 m, 0.5 m painted, 0.2 m bare); dots: UK TSRGD, schedule 14 (studs of
-#: about 0.1 m, 0.25 to 0.72 m apart).
+#: Width, length and spacing of marks, metres. Lines: US MUTCD 3B.18 (6 to 24 inches); dashes:
+#: German RMS 1 (0.12 m, 0.5 m painted, 0.2 m bare); dots: UK TSRGD, schedule 14 (studs of about 0.1
+#: m, 0.25 to 0.72 m apart).
 BORDERS = {"lines": (0.3, 0.0, 0.0), "dashes": (0.12, 0.5, 0.7), "dots": (0.1, 0.1, 0.5)}
 
 
@@ -51,7 +51,7 @@ class Paint:
     """Painted quadrilaterals.
 
     Attributes:
-        quads: (N, 4, 2) corners, site frame, metres; a triangle has its last corner twice.
+        quads: (N, 4, 2) corners, site frame, metres; a triangle repeats its last corner.
         kind: (N,) uint8, index into ``PAINT_KINDS``.
         level: (N,) int, 0 on the ground, 1, 2, ... above other roads.
     """
@@ -70,9 +70,8 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
 
     Args:
         network: the lanes.
-        model: the lane model, whose lane marks, stop lines, give-way lines and parking bays are
-            painted, and arrows before junctions; without it only crossings, dashes between lanes
-            and stop lines of signals are known.
+        model: the lane model, for lane marks, stop lines, give-way lines, parking bays and arrows;
+            without it only crossings, dashes between lanes and stop lines of signals are painted.
     """
     found: list[tuple[str, int, Sequence[Quad]]] = [
         (kind, lane.level, quads)
@@ -118,7 +117,7 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
 
 
 def _ribbon(points: NDArray[np.float64], width: float) -> list[Quad]:
-    """Return a line of some width as one quad per leg, mitred where it bends."""
+    """Return a line of some width as one quad per segment, mitred at bends."""
     leg = np.diff(points, axis=0)
     leg = leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
     along = np.vstack([leg[:1], leg[:-1] + leg[1:], leg[-1:]])
@@ -130,13 +129,13 @@ def _ribbon(points: NDArray[np.float64], width: float) -> list[Quad]:
 
 
 def _fan(model: LaneModel, area: RoadArea) -> list[Quad]:
-    """Return a convex area as triangles, each with its last corner twice."""
+    """Return a convex area as triangles, each with its last corner repeated."""
     ring = placed(model, area.road, area.s, area.corners)[:, :2]
     return [ring[[0, k, k + 1, k + 1]] for k in range(1, len(ring) - 1)]
 
 
 def _arrows(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
-    """Yield turn arrows as triangles, each with its last corner twice."""
+    """Yield turn arrows as triangles, each with its last corner repeated."""
     for lane in network.lanes:
         shape = None if lane.junction or lane.kind not in MOTOR else turn_arrow(network, lane)
         if shape is not None:
@@ -146,7 +145,7 @@ def _arrows(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
 
 
 def _borders(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
-    """Yield dashes between lanes side by side that run in one direction."""
+    """Yield dashes between adjacent lanes of one direction."""
     side = 1.0 if network.driving_side == "right" else -1.0
     for road in network.roads:
         lanes = [network.lane_by_id[name] for name in road.lanes if name in network.lane_by_id]
@@ -186,9 +185,9 @@ def zebra(lane: Lane) -> list[NDArray[np.float64]]:
 
 
 def zebra_of_area(model: LaneModel, area: RoadArea) -> list[NDArray[np.float64]]:
-    """Return the stripes of a mapped crosswalk that joins no sidewalks, as ``zebra`` does.
+    """Return the stripes of a mapped crosswalk without sidewalks, as ``zebra`` does.
 
-    People walk along the longer side of the rectangle around it.
+    The crossing direction is along the longer side of its bounding rectangle.
     """
     corners = shapely.MultiPoint(placed(model, area.road, area.s, area.corners))
     around = shapely.minimum_rotated_rectangle(corners)
@@ -219,7 +218,7 @@ def _stripes(line: shapely.LineString, width: float) -> list[NDArray[np.float64]
 def crossing_marks(lane: Lane) -> tuple[str, list[NDArray[np.float64]]]:
     """Return the kind of paint of a crossing, and its quadrilaterals, (4, 2) each, site frame.
 
-    A crossing of which nobody told has stripes.
+    A crossing of unknown marking has stripes.
     """
     if lane.marking == "none":
         return "crossing", []

@@ -16,38 +16,39 @@ from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow", "turns"]
 
-#: Length of an arrow, and how far its tip is from the stop line, metres.
+#: Length of an arrow, and distance of its tip from the stop line, metres.
 ARROW_M, BEFORE_STOP_M = 6.0, 2.5
-#: Lengths of arrows where the map signs one and room lacks (TSRGD 2016, diagram 1038: 4 m; US MUTCD
-#: figure 3B-24: 2.4 to 3.9 m), and how near the stop line and the lane's start, metres.
+#: Candidate lengths of signed arrows if room lacks (TSRGD 2016, diagram 1038: 4 m; US MUTCD figure
+#: 3B-24: 2.4 to 3.9 m), and minimum distance from the stop line and the lane's start, metres.
 LENGTHS_M, CLOSEST_M = (6.0, 5.0, 4.0, 3.0), 0.8
-#: Lanes from this length on have their signed arrow twice, this far apart (US MUTCD 3B.20: at least
-#: two, one of them near where the lane begins), metres.
+#: Minimum length of lanes with two signed arrows, and their spacing (US MUTCD 3B.20: at least two,
+#: one of them near where the lane begins), metres.
 LONG_M, AGAIN_M = 45.0, 30.0
-#: Turns as the map names them (OSM wiki, "Key:turn") -> as they are painted.
+#: Turns in the map (OSM wiki, "Key:turn") -> painted arrows.
 PAINTED = {
     "left": "left", "slight_left": "left", "sharp_left": "left", "merge_to_left": "left",
     "right": "right", "slight_right": "right", "sharp_right": "right", "merge_to_right": "right",
     "through": "through", "reverse": "around",
 }  # fmt: skip
 ORDER: tuple[str, ...] = ("left", "through", "right", "around")
-#: Arrows are bent where the line that they stand on is further from straight than this, metres.
+#: Arrows are bent where their line deviates more than this from straight, metres.
 BENT_M = 0.1
-#: An arrow of unit length is drawn for lanes this wide, metres; narrower ones get narrower arrows.
+#: Lane width of an arrow of normal width, metres, and maximum scale; narrower lanes have narrower
+#: arrows.
 LANE_M, WIDEST = 3.0, 1.15
-#: How far upstream the line goes, metres; ways that turn by less lead straight on, radians.
+#: Length of the line upstream, metres; maximum turn of connections that lead straight on, radians.
 UPSTREAM_M, STRAIGHT = 20.0, np.radians(45.0)
-#: Changes of heading up to this go straight on, from ``U_TURN`` they turn round, radians.
+#: Maximum turn of through movements, and minimum turn of U-turns, radians.
 STRAIGHT_ON, U_TURN = np.radians(30.0), np.radians(150.0)
 
 
 def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     """Return the arrows before a lane's stop line, site frame, metres.
 
-    What the map signs is painted as it is, and once more where the lane is long. Where it signs
-    nothing for a street, arrows show where lanes lead; none where the lane leads to no junction,
-    or where no signal stops it and it can only go on or may go anywhere. Where a signed lane is
-    too short, its arrow stands further upstream (`approach_line`); elsewhere none is painted on it.
+    Signed turns of the map are painted, twice on long lanes. Without any on the street, arrows show
+    the lane's movements, except where it leads to no junction, or has no signal and only goes
+    straight on or allows all turns. The arrow of a signed lane that is too short is further
+    upstream (`approach_line`); other short lanes have none.
     """
     if lane.kind == "bicycle":
         return None
@@ -68,7 +69,7 @@ def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
 
 
 def _led(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
-    """Return the arrow for where a lane leads."""
+    """Return the arrow for a lane's movements; ``None`` if it needs none."""
     ways = turns(network, lane)
     if not ways or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
         return None
@@ -79,14 +80,14 @@ def _led(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
 
 
 def arrow_at(ways: tuple[str, ...], lane: Lane, at: float, length: float) -> shapely.Geometry:
-    """Return an arrow with its tip on a lane's middle, ``at`` metres from the lane's start."""
+    """Return an arrow with its tip on a lane's centre line, ``at`` metres from the lane's start."""
     return arrow_on(shapely.LineString(lane.centre[:, :2]), ways, lane.width, at, length)
 
 
 def arrow_on(
     line: shapely.LineString, ways: tuple[str, ...], width: float, at: float, length: float
 ) -> shapely.Geometry:
-    """Return an arrow with its tip on a line, ``at`` metres from its start, in a lane so wide."""
+    """Return an arrow with its tip on a line, ``at`` metres from its start, for a lane width."""
     ends = line.interpolate([max(at - length, 0.0), at])
     a, b = shapely.get_coordinates(ends)
     c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
@@ -101,7 +102,7 @@ def arrow_on(
 def _bent(
     shape: shapely.Geometry, line: shapely.LineString, wide: float, at: float, length: float
 ) -> shapely.Geometry:
-    """Return an arrow of unit length drawn along a line that bends."""
+    """Return an arrow of unit length drawn along a curved line."""
 
     def placed(points: NDArray[np.float64]) -> NDArray[np.float64]:
         along = np.clip(at + length * points[:, 0], 0.0, line.length)
@@ -117,7 +118,7 @@ def _bent(
 
 @cache
 def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
-    """Return a turn arrow of length 1 along x, its tip at 0, for traffic that may go these ways.
+    """Return a turn arrow of length 1 along x, its tip at 0, for some movements.
 
     The shapes follow the arrows of road markings (US MUTCD, figure 3B-24; German RMS 1, 297).
     """
@@ -147,7 +148,7 @@ def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
         head = [(x, y - 0.09), (x, y + 0.09), (x - 0.24, y)]
         parts += [_stroke(path, thick), shapely.Polygon(head)]
     shape = shapely.union_all(parts)
-    # An arrow that bends to one side stands to the other, so that it is in the lane's middle.
+    # An arrow that bends to one side is shifted to the other, to centre it in the lane.
     y0, y1 = shape.bounds[1], shape.bounds[3]
     return affine_transform(shape, [1, 0, 0, 1, 0, -0.5 * (y0 + y1)])
 
@@ -157,14 +158,15 @@ def _stroke(path: list[tuple[float, float]], width: float) -> shapely.Geometry:
 
 
 def approach_line(network: RoadNetwork, lane: Lane) -> shapely.LineString | None:
-    """Return the line along which a short signed lane's arrow stands, to the lane's end.
+    """Return the line for a short signed lane's arrow, up to the lane's end.
 
-    It begins on the way that leads most nearly straight into the lane, and on the lane before that
-    if nothing else is signed there; only lanes that nobody drives across are part of it.
+    It begins on the connection that leads most nearly straight into the lane, and on the lane
+    before that unless other turns are signed there. Only lanes without crossing traffic are part of
+    it.
 
     Returns:
-        The line; ``None`` where the lane leads straight on to one with the same arrows, whose
-        arrow serves both.
+        The line; ``None`` where the lane leads straight on to one with the same arrows, whose arrow
+            serves both.
     """
     if lane.id not in network.stopped_lanes:
         for way, after in _ways(network, lane, ahead=True):
@@ -185,7 +187,7 @@ def approach_line(network: RoadNetwork, lane: Lane) -> shapely.LineString | None
 
 
 def _ways(network: RoadNetwork, lane: Lane, *, ahead: bool) -> Iterator[tuple[Lane, Lane]]:
-    """Yield the ways through a junction at a lane's end or start, each with the lane beyond it."""
+    """Yield the connections at a lane's end or start, each with the lane beyond it."""
     for name in lane.successors if ahead else network.lanes_into.get(lane.id, ()):
         way = network.lane_by_id.get(name)
         if way is None or not way.junction:
@@ -203,7 +205,7 @@ def _turn(way: Lane) -> float:
 
 
 def _is_free(network: RoadNetwork, way: Lane) -> bool:
-    """Whether a way is at no signal, and only ways from or to its own lanes meet it."""
+    """Return whether a connection has no signal and no crossing traffic except of its own lanes."""
     own = {*network.lanes_into.get(way.id, ())}
     if own & network.stopped_lanes:
         return False
@@ -220,9 +222,9 @@ def _is_free(network: RoadNetwork, way: Lane) -> bool:
 
 
 def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
-    """Return where traffic of a lane may go at its end: left, through, right, around.
+    """Return the movements of a lane at its end: left, through, right, around.
 
-    Nothing for a lane that ends at no junction.
+    Empty for a lane that does not end at a junction.
     """
     found = set()
     start = _heading(lane.centre[-2:, :2])
@@ -242,7 +244,7 @@ def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
 
 
 def _ends_of_way(network: RoadNetwork, way: Lane, depth: int = 6) -> Iterator[Lane]:
-    """Yield the last lane within the junction of every way on from one of its lanes."""
+    """Yield the last lanes within the junction of all continuations of a lane."""
     following = [network.lane_by_id.get(name) for name in way.successors]
     inside = [lane for lane in following if lane and lane.junction == way.junction]
     if not inside or depth == 0:

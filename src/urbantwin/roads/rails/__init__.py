@@ -1,4 +1,4 @@
-"""Rails that trams run on: directed tracks of the map, and their part of SUMO's network."""
+"""Rails of trams: directed tracks of the map, and their part of SUMO's network."""
 
 from urbantwin.roads.rails.tracks import Track, add_rails, with_trams
 

@@ -1,6 +1,6 @@
 """Directed tracks of a region: pieces between switches, closed in a loop beyond the region.
 
-A tram that leaves the region comes back over an outer track. Nobody sees those: there is no ground.
+A tram that leaves the region returns over an outer track, which is not visible: there is no ground.
 """
 
 from __future__ import annotations
@@ -26,26 +26,28 @@ from urbantwin.site.extract_coverage import mapped_area
 
 __all__ = ["Track", "add_rails", "with_trams"]
 
-#: From a track to the next one a tram turns by less than this; what turns more is a crossing of
-#: rails. Directions are measured over some metres.
+#: Minimum cosine of the turn from a track to the next; larger turns are crossings of rails. Length
+#: over which directions are measured, metres.
 TURN_COS, CHORD_M = np.cos(np.radians(40.0)), 6.0
-#: An end this near to the region's border or the map's end leads on beyond it, metres.
+#: An end within these distances of the region's border or of the map's border continues beyond it,
+#: metres.
 BORDER_M, RIM_M = 1.0, 40.0
-#: Outer tracks first lead straight on, then around the region, metres.
+#: Outer tracks: length of the straight part, distance round the region, metres, and angular step,
+#: radians.
 STRAIGHT_M, AROUND_M, ARC_STEP = 40.0, 60.0, 0.2
-#: Every way out leads to every way in while there are no more of them; else to the nearest.
+#: Up to this number of pairs each exit leads to each entry; else to the nearest.
 MOST_PAIRS = 36
-#: Half the length of a stop: trams halt with their middle where it is mapped, metres.
+#: Half the length of a stop: trams stop with their centre at the mapped place, metres.
 HALF_STOP_M = 15.0
-#: A stop that is not a node of a track is so near to it, metres; two stops nearer than this along
-#: a track are one.
+#: Maximum distance of a stop that is not a node of a track, metres; two stops nearer than the
+#: second along a track are one.
 STOP_M, SAME_STOP_M = 4.0, 30.0
-#: Speed where none is mapped, m/s: 50 km/h, as other traffic in towns.
+#: Default speed, m/s: 50 km/h, as other traffic in towns.
 SPEED_MS = 50 / 3.6
-#: The shortest piece of track, metres.
+#: Minimum length of a piece of track, metres.
 SHORTEST_M = 0.5
 RAILWAYS, ROUTES = ("tram", "light_rail"), ("tram", "light_rail")
-#: A track that is so far from another one, and runs with it, is one of a pair, metres.
+#: Distance of two parallel tracks that are a pair, metres.
 PAIR_M = (2.0, 7.0)
 PARALLEL_COS = np.cos(np.radians(20.0))
 _YES = {"yes": {1}, "forward": {1}, "1": {1}, "-1": {-1}, "reverse": {-1}, "backward": {-1}}
@@ -82,18 +84,18 @@ def with_trams(
     *,
     closed_loop: bool,
 ) -> RoadNetwork:
-    """Return a network with the tracks that trams run on in a region, and their stops.
+    """Return a network with the tram tracks of a region and their stops.
 
-    Tracks that lead nowhere are left out: those of termini inside the region are, for trams do not
-    turn back here.
+    Tracks without continuation are left out, including those of termini inside the region: trams do
+    not reverse here.
 
     Args:
         network: the lanes.
         extract: the map.
         frame: the site frame.
-        region: tracks end at its border.
+        region: region at whose border tracks end.
         elevation: the ground.
-        closed_loop: whether outer tracks lead every way out back to a way in.
+        closed_loop: whether outer tracks lead each exit back to an entry.
     """
     arcs = _arcs(extract, frame, region, network.driving_side)
     used, following = _that_lead_on(arcs)
@@ -120,7 +122,7 @@ def with_trams(
 def _arcs(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon, driving_side: str
 ) -> list[_Arc]:
-    """Return the pieces between nodes that several ways share, in the directions that are run."""
+    """Return the pieces between shared nodes, in their directions of travel."""
     ways = tram_ways(extract, frame, region)
     if not ways:
         return []
@@ -155,7 +157,7 @@ def _arcs(
 
 
 def _that_lead_on(arcs: Sequence[_Arc]) -> tuple[list[int], list[list[int]]]:
-    """Return the arcs from a way in to a way out, or in a ring, and what follows each arc."""
+    """Return the arcs from an entry to an exit, or in a ring, and the successors of each arc."""
     at: defaultdict[int, list[int]] = defaultdict(list)
     for k, arc in enumerate(arcs):
         at[arc.start].append(k)
@@ -188,7 +190,7 @@ def _closed(
     region: shapely.Polygon,
     elevation: Elevation,
 ) -> list[Track]:
-    """Return tracks with outer ones from every way out to the ways in."""
+    """Return tracks with outer ones from each exit to the entries."""
     middle = shapely.get_coordinates(region.centroid)[0]
     corners = shapely.get_coordinates(region.exterior)
     radius = float(np.linalg.norm(corners - middle, axis=1).max()) + AROUND_M
@@ -200,7 +202,7 @@ def _closed(
         gaps = np.linalg.norm(tails[:, None] - np.array(heads)[None], axis=2)
         nearest = {(outs[i], ins[int(gaps[i].argmin())]) for i in range(len(outs))}
         nearest |= {(outs[int(gaps[:, j].argmin())], ins[j]) for j in range(len(ins))}
-        # The second nearest joins lines that do not meet inside.
+        # The second nearest links lines that do not meet inside.
         nearest |= {(outs[i], ins[int(gaps[i].argsort()[1])]) for i in range(len(outs))}
         pairs = sorted(nearest)
     outer: list[Track] = []
@@ -233,7 +235,7 @@ def _around(
 def _stops(
     tracks: Sequence[Track], extract: Extract, frame: SiteFrame, region: shapely.Polygon
 ) -> list[BusStop]:
-    """Return where trams halt: with their middle at the mapped place, on every track there."""
+    """Return tram stops, centred at the mapped place, on each track there."""
     inner = [track for track in tracks if not track.outer]
     lines = [shapely.LineString(track.line[:, :2]) for track in inner]
     by_id = {track.id: k for k, track in enumerate(inner)}
@@ -251,7 +253,7 @@ def _stops(
         near = [k for k, line in enumerate(lines) if line.distance(at) < STOP_M]
         nearest = min((lines[k].distance(at) for k in near), default=0.0)
         for k in near:
-            # Beside a pair of tracks, the stop is of the nearer one.
+            # Beside a pair of tracks, the stop belongs to the nearer one.
             if lines[k].distance(at) > nearest + 0.5:
                 continue
             front, along = k, lines[k].project(at) + HALF_STOP_M
@@ -278,14 +280,14 @@ def _on(elevation: Elevation, line: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _direction(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction (2,) in which a line begins."""
+    """Return the unit vector (2,) in which a line begins."""
     whole = shapely.LineString(line)
     ahead = shapely.get_coordinates(whole.interpolate(min(CHORD_M, whole.length)))[0] - line[0]
     return np.asarray(ahead / max(float(np.linalg.norm(ahead)), 1e-9))
 
 
 def tram_ways(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> list[Way]:
-    """Return the tracks in the open that lines run on; where no line is mapped, all but sidings."""
+    """Return the tracks in the open with tram lines; if no line is mapped, all except sidings."""
     tracks = [
         way
         for _, way in sorted(extract.ways.items())
@@ -305,9 +307,9 @@ def ways_run(
 ) -> dict[int, frozenset[int]]:
     """Return for each way whether trams run along it (1), against it (-1), or both.
 
-    What the way's tags say counts first (``railway:preferred_direction``, ``oneway``), then the
-    order of the ways in mapped lines, then on which side the other track of a pair lies. A track
-    by itself is used in both directions.
+    The way's tags take precedence (``railway:preferred_direction``, ``oneway``), then the order of
+    the ways in mapped lines, then the side of the other track of a pair. A single track is used in
+    both directions.
     """
     lines = {way.id: extract.way_line(way, frame) for way in ways}
     by_route = _directions_of_routes(extract, {way.id: way for way in ways})
@@ -329,7 +331,7 @@ def _routes(extract: Extract) -> list[Relation]:
 
 
 def _directions_of_routes(extract: Extract, ways: Mapping[int, Way]) -> dict[int, set[int]]:
-    """Return the directions in which lines run on ways, by the order of a line's members."""
+    """Return the directions of lines on ways, by the order of a line's members."""
     found: defaultdict[int, set[int]] = defaultdict(set)
     for route in _routes(extract):
         rows = [member for kind, member, role in route.members if kind == "w" and role == ""]
@@ -350,7 +352,7 @@ def _directions_of_routes(extract: Extract, ways: Mapping[int, Way]) -> dict[int
 def _of_pair(
     own: int, lines: Mapping[int, NDArray[np.float64]], driving_side: str
 ) -> set[int] | None:
-    """Return the direction of a track by the side on which the other one of the pair lies."""
+    """Return the direction of a track from the side of the other one of the pair; else ``None``."""
     line = lines[own]
     middle = shapely.LineString(line).interpolate(0.5, normalized=True)
     ahead = _heading(line, middle)
@@ -363,13 +365,13 @@ def _of_pair(
             continue
         gap = shapely.get_coordinates(whole.interpolate(whole.project(middle)))[0] - here
         left = float(ahead[0] * gap[1] - ahead[1] * gap[0]) > 0
-        # Where one drives on the right, the other direction is on the left.
+        # In right-hand traffic the opposite direction is on the left.
         return {1} if left == (driving_side == "right") else {-1}
     return None
 
 
 def _heading(line: NDArray[np.float64], near: shapely.Point) -> NDArray[np.float64]:
-    """Return the unit vector (2,) along a line where it is nearest to a place."""
+    """Return the unit vector (2,) along a line where it is nearest to a point."""
     whole = shapely.LineString(line)
     at = whole.project(near)
     ends = shapely.line_interpolate_point(whole, [max(at - 1.0, 0.0), min(at + 1.0, whole.length)])
@@ -382,7 +384,7 @@ def add_rails(path: Path, tracks: Sequence[Track]) -> None:
 
     Args:
         path: the network.
-        tracks: with the ids of those that follow each.
+        tracks: the tracks, with the ids of their successors.
     """
     if not tracks:
         return
@@ -422,7 +424,7 @@ def add_rails(path: Path, tracks: Sequence[Track]) -> None:
 
 
 def _nodes(tracks: Sequence[Track]) -> dict[str, tuple[str, str]]:
-    """Return the names of the nodes where each track begins and ends: the same where they meet."""
+    """Return the names of the nodes of each track's start and end; linked tracks share them."""
     parent: dict[str, str] = {}
 
     def top(name: str) -> str:
@@ -475,7 +477,7 @@ def _junction(
     )
     for k, (a, b) in enumerate(links):
         foes = [b is d and a is not c for c, d in links]
-        # Where two tracks become one, who comes over the later of them waits.
+        # Where two tracks merge, trams on the later of them wait.
         first = [foe and n < k for n, foe in enumerate(foes)]
         etree.SubElement(
             item, "request", index=str(k), response=_bits(first), foes=_bits(foes), cont="0"
@@ -484,5 +486,5 @@ def _junction(
 
 
 def _bits(flags: list[bool]) -> str:
-    """Return flags as SUMO writes them: the first is the last character."""
+    """Return flags in SUMO's order: the first is the last character."""
     return "".join("1" if flag else "0" for flag in reversed(flags))

@@ -1,4 +1,4 @@
-"""Side lanes: parking, shoulders, medians and curbs beside the lanes that traffic follows."""
+"""Side lanes: parking, shoulders, medians and curbs beside the traffic lanes."""
 
 from urbantwin.roads.side_lanes.add import add_side_lanes
 from urbantwin.roads.side_lanes.clearance import before_buildings, corners_before_buildings

@@ -1,4 +1,4 @@
-"""Adding side lanes to the lane model."""
+"""Addition of side lanes to the lane model."""
 
 from __future__ import annotations
 
@@ -25,39 +25,41 @@ from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, re
 
 __all__ = ["MatchedWay", "add_side_lanes"]
 
-#: Gaps between carriageways that are medians, metres: less is a line, more is land.
+#: Range of gaps between carriageways that are medians, metres: smaller ones are lines, larger ones
+#: land.
 NARROWEST_M, WIDEST_M = 0.6, 8.0
-#: Shortest median, and the length of its noses, metres.
+#: Minimum length of a median, and length of its noses, metres.
 SHORTEST_M, NOSE_M = 6.0, 2.0
-#: Two carriageways run beside or against each other within this angle, as a cosine.
+#: Minimum cosine of the angle between parallel or opposite carriageways.
 PARALLEL = 0.8
-#: Largest difference between a median's width and half of the gap, metres.
+#: Tolerance of a median's width profile, metres.
 TOLERANCE_M = 0.05
-#: A way further from a road than this is not the way of this part of it, metres.
+#: Maximum distance between a road and its OSM way, metres.
 OFF_M = 15.0
 #: Shorter parts are left out, metres.
 SHORTEST_MATCH_M = 0.5
-#: No parking within so many metres of a junction or the crossing before it. Germany: StVO
-#: section 12 (3), 5 m. United States: Uniform Vehicle Code 11-1003, 20 ft from a crosswalk at an
-#: intersection. Australia: Australian Road Rules 170, 10 m. United Kingdom: Highway Code 243,
-#: 10 m. Taiwan: Road Traffic Safety Rules 111, 10 m. Japan: Road Traffic Act 44, 5 m. Elsewhere:
-#: Vienna Convention on Road Traffic, article 23, 5 m.
+#: Distance without parking from a junction or the crossing before it, metres. Germany: StVO section
+#: 12 (3), 5 m. United States: Uniform Vehicle Code 11-1003, 20 ft from a crosswalk at an
+#: intersection. Australia: Australian Road Rules 170, 10 m. United Kingdom: Highway Code 243, 10 m.
+#: Taiwan: Road Traffic Safety Rules 111, 10 m. Japan: Road Traffic Act 44, 5 m. Elsewhere: Vienna
+#: Convention on Road Traffic, article 23, 5 m.
 CLEAR_M = {"US": 6.1, "CA": 6.1, "AU": 10.0, "NZ": 6.0, "GB": 10.0, "IE": 5.0, "TW": 10.0}
-#: The shortest side lane without its tapers: one parallel space, metres.
+#: Minimum length of a side lane without its tapers: one parallel space, metres.
 SHORTEST_LANE_M = 5.5
-#: Tapers: parking begins and ends over its own depth, shoulders over ten times their width.
+#: Tapers: parking lanes taper over their own depth, shoulders over ten times their width, within
+#: bounds in metres.
 SHORTEST_TAPER_M, LONGEST_TAPER_M, SHOULDER_SLANT = 1.5, 12.0, 10.0
-#: The same width to a reader of the map, metres.
+#: Widths with a smaller difference are equal, metres.
 SAME_M = 0.05
-#: From, to, width, whether a track lies beyond, and how vehicles park.
+#: Start and end station, width, whether a cycle track lies beyond, and orientation of parking.
 Run = tuple[float, float, float, bool, str]
-#: What is taken off either end where a road merely goes on into the next, metres.
+#: Length without side lanes at either end where a road continues in the next, metres.
 NEXT_M = 0.5
 
 
 @dataclass(frozen=True)
 class MatchedWay:
-    """A part of a road, from station ``first`` to ``last``, that is one way of the map.
+    """A part of a road, from station ``first`` to ``last``, of one OSM way.
 
     ``aligned``: whether the way is drawn along the road's reference line.
     """
@@ -88,17 +90,17 @@ def add_side_lanes(
 ) -> LaneModel:
     """Return the model with parking lanes, shoulders, medians and islands on its streets.
 
-    They lie between the carriageway and the sidewalk, which moves outwards along them, and between
-    the carriageways of dual streets. Junctions stay as they are: side lanes taper to nothing
-    before them. Ids are counted anew from the reference line outwards; strips stay.
+    They lie between the carriageway and the sidewalk, which moves outwards, and between the
+    carriageways of dual streets. Junctions are unchanged: side lanes taper to zero before them.
+    Lane ids are renumbered from the reference line outwards; strips stay.
 
     Args:
-        model: roads in plan, before heights and before anything stands on them.
-        segments: the ways that streets are made from, with their cross sections.
+        model: roads in plan, before heights and objects.
+        segments: OSM ways of the streets, with their cross sections.
         country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
         obstacles: areas that no road may grow into, such as buildings, site frame.
-        crossings: (N, 2) where people cross streets: there is no parking.
-        islands: (N, 2) where they cross with a refuge in the middle.
+        crossings: (N, 2) pedestrian crossings, without parking, site frame.
+        islands: (N, 2) crossings with a refuge, site frame.
     """
     ways = by_way(segments)
     meeting: dict[int, set[int]] = defaultdict(set)
@@ -139,18 +141,18 @@ def add_side_lanes(
 def medians(
     model: LaneModel, footprints: Mapping[int, shapely.Geometry]
 ) -> dict[int, list[Insertion]]:
-    """Return the median lanes of the streets of one direction, by road.
+    """Return the median lanes of one-way streets, by road.
 
-    A median lies on the inner side and fills half of the gap to a carriageway against it, all of
-    the gap to one beside it; it narrows to a nose before the junction.
+    A median lies on the inner side. It fills half of the gap to an opposite carriageway, and all of
+    the gap to a parallel one, and narrows to a nose before the junction.
 
     Args:
         model: the lane model.
-        footprints: the area of each street in plan, by its id.
+        footprints: area of each street in plan, by id.
     """
     streets = [road for road in model.roads if road.junction < 0 and _is_driven(road)]
     shapes = [footprints[road.id] for road in streets]
-    # Outer roads beyond the region are ways of no map: nothing is built between them.
+    # Outer roads have no OSM ways: there is no median between them.
     roads = [road for road in streets if any(road.ways) and _inner_side(road)]
     stations = [
         np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2)) for road in roads
@@ -168,12 +170,12 @@ def medians(
 
 
 def _is_driven(road: ModelRoad) -> bool:
-    """Whether a road is more than a footway."""
+    """Return whether a road is more than a footway."""
     return any(lane.kind not in RAISED_KINDS for part in road.sections for lane in part.lanes)
 
 
 def _inner_side(road: ModelRoad) -> int:
-    """Return the side without lanes of a road of one direction: 1, -1; 0 if it has both."""
+    """Return the side without lanes of a one-way road: 1 or -1; 0 if it has both."""
     if any(lane.opposite for section in road.sections for lane in section.lanes):
         return 0
     ids = {lane.id > 0 for section in road.sections for lane in section.lanes}
@@ -186,7 +188,7 @@ def _widths(
     streets: Sequence[ModelRoad],
     shapes: Sequence[shapely.Geometry],
 ) -> list[NDArray[np.float64]]:
-    """Return the width (N,) of each road's median at its stations (N,); nan without one."""
+    """Return the width (N,) of each road's median at its stations (N,), metres; nan without one."""
     if not roads:
         return []
     counts = [len(s) for s in stations]
@@ -220,7 +222,7 @@ def _widths(
 
 
 def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Return from and to of the stretches with a median."""
+    """Return index ranges of the stretches with a median."""
     known = np.concatenate([[False], np.isfinite(width), [False]])
     change = np.flatnonzero(known[1:] != known[:-1])
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
@@ -240,7 +242,7 @@ def _median(
 
 
 def by_way(segments: Iterable[MappedSegment]) -> dict[int, list[MappedSegment]]:
-    """Return segments by the ids of their ways."""
+    """Return segments by id of their way."""
     found: dict[int, list[MappedSegment]] = {}
     for segment in segments:
         found.setdefault(segment.way, []).append(segment)
@@ -287,15 +289,15 @@ def parking_and_shoulders(
 ) -> list[Insertion]:
     """Return the parking and shoulder lanes of a road.
 
-    Parking ends before junctions as the law says and tapers to nothing, so that the junction's own
-    lanes and corners stay where they are; where there is no room beside the road there is none.
+    Parking ends before junctions as required by law and tapers to zero, so that the junction's
+    lanes and corners are unchanged. Without room beside the road there is none.
 
     Args:
         road: a street.
-        parts: the ways that it is made from.
-        meets: ``start`` and ``end`` -> ``junction``, ``street`` (it goes on) or ``nothing``.
-        crossings: stations where people cross the street.
-        room: what stands beside the roads; what is added here is taken off it.
+        parts: the OSM ways that it is made from.
+        meets: ``start`` and ``end`` -> ``junction``, ``street`` (a continuation) or ``nothing``.
+        crossings: stations of pedestrian crossings, metres.
+        room: free space beside the roads; added lanes are subtracted from it.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     found: list[Insertion] = []
@@ -328,7 +330,7 @@ def _has_walk(road: ModelRoad, side: int) -> bool:
 
 
 def _runs(parts: Iterable[MatchedWay], side: int, kind: str) -> list[Run]:
-    """Return where a roadside is the same, neighbours of one width joined."""
+    """Return the runs of a constant roadside; adjacent ones of equal width are joined."""
     runs: list[Run] = []
     for part in parts:
         beside = part.roadside(side)
@@ -375,7 +377,7 @@ def _ends(
     clear: float,
     moved: bool,
 ) -> tuple[float, float, tuple[bool, bool]]:
-    """Return where a lane begins and ends, and at which ends it tapers."""
+    """Return the start and end station of a lane, and at which ends it tapers."""
     first, last = run
     gaps, ramps = [], []
     for at_end, touches in (("start", first < 1.0), ("end", last > road.length - 1.0)):
@@ -387,7 +389,7 @@ def _ends(
             gaps.append(clear)
             ramps.append(True)
         else:
-            # Where nothing beyond it would have to move back, it goes on to the very end.
+            # If no sidewalk beyond it would have to move back, it extends to the end.
             gaps.append(NEXT_M if moved else 0.0)
             ramps.append(moved)
     return first + gaps[0], last - gaps[1], (ramps[0], ramps[1])
@@ -401,7 +403,7 @@ def _fitted(
     size: tuple[float, float],
     room: Clearance,
 ) -> list[tuple[float, float, Profile]]:
-    """Return where within a run there is room for a lane, and its width along it."""
+    """Return the parts of a run with room for a lane, with its width along it."""
     found = []
     first, last = run
     width, taper = size
@@ -416,7 +418,7 @@ def _fitted(
 
 
 def _tapered(width: float, length: float, up: float, down: float) -> Profile:
-    """Return a width that grows from 0, stays, and goes back to 0, without a kink."""
+    """Return a smooth width profile that grows from 0, stays constant, and returns to 0."""
     starts, rows = [], []
     if up > 0:
         starts.append(0.0)
@@ -430,7 +432,7 @@ def _tapered(width: float, length: float, up: float, down: float) -> Profile:
 
 
 def _clear_of_junction(country: str) -> float:
-    """Return within what distance of a junction parking is banned, metres.
+    """Return the distance from a junction within which parking is banned, metres.
 
     Args:
         country: ISO 3166-1 alpha-2; empty if unknown.

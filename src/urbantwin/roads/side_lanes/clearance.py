@@ -1,4 +1,4 @@
-"""Clearance beside roads: where a road can be widened."""
+"""Clearance beside roads: room for widening."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ __all__ = [
     "straight_pieces",
 ]
 
-#: Spacing of the cross sections that are looked at, metres.
+#: Spacing of the cross sections that are tested, metres.
 STEP_M = 2.0
 #: Smaller overlaps are tolerated, square metres per metre of road.
 GRAZE_M = 0.1
-#: Spacing of the cross sections that are looked at, metres.
+#: Spacing of the cross sections that are tested against buildings, metres.
 FRONTAGE_STEP_M = 0.5
-#: What is left free before a wall, metres: chords of curved walls and lanes differ by less.
+#: Clearance before a wall, metres: chords of curved walls and lanes differ by less.
 FREE_M = 0.05
-#: A sidewalk narrower than this has ended, metres.
+#: A narrower sidewalk ends, metres.
 NARROWEST_M = 0.3
-#: How much a sidewalk's width changes from one metre to the next, metres: people walk along it.
+#: Maximum change of a sidewalk's width per metre along it.
 TAPER = 0.5
-#: Widths may be drawn with this much difference, so that fewer numbers say them, metres.
+#: Tolerance of simplified widths, metres.
 SIMPLER_M = 0.02
-#: Kinds of lanes that are pushed back, from the wall inwards.
+#: Kinds of lanes that yield to walls, from the wall inwards.
 PUSHED = ("sidewalk", "curb")
 
 
 class Clearance:
-    """What stands on the ground: roads, junctions and obstacles such as buildings."""
+    """Areas on the ground: roads, junctions and obstacles such as buildings."""
 
     def __init__(self, model: LaneModel, obstacles: Sequence[shapely.Polygon] = ()) -> None:
-        """Take in all roads of a model.
+        """Collect the areas of all roads of a model.
 
         Args:
             model: the lane model.
-            obstacles: areas that no road may grow into, site frame; those that roads overlap
-                already are left out where they do.
+            obstacles: areas that no road may grow into, site frame; existing overlaps with roads
+                are ignored.
         """
         shapes: list[shapely.Geometry] = []
         self._owner: list[int] = []
@@ -77,14 +77,14 @@ class Clearance:
     def free(
         self, road: ModelRoad, side: int, first: float, last: float, width: float
     ) -> list[tuple[float, float]]:
-        """Return where a road can grow on one side, as stations from and to.
+        """Return where a road can be widened on one side, as ranges of stations, metres.
 
         Args:
             road: the road.
             side: 1 to the left, -1 to the right.
-            first: where to begin.
-            last: where to end.
-            width: how much wider it is to become, metres.
+            first: start station, metres.
+            last: end station, metres.
+            width: additional width, metres.
         """
         s = np.linspace(first, last, max(2, int((last - first) / STEP_M) + 2))
         edge = outer_border(road, side, s)
@@ -111,7 +111,7 @@ class Clearance:
         return runs
 
     def grow(self, road: ModelRoad, side: int, first: float, last: float, width: float) -> None:
-        """Keep free what a road grows into."""
+        """Reserve the area by which a road is widened."""
         s = np.linspace(first, last, max(2, int((last - first) / STEP_M) + 2))
         edge = outer_border(road, side, s)
         band = cells_between(road, s, edge, edge + side * width)
@@ -119,7 +119,7 @@ class Clearance:
 
 
 def outer_border(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the offset t (N,) of a road's border on one side at stations (N,)."""
+    """Return the offset t (N,) of a road's border on one side at stations (N,), metres."""
     t = np.asarray(road.offset.at(s), np.float64)
     starts = np.array([section.s for section in road.sections])
     which = np.maximum(np.searchsorted(starts, s + 1e-9, side="right") - 1, 0)
@@ -155,13 +155,13 @@ def _overlaps(cell: shapely.Geometry, shape: shapely.Geometry) -> bool:
 
 
 def before_buildings(model: LaneModel, buildings: Sequence[shapely.Polygon]) -> LaneModel:
-    """Return the model with its sidewalks as wide as the buildings beside them leave room.
+    """Return the model with sidewalks no wider than buildings beside them permit.
 
-    Outlines of junctions end at walls too, except where a road through the junction runs.
+    Outlines of junctions end at walls too, except on connecting roads.
 
     Args:
         model: roads in plan, with their side lanes and curbs.
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
     """
     walls = shapely.STRtree(buildings)
     through: dict[int, list[shapely.Geometry]] = defaultdict(list)
@@ -186,7 +186,7 @@ def corners_before_buildings(
 
     Args:
         network: the lanes, as netconvert drew them.
-        buildings: where buildings stand on the ground, site frame.
+        buildings: footprints of buildings on the ground, site frame.
     """
     walls = shapely.STRtree(buildings)
     lanes = tuple(
@@ -201,7 +201,7 @@ def corners_before_buildings(
 def _cut(
     outline: NDArray[np.float64], walls: shapely.STRtree, kept: Iterable[shapely.Geometry] = ()
 ) -> NDArray[np.float64]:
-    """Return the outline (M, 2) of the largest part that has no building on it."""
+    """Return the outline (M, 2) of the largest part without buildings."""
     if len(outline) < 3:
         return outline
     whole = areas_of(shapely.Polygon(outline))
@@ -227,7 +227,7 @@ def _pushed_back(road: ModelRoad, walls: shapely.STRtree) -> ModelRoad:
 def _fitted(
     road: ModelRoad, section: LaneSection, end: float, walls: shapely.STRtree
 ) -> LaneSection:
-    """Return a section with what is raised at its sides no wider than there is room."""
+    """Return a section with its raised side lanes limited to the available room."""
     s = np.linspace(section.s, end, max(2, int((end - section.s) / FRONTAGE_STEP_M) + 2))
     changed: dict[int, SectionLane] = {}
     for side in (1, -1):
@@ -264,9 +264,9 @@ def _room(
     outer: NDArray[np.float64],
     walls: shapely.STRtree,
 ) -> NDArray[np.float64]:
-    """Return how wide (N,) there is room from an inner border outwards, at most to the outer one.
+    """Return the available width (N,) from an inner border outwards, at most to the outer one.
 
-    Between two stations it is nowhere less than a straight line between theirs.
+    Between two stations it is at least the linear interpolation.
     """
     cells = cells_between(road, s, inner, outer)
     edges = shapely.linestrings(
@@ -284,7 +284,7 @@ def _room(
 
 
 def _tapered(width: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Return the largest widths that are no larger and change by no more than ``step``."""
+    """Return the largest widths below given ones with at most ``step`` change between samples."""
     ramp = step * np.arange(len(width))
     ahead = np.minimum.accumulate(width - ramp) + ramp
     back = (np.minimum.accumulate(width[::-1] - ramp) + ramp)[::-1]
@@ -294,7 +294,7 @@ def _tapered(width: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 def straight_pieces(
     s: NDArray[np.float64], width: NDArray[np.float64], tolerance: float
 ) -> Profile:
-    """Return a profile of straight pieces along widths (N,) at ascending stations (N,), metres."""
+    """Return a piecewise linear profile through widths (N,) at ascending stations (N,), metres."""
     line = shapely.simplify(shapely.LineString(np.column_stack([s, width])), tolerance)
     knots, values = shapely.get_coordinates(line).T
     slope = np.diff(values) / np.maximum(np.diff(knots), 1e-9)

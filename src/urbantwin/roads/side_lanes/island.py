@@ -1,4 +1,4 @@
-"""Traffic islands: refuges in the middle of two-way streets where people cross."""
+"""Traffic islands: refuges in the middle of two-way streets at crossings."""
 
 from __future__ import annotations
 
@@ -25,13 +25,12 @@ __all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", 
 
 #: Width of a refuge, metres (RASt 06, 6.1.8.2: at least 2.00 m; US MUTCD 3I: 6 ft).
 WIDTH_M = 2.0
-#: How far it reaches to both sides of the crossing, and the part of it over which traffic is led
-#: round it, metres.
+#: Length of an island on both sides of the crossing, and of its tapers, metres.
 REACH_M, TAPER_M = 12.0, 9.0
-#: Shorter islands are left out; it ends this far before a road does, metres. A crossing at
-#: a junction may lie this far beyond the end of the road: the island is then before it.
+#: Minimum length of an island, its distance from the end of a road, and maximum distance of a
+#: crossing beyond that end, with the island before it, metres.
 SHORTEST_M, CLEAR_M, BEYOND_M = 10.0, 1.0, 8.0
-#: A point of the map further from a street's middle than this is not on it, metres.
+#: Maximum distance of a point of the map from the middle of its street, metres.
 OFF_M = 3.0
 
 
@@ -45,12 +44,12 @@ def is_island(tags: Mapping[str, str]) -> bool:
 
 
 def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> NDArray[np.float64]:
-    """Return the stations of those of the points (N, 2) that lie on the middle of a road.
+    """Return the stations of those points (N, 2) that lie on the middle of a road, metres.
 
     Args:
         road: the road.
-        points: where, site frame.
-        beyond: how far before its start or after its end they may lie, metres.
+        points: points in the site frame.
+        beyond: tolerance before its start and after its end, metres.
     """
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     if not len(xy):
@@ -68,12 +67,12 @@ def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> N
 def islands_on(
     road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Clearance
 ) -> list[Insertion]:
-    """Return the islands of a street, where there is room for its lanes to go round them.
+    """Return the islands of a street where its lanes have room to pass.
 
     Args:
         road: a street.
-        stations: where its crossings with refuges are.
-        room: what stands beside the roads; what is added here is taken off it.
+        stations: stations of its crossings with refuges, metres.
+        room: free space beside the roads; added islands are subtracted from it.
     """
     lanes = [lane for section in road.sections for lane in section.lanes]
     driven = [lane for lane in lanes if lane.kind not in RAISED_KINDS]
@@ -98,7 +97,7 @@ def islands_on(
 
 
 def moved_aside(road: ModelRoad, islands: Sequence[Insertion]) -> ModelRoad:
-    """Return a road whose lanes make way to both sides of its islands alike."""
+    """Return a road whose lanes are moved equally to both sides of its islands."""
     starts, rows = [0.0], [np.zeros(4)]
     for item in islands:
         starts += [item.first + float(s) for s in item.width.start]
@@ -119,7 +118,7 @@ def _lens(length: float) -> Profile:
 
 
 def with_island_areas(model: LaneModel) -> LaneModel:
-    """Return the model with every island also as an area on its road, raised like its lane.
+    """Return the model with each island lane also as an area, raised like the lane.
 
     Args:
         model: the lane model, with heights.
@@ -140,7 +139,7 @@ def _area(
     s = np.linspace(section.s, end, max(5, int(end - section.s) + 1))
     inner, outer = (road.border(section, lane, s, outer=side) for side in (False, True))
     right, left = (inner, outer) if lane.id > 0 else (outer, inner)
-    # Both borders meet in the noses.
+    # Both borders meet at the noses.
     ring = np.vstack([road.place(s, right), road.place(s[1:-1], left[1:-1])[::-1]])
     at = float((section.s + end) / 2)
     x, y, heading = road.curve.pose(at)

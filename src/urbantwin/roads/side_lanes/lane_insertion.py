@@ -1,4 +1,4 @@
-"""Inserting lanes into a road: new lane sections, renumbered ids, links kept."""
+"""Insertion of lanes into a road: new lane sections, renumbered ids, links kept."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from urbantwin.roads.model.road import with_lane_marks
 
 __all__ = ["Insertion", "Renumbering", "relinked", "with_curbs", "with_lanes"]
 
-#: Section borders closer than this are one, metres.
+#: Minimum distance between section boundaries, metres.
 SLIVER_M = 0.05
-#: Which lane something is within a road: (section, id) of the road before, or ("new", number).
+#: Key of a lane: ("old", section, id) in the original road, or ("new", number, 0).
 Key = tuple[str, int, int]
-#: Width of a curb stone, metres (EN 1340: 0.12 to 0.15 m are usual; AASHTO Green Book: 0.15 m).
+#: Width of a curb stone, metres (EN 1340: usually 0.12 to 0.15 m; AASHTO Green Book: 0.15 m).
 CURB_WIDTH_M = 0.15
-#: The narrowest sidewalk that gives up the width of a curb, metres.
+#: Minimum width of a sidewalk from which a curb's width is taken, metres.
 NARROWEST_M = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """A lane to be put into a road.
+    """A lane to insert into a road.
 
     Attributes:
         side: 1 to the left of the reference line, -1 to its right.
         place: ``reference``: next to the reference line; ``outer``: beyond the outermost lane of
-            the carriageway; ``before_track``: the same, but within a cycle track there.
+            the carriageway; ``before_track``: the same, but inside a cycle track there;
+            ``before_raised``: before the first raised lane.
         kind: kind of the lane.
-        first: station where it begins.
-        last: station where it ends.
+        first: start station, metres.
+        last: end station, metres.
         width: metres over the distance from ``first``.
-        height: how far it stands above the carriageway, metres.
-        parking: how vehicles stand on it, as ``SectionLane`` says.
+        height: height above the carriageway, metres.
+        parking: orientation of parked vehicles, as in ``SectionLane``.
     """
 
     side: int
@@ -69,14 +70,14 @@ class Renumbering:
 
 
 def with_lanes(road: ModelRoad, insertions: Sequence[Insertion]) -> tuple[ModelRoad, Renumbering]:
-    """Return a road with more lanes.
+    """Return a road with additional lanes.
 
-    Lanes further out move outwards and get new ids; they keep their strips. Each new lane is a
-    strip of its own, ``"<road>:<section>:<lane>"``, by the section where it begins.
+    Outer lanes move outwards and get new ids; they keep their strips. Each new lane has its own
+    strip, ``"<road>:<section>:<lane>"``, named after the section where it begins.
 
     Args:
         road: the road.
-        insertions: what to put in; of two at one place, the first is the inner one.
+        insertions: the lanes to insert; of two at one place, the first is the inner one.
     """
     borders = [section.s for section in road.sections]
     for item in insertions:
@@ -114,7 +115,7 @@ def with_lanes(road: ModelRoad, insertions: Sequence[Insertion]) -> tuple[ModelR
 
 
 def relinked(model: LaneModel, changed: Mapping[int, Renumbering]) -> LaneModel:
-    """Return the model with the links of lanes whose neighbours have new ids set right."""
+    """Return the model with links of lanes updated to their neighbours' new ids."""
     roads = []
     for road in model.roads:
         before, after = (_ids(link, changed) for link in (road.predecessor, road.successor))
@@ -144,7 +145,7 @@ def _ids(link: RoadLink | None, changed: Mapping[int, Renumbering]) -> Mapping[i
 
 
 def _linked_to(section: LaneSection, end: str, ids: Mapping[int, int]) -> LaneSection:
-    """Return a section whose lanes follow their neighbours at one end to their new ids."""
+    """Return a section whose links at one end use the neighbours' new ids."""
     old = [getattr(lane, end) for lane in section.lanes]
     if all(ids.get(link, link) == link for link in old):
         return section
@@ -166,7 +167,7 @@ def _distinct(borders: Sequence[float], length: float) -> list[float]:
 def _row(
     road: ModelRoad, base: int, side: int, active: Sequence[tuple[int, Insertion]]
 ) -> list[tuple[Key, SectionLane, float]]:
-    """Return the lanes of one side from the reference line outwards, and where each begins."""
+    """Return the lanes of one side from the reference line outwards, with their start stations."""
     section = road.sections[base]
     old = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
     row: list[tuple[Key, SectionLane, float]] = [
@@ -176,7 +177,7 @@ def _row(
     inside = flat - 1 if flat and old[flat - 1].kind == "bicycle" else flat
     at = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
     forward = old[0].forward if old else any(x.forward for x in section.lanes)
-    # From the outermost place inwards, so that places counted before stay right.
+    # From the outermost place inwards, so that positions stay valid.
     for k, item in sorted(active, key=lambda pair: (-at[pair[1].place], -pair[0])):
         lane = SectionLane(
             side, item.kind, item.width, forward, height=item.height, parking=item.parking
@@ -216,7 +217,7 @@ def _neighbour(
 
 
 def with_curbs(model: LaneModel) -> LaneModel:
-    """Return the model with a curb along every sidewalk of a street; the sidewalk gives its width.
+    """Return the model with a curb along each sidewalk of a street, taken from its width.
 
     Args:
         model: roads in plan, with their side lanes.
@@ -234,7 +235,7 @@ def with_curbs(model: LaneModel) -> LaneModel:
 
 
 def _has_sidewalk(road: ModelRoad, side: int) -> bool:
-    """Whether the innermost raised lane of a side is a wide enough sidewalk all along."""
+    """Return whether the innermost raised lane of a side is a wide enough sidewalk all along."""
     shared = any(lane.opposite for section in road.sections for lane in section.lanes)
     for section in road.sections:
         lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))

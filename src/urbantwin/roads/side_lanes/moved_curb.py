@@ -1,4 +1,4 @@
-"""Curbs where a person drew them: the lanes beside them become wider or narrower."""
+"""Curbs that a user drew: the adjacent lanes become wider or narrower."""
 
 from __future__ import annotations
 
@@ -15,36 +15,35 @@ from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, re
 
 __all__ = ["CurbMove", "with_moved_curbs"]
 
-#: A curb is moved no farther than this, metres, to a line that runs along it within this angle, as
-#: a cosine.
+#: Maximum displacement of a curb, metres, and minimum cosine of the angle to its line.
 FARTHEST_M, ALONG = 6.0, 0.8
-#: Spacing of what is looked at along a line and along a road, metres.
+#: Sampling step along a line and along a road, metres.
 FRONTAGE_STEP_M = 0.25
-#: A curb returns to its place over so many times what it was moved, within limits, metres.
+#: Length of the transition of a curb, as a multiple of its displacement, and its bounds, metres.
 SLANT, SHORTEST_TAPER_M, LONGEST_TAPER_M = 3.0, 1.0, 12.0
-#: The shortest stretch of a curb that is moved; longest gap within one that is nearer to another
+#: Minimum length of a displaced stretch, and maximum gap within one, which is nearer to another
 #: road, metres.
 SHORTEST_M, BETWEEN_M = 1.0, 4.0
-#: A driving lane is made wider by no more than this: beyond it there is a shoulder, metres.
+#: Maximum widening of a driving lane; beyond it a shoulder is added, metres.
 WIDER_M = 0.75
-#: How narrow lanes may become, metres (RASt 06: 2.0 m at bottlenecks of side streets).
+#: Minimum widths of lanes, metres (RASt 06: 2.0 m at bottlenecks of side streets).
 NARROWEST_M = {"parking": 0.0, "shoulder": 0.0, "bicycle": 0.8, "driving": 2.0, "bus": 2.5}
-#: Differences from the line that widths are drawn with, metres.
+#: Tolerance of width profiles, metres.
 NEAR_M = 0.004
-#: Lanes of a section by their ids.
+#: Lanes of a section by id.
 Lanes = dict[int, SectionLane]
 
 
 @dataclass
 class CurbMove:
-    """What became of one line that was drawn where a curb is.
+    """Result of one drawn curb line.
 
     Attributes:
-        metres: length of curbs that were moved to it.
-        farthest_m: how far they were moved at most, outwards or inwards.
-        why_not: why parts of it were left, each once.
-        nearest_m: how far the nearest curb is from it.
-        has_curb: whether something raised is beside all of it.
+        metres: length of the curbs moved to it, metres.
+        farthest_m: maximum displacement outwards or inwards, metres.
+        why_not: distinct reasons for parts that were not moved.
+        nearest_m: distance of the nearest curb, metres.
+        has_curb: whether there is a raised lane beside all of it.
     """
 
     metres: float = 0.0
@@ -56,7 +55,7 @@ class CurbMove:
 
 @dataclass(frozen=True, eq=False)
 class _Follow:
-    """Where a curb goes: stations of a road's side, ascending, and how far out it is to lie."""
+    """A curb's new course: stations of a road's side, ascending, and distance outwards, metres."""
 
     road: int
     side: int
@@ -68,16 +67,16 @@ class _Follow:
 def with_moved_curbs(
     model: LaneModel, lines: Mapping[int, Sequence[shapely.LineString]]
 ) -> tuple[LaneModel, dict[int, CurbMove]]:
-    """Return the model with curbs on the lines that were drawn for them.
+    """Return the model with curbs on the drawn lines.
 
     The curb of a street is the outer border of its carriageway. Where it moves outwards, the
-    parking lane or shoulder beside it becomes wider, or there is a shoulder; where it moves
-    inwards, they and then the outermost lane become narrower. What lies beyond it moves along. It
-    goes back to its place before a junction, and over some metres beyond both ends of a line.
+    parking lane or shoulder beside it becomes wider, or a shoulder is added. Where it moves
+    inwards, they and then the outermost lane become narrower. Lanes beyond it move along. It
+    returns to its place before a junction, and over some metres beyond both ends of a line.
 
     Args:
         model: roads in plan, with their side lanes and curbs.
-        lines: number of a correction -> where the curb is, site frame.
+        lines: index of a correction -> lines of the curb, site frame.
     """
     moves = {number: CurbMove() for number in lines}
     streets = [road for road in model.roads if road.junction < 0 and any(road.ways)]
@@ -119,9 +118,9 @@ def _flat(section: LaneSection, side: int) -> list[SectionLane]:
 
 
 def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far out (N,) the curb of a side lies from the reference line; nan without one.
+    """Return the distance (N,) of a side's curb from the reference line, metres; nan without one.
 
-    On the inner side of a road of one direction it is where its lanes begin.
+    On the inner side of a one-way road it is where the lanes begin.
     """
     if _is_inner(road, side):
         return np.asarray(side * road.offset.at(s))
@@ -135,7 +134,7 @@ def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.
 
 
 def _is_inner(road: ModelRoad, side: int) -> bool:
-    """Whether a side has no lanes of the carriageway, and the other one has them all along."""
+    """Return whether only the other side has lanes of the carriageway."""
     return not any(_flat(x, side) for x in road.sections) and all(
         _flat(x, -side) for x in road.sections
     )
@@ -144,7 +143,7 @@ def _is_inner(road: ModelRoad, side: int) -> bool:
 def _follows(
     streets: Sequence[ModelRoad], line: shapely.LineString, number: int, move: CurbMove
 ) -> list[_Follow]:
-    """Return which curbs follow a line: of every piece of it the nearest one along it."""
+    """Return the curbs that follow a line: for each piece the nearest parallel one."""
     points = shapely.get_coordinates(shapely.segmentize(line, FRONTAGE_STEP_M))
     ahead = np.gradient(points, axis=0)
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
@@ -184,7 +183,7 @@ def _follows(
 
 
 def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield which points in a row have one owner, and the owner; another's are few between them."""
+    """Yield runs of points with one owner, and the owner; short interruptions are ignored."""
     for k in np.unique(owner[owner >= 0]).tolist():
         mine = np.flatnonzero(owner == k)
         apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / FRONTAGE_STEP_M) + 1
@@ -193,9 +192,9 @@ def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
 
 
 def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int, str, int]]:
-    """Return ends (road, start or end, side) of roads beyond which the next one's curb moves too.
+    """Return ends (road, start or end, side) beyond which the next road's curb moves too.
 
-    There a curb need not go back to its place.
+    There the curb need not return to its place.
     """
     roads = model.road_by_id
     reached: set[tuple[int, str, int]] = set()
@@ -221,7 +220,7 @@ def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int,
 def _moved(
     road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]], move: CurbMove
 ) -> tuple[ModelRoad, Renumbering | None]:
-    """Return a road with one curb on its line."""
+    """Return a road with one curb moved to its line."""
     s, wanted = _way(road, one, ends)
     if len(s) < 2:
         return road, None
@@ -263,7 +262,7 @@ def _moved(
 def _way(
     road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stations (N,) and how far out (N,) the curb moves there, with its tapers."""
+    """Return stations (N,) and displacements outwards (N,) of the curb, with transitions."""
     first, last = max(float(one.s[0]), 0.0), min(float(one.s[-1]), road.length)
     if (road.id, "start", one.side) in ends and first < 2 * FRONTAGE_STEP_M:
         first = 0.0
@@ -294,7 +293,7 @@ def _way(
 
 
 def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
-    """Return over how many metres a curb goes back to its place: outside and inside its line."""
+    """Return the transition lengths of a curb outside and inside its line, metres."""
     if goes_on and room < 2 * FRONTAGE_STEP_M:
         return 0.0, 0.0
     length = float(np.clip(SLANT * abs(far), SHORTEST_TAPER_M, LONGEST_TAPER_M))
@@ -309,9 +308,9 @@ def _missing(
     inwards: NDArray[np.float64],
     most: int | None = None,
 ) -> float:
-    """Return by how much lanes would be narrower than they can be, metres.
+    """Return the width that lanes would lack below their minimum, metres.
 
-    ``most``: how many lanes give up width, from the reference line outwards.
+    ``most``: number of lanes that give up width, from the reference line outwards.
     """
     short = 0.0
     for section, end in zip(road.sections, road.section_ends, strict=True):
@@ -365,9 +364,9 @@ def _wider(
 def _inner_moved(
     road: ModelRoad, side: int, s: NDArray[np.float64], out: NDArray[np.float64]
 ) -> ModelRoad:
-    """Return a road of one direction whose lanes begin farther out on its inner side.
+    """Return a one-way road whose lanes begin farther out on its inner side.
 
-    The lane there becomes wider, and what is raised beside it (a median) gives the ground up.
+    The lane there becomes wider, and a raised lane beside it (a median) becomes narrower.
     """
     at = np.unique(
         np.concatenate(
@@ -403,10 +402,10 @@ def _with_widths(
     *,
     raised: bool = False,
 ) -> ModelRoad:
-    """Return a road in whose sections about stations a side's lanes of the carriageway changed.
+    """Return a road whose lanes on a side change width in the sections around stations.
 
-    ``changed``: of these lanes, outwards, with stations in their section and along the road;
-    ``raised``: of those beside the carriageway instead.
+    ``changed``: function of these lanes, outwards, with stations in their section and along the
+    road. ``raised``: whether it is applied to the lane beside the carriageway instead.
     """
     sections = []
     for section, end in zip(road.sections, road.section_ends, strict=True):
