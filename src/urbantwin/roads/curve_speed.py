@@ -69,7 +69,7 @@ def lane_speeds(
     """Return the speeds of ``curve_speeds`` on all lanes for vehicles, in SUMO's length units.
 
     All lanes of an edge have one length in SUMO, so a vehicle on the outside of a bend covers more
-    ground than SUMO's position says. Positions and speeds are scaled to SUMO's length.
+    ground than SUMO's position indicates. Positions and speeds are scaled to SUMO's length.
 
     A connection is evaluated together with its incoming and outgoing lane, so that corners between
     two lanes and curves just behind are included.

@@ -60,7 +60,7 @@ MAKING = {
     "geometry.avoid-overlap": "false",  # moved apart before, with links drawn from there
     "aggregate-warnings": "-1",
 }
-#: Edge id in netconvert's error messages, and the maximum number of such edges that are removed.
+#: Edge id in netconvert's error messages, and the maximum number of runs that remove such edges.
 EDGE = re.compile(r"edge (?:with id )?'([^']+)'")
 MOST_UNKNOWN = 8
 #: netconvert's messages on crossings without an access and on dropped ones, and the maximum number

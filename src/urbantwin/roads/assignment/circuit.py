@@ -44,7 +44,7 @@ class Circuit:
         target: (K, G) state at which a passage from a start to a gate ends; -1 for none.
         chance: (K, G) probability that a passage from a start leads to a gate; rows sum to 1.
         load: (K,) relative number of passages that begin at each start.
-        room_m: length of all its streets in both directions, metres.
+        room_m: total length of its edges, metres; each edge counts once.
     """
 
     graph: WayGraph

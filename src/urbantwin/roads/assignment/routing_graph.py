@@ -139,8 +139,8 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
     """Return the routing graph of pedestrians; ``None`` where walking is impossible.
 
     State 2k is edge k in its own direction, state 2k + 1 the opposite direction. Connected
-    sidewalks of outer roads are one gate. If that would be all of them, each street inside is a
-    gate, and without outer roads each end of a sidewalk.
+    sidewalks of outer roads are one gate. If all of them form one gate, each street inside is a
+    gate instead. Without outer roads, each end of a sidewalk is a gate.
 
     Args:
         network: the streets.

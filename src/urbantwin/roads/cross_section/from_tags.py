@@ -25,7 +25,7 @@ from urbantwin.site.access import CYCLE_TRACK, Permission, permission_of
 
 __all__ = ["cross_section", "reinterpreted"]
 
-#: Range of widths of motor traffic lanes, metres; a road width outside it is ignored.
+#: Range of widths of motor traffic lanes, metres; a road width that implies others is ignored.
 NARROWEST_M, WIDEST_M = 2.0, 8.0
 #: Default width of one lane for both directions, metres, and of one on which cars can pass each
 #: other (``lanes=1.5``; RASt 06: 4.10 m for two cars at low speed).

@@ -12,7 +12,8 @@ __all__ = ["parking", "roadside"]
 
 ORIENTATIONS = ("parallel", "diagonal", "perpendicular")
 FORBIDDEN = frozenset({"no_parking", "no_stopping", "no_standing", "fire_lane"})
-#: Positions of parked cars, with the share of the parking depth on the carriageway.
+#: Positions of parked cars, with the share of the parking depth on the carriageway's side of the
+#: curb.
 POSITIONS = {
     "lane": 1.0,
     "yes": 1.0,

@@ -54,7 +54,7 @@ def passages_of(
     """Return the shortest path from each incoming edge of a junction to each outgoing edge.
 
     Paths follow the edge-to-edge links of the map. U-turns are excluded unless there is no other
-    passage or the map has a separate link for them.
+    passage or the map has a separate way for them.
 
     Args:
         plain: the network.

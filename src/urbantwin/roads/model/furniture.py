@@ -29,7 +29,7 @@ class RoadArea:
     """An area on a road: a crosswalk, a stop line, a traffic island.
 
     Attributes:
-        id: unique among all elements of the lane model.
+        id: unique among areas, signals and controllers.
         road: id of the road that it belongs to.
         kind: OpenDRIVE object type: crosswalk, roadMark, trafficIsland.
         name: ``crosswalk``, ``StopLine``, ...
@@ -57,7 +57,7 @@ class RoadSignal:
     """A signal head or a sign on a road.
 
     Attributes:
-        id: unique among all elements of the lane model.
+        id: unique among areas, signals and controllers.
         road: id of the road that it applies to.
         name: readable name.
         dynamic: whether its state changes (traffic lights).
@@ -103,7 +103,7 @@ class SignalController:
     """A controller that switches a group of signals.
 
     Attributes:
-        id: unique among all elements of the lane model.
+        id: unique among areas, signals and controllers.
         name: id of the signal program.
         signals: ids of its signals.
         junctions: ids of the junctions of its signals.

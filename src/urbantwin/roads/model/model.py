@@ -109,7 +109,7 @@ class ModelJunction:
     """A junction of roads.
 
     Attributes:
-        id: unique among all elements of the lane model.
+        id: unique among junctions.
         name: id of the junction in the SUMO network and in ``RoadNetwork``; empty if none yet.
         connections: all connections through it.
         outline: (M, 2) outline in plan, site frame, metres; empty if unknown.

@@ -41,7 +41,7 @@ class ModelRoad:
     left (ASAM OpenDRIVE 1.8, 10.5).
 
     Attributes:
-        id: unique among all elements of the lane model.
+        id: unique among roads.
         name: name of the street.
         kind: class of the street as in OpenStreetMap (``residential``); empty if unknown.
         ways: ids of its OSM ways.

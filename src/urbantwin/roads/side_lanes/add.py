@@ -389,7 +389,7 @@ def _ends(
             gaps.append(clear)
             ramps.append(True)
         else:
-            # If no sidewalk beyond it would have to move back, it extends to the end.
+            # If no lane beyond it would have to move back, it extends to the end.
             gaps.append(NEXT_M if moved else 0.0)
             ramps.append(moved)
     return first + gaps[0], last - gaps[1], (ramps[0], ramps[1])

@@ -3,9 +3,8 @@
 Sources for the positions of heads:
 
 - United States and countries that follow it: MUTCD 2009, 4D.11 to 4D.15: the faces 40 to 180 ft
-beyond the
-  stop line, one for each lane or two for the main movement; over the lanes 15 ft and more clear,
-  beside them 8 ft.
+  beyond the stop line, one for each lane or two for the main movement; over the lanes 15 ft and
+  more clear, beside them 8 ft.
 - Japan, Korea, Taiwan, China: far side, over the lanes; horizontal heads in the first three
   (Japan: Road Traffic Act Enforcement Order, form 1; Taiwan: 道路交通標誌標線號誌設置規則, 212 ff.;
   China: GB 14886-2016, 5).

@@ -45,7 +45,8 @@ class _Part:
     """The lanes of a road that become one road.
 
     Attributes:
-        id: id of that road.
+        road: the original road.
+        id: id of the new road.
         along: whether its traffic runs along the reference line.
         sides: 1 for the lanes to the left of the reference line, -1 for those to the right.
     """
