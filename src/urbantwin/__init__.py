@@ -1,6 +1,6 @@
 """UrbanTwin: a real street intersection as a LiDAR digital twin and as labelled training data.
 
-The main road is here, and each group of commands is a module: ``site``, ``traffic``, ``rig``,
+The main commands are here; each group of commands is a module: ``site``, ``traffic``, ``rig``,
 ``dataset``, ``model``, ``experiment`` and ``catalogue``. Every command is a function of the same
 name, with the command's options and defaults:
 
@@ -13,7 +13,7 @@ name, with the command's options and defaults:
     model = ut.model.train(dataset)
     dataset[3].points, ut.open("out/dataset").boxes, twin.plot()
 
-What they need is imported when they are first used. docs/guide/dataset.md tells more.
+Submodules are imported on first use. See docs/guide/dataset.md.
 """
 
 from typing import TYPE_CHECKING

@@ -10,9 +10,9 @@ from urbantwin.interruption import ends_at_once, leave
 
 __all__ = ["main"]
 
-ends_at_once()  # before the imports of the commands, which take a while
-# What is imported stays, and a tenth of the time would go into looking for garbage in it: looked
-# for after ten times as many objects as Python does by itself.
+ends_at_once()  # before the slow imports of the commands
+# Imported objects stay alive, and searching them for garbage would take a tenth of the time:
+# collect after ten times as many allocations as Python's default.
 gc.set_threshold(7_000, 10, 10)
 
 
@@ -25,14 +25,14 @@ def main() -> NoReturn:
 
 
 def _use_utf8() -> None:
-    """Begin again in UTF-8 mode where the locale has another encoding, as ``LC_ALL=C`` may.
+    """Restart in UTF-8 mode if the locale has another encoding, as ``LC_ALL=C`` may.
 
-    Files that we read name others, in UTF-8, and Python would look for other names. What is shown
-    stays in the locale's encoding.
+    Input files name other files in UTF-8, which Python would otherwise decode differently. Output
+    keeps the locale's encoding.
     """
     if sys.getfilesystemencoding() == "utf-8" or os.environ.get("PYTHONUTF8") == "1":
         return
-    os.environ |= {"PYTHONUTF8": "1", "LC_ALL": "C.UTF-8"}  # the latter for SUMO's programs
+    os.environ |= {"PYTHONUTF8": "1", "LC_ALL": "C.UTF-8"}  # LC_ALL is for SUMO's programs
     if sys.stdout is not None:
         os.environ.setdefault("PYTHONIOENCODING", f"{sys.stdout.encoding}:backslashreplace")
     with suppress(OSError):

@@ -29,17 +29,17 @@ __all__ = [
     "readable",
 ]
 
-#: Most characters of each part of an error: what is longer is a file's content, not a message.
+#: Most characters of each part of an error message; longer text is the content of a file.
 _LONGEST = 320
 
 
 def readable(text: str, most: int = _LONGEST) -> str:
-    r"""Return a text as one line that a terminal shows as it is, shortened in its middle.
+    r"""Return a text as one printable line, shortened in the middle.
 
-    Bytes that move the cursor, change colours or turn the direction of writing come as escapes
-    (``\x1b``): they may stand in the names and values of any file.
+    Control characters (cursor, colour, writing direction), which may occur in names and values of
+    any file, are escaped (``\x1b``).
     """
-    if len(text) > 2 * most:  # the middle goes before each of a million letters is looked at
+    if len(text) > 2 * most:  # cut first, to not process a million characters
         text = f"{text[:most]} ... {text[-most:]}"
     line = " ".join(text.split())
     if not line.isprintable():
@@ -54,24 +54,24 @@ def readable(text: str, most: int = _LONGEST) -> str:
 
 
 class UrbanTwinError(Exception):
-    """The common root: catch it to catch every error that UrbanTwin raises on purpose."""
+    """Base class of all errors that UrbanTwin raises intentionally."""
 
     def __str__(self) -> str:
-        """Return the one line that a person reads."""
+        """Return the error as one line."""
         return readable(super().__str__(), 3 * _LONGEST)
 
 
 class InputError(UrbanTwinError):
-    """A file or a value that a person gave is wrong.
+    """A file or a value given by the user is wrong.
 
-    ``str(error)`` is one line: ``FILE: PLACE: what is wrong; expected what was expected``, in which
-    each part is shortened where it is longer than a line or two.
+    ``str(error)`` is one line: ``FILE: PLACE: what is wrong; expected what was expected``. Long
+    parts are shortened.
 
     Args:
-        problem: what is wrong, in the reader's words.
-        file: the file that holds the bad value, if there is one.
-        place: where in that file: a field (``traffic.per_hour.car``), a line, an element's id.
-        expected: what would have been right.
+        problem: description of the error.
+        file: file with the wrong value, if any.
+        place: place in the file: a field (``traffic.per_hour.car``), a line, an element's id.
+        expected: description of a valid value.
     """
 
     def __init__(
@@ -89,11 +89,11 @@ class InputError(UrbanTwinError):
         super().__init__(problem, self.file, place, expected)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Let the error travel from a worker process to the one that tells it."""
+        """Make the error picklable, for worker processes."""
         return (_input_error, self.args)
 
     def __str__(self) -> str:
-        """Return the one line that a person reads."""
+        """Return the error as one line."""
         parts = (self.file, self.place, self.problem)
         text = ": ".join(readable(part) for part in parts if part)
         if self.expected:
@@ -108,19 +108,19 @@ def _input_error(
 
 
 class StageError(UrbanTwinError):
-    """A tool that a stage relies on (netconvert, SUMO) failed on input that passed our checks."""
+    """A tool used by a stage (netconvert, SUMO) failed on input that passed our checks."""
 
 
 class TooLittleRoomError(InputError):
-    """What is asked for will not fit on the disk; nothing was begun."""
+    """The result would not fit on the disk; nothing was written."""
 
 
 class NoRoomError(StageError):
-    """The disk is full, or may not be written to any further; whatever comes next fails, too."""
+    """The disk is full, or cannot be written to any more; further steps would fail as well."""
 
 
 class LimitError(StageError):
-    """The system gives this process no more memory, threads, processes or open files."""
+    """The system denies this process more memory, threads, processes or open files."""
 
 
 _NO_MEMORY = re.compile(
@@ -135,19 +135,19 @@ _NO_FILE = re.compile("too many open files", re.IGNORECASE)
 
 
 def limit_reached(error: BaseException) -> LimitError | None:
-    """Return what is said of an error, and what to do, if a limit of the system is its cause.
+    """Return an error with a remedy, if a system limit caused the given error.
 
-    Libraries report it in many ways, and a reader of files may have taken it for a damaged file. A
-    file that asks for more memory than this machine has is damaged all the same.
+    Libraries report limits in many ways, and a reader may have reported a damaged file instead. A
+    file that requests more memory than the machine has counts as damaged.
 
     Args:
-        error: with what it was raised from, or while.
+        error: the error; its causes and contexts are examined as well.
 
     Returns:
-        The error to report instead; ``None`` where another cause is likelier.
+        The error to report instead; ``None`` if another cause is more likely.
     """
     cause: BaseException | None = error
-    for _ in range(100):  # a chain may be a circle
+    for _ in range(100):  # the chain may be circular
         if cause is None:
             return None
         if isinstance(cause, LimitError):
@@ -173,7 +173,7 @@ def _limit_of(error: BaseException) -> str | None:
             "or allow more (ulimit -u, ulimit -v, the container's limits)"
         )
     if isinstance(error, MemoryError):
-        wanted = getattr(error, "_total_size", None)  # numpy's
+        wanted = getattr(error, "_total_size", None)  # attribute of NumPy's error
         if isinstance(wanted, int) and wanted > _machine_bytes():
             return None
     elif number != errno.ENOMEM and not _NO_MEMORY.search(said):
@@ -189,7 +189,7 @@ def _limit_of(error: BaseException) -> str | None:
 
 
 def limit_of_process(name: str) -> int | None:
-    """Return a limit of this process; ``None`` where it has none (Windows knows no limits)."""
+    """Return a limit of this process; ``None`` if unlimited or on Windows."""
     try:
         import resource
     except ImportError:

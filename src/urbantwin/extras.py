@@ -1,4 +1,4 @@
-"""Optional packages: the extras of ``pyproject.toml``, which a plain installation lacks."""
+"""Optional packages: the extras of ``pyproject.toml``, missing in a plain installation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["EXTRAS", "check_extra", "how_to_install"]
 
-#: Extra -> the modules of it that UrbanTwin imports.
+#: Modules that UrbanTwin imports, by extra.
 EXTRAS = {
     "airborne": ("pyogrio",),
     "bags": ("lz4", "mcap", "mcap_protobuf", "rosbags", "velodyne_decoder", "zstandard"),
@@ -41,14 +41,14 @@ def check_extra(
     file: str | Path | None = None,
     place: str | None = None,
 ) -> None:
-    """Refuse a task whose optional packages are not installed; nothing is imported.
+    """Check that a task's optional packages are installed, without importing them.
 
     Args:
         extra: a key of `EXTRAS`.
-        use: what needs it, the subject of the message: "reading E57".
-        modules: those of the extra that this task needs; all of them if empty.
-        file: the file that asks for it, for the message.
-        place: the option or field that asks for it, for the message.
+        use: the task, as subject of the message: "reading E57".
+        modules: modules of the extra that the task needs; all if empty.
+        file: file that requires it, for the message.
+        place: option or field that requires it, for the message.
 
     Raises:
         InputError: a package is missing; the message has the command that installs it.
@@ -66,5 +66,5 @@ def check_extra(
 def _is_installed(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):  # imports of it are blocked, or it was loaded without a spec
+    except (ImportError, ValueError):  # blocked, or loaded without a spec
         return False

@@ -1,12 +1,12 @@
-"""Interruption: Ctrl-C, SIGTERM and SIGHUP end a command in the same way, wherever it is.
+"""Interruption: Ctrl-C, SIGTERM and SIGHUP end a command in the same way at any time.
 
-While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
-While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`). Some
-libraries swallow it (pyarrow does while it looks for pandas, and so do many ``except:``), and
-Python itself in callbacks: it is looked every tenth of a second whether it still unwinds, and if
-not, it comes again. Where compiled code is on its way, it comes a moment later. While a result
-takes its place, the signal waits (`deferred`). Then the process ends without waiting for threads
-(`leave`).
+While Python starts and imports, nothing has been written yet and the process simply ends
+(`ends_at_once`). While a command works, ``KeyboardInterrupt`` unwinds it, which removes its scratch
+files (`unwinds`). Some libraries swallow it (pyarrow while it searches for pandas, many
+``except:``), as Python does in callbacks. So a timer checks every tenth of a second whether it
+still unwinds, and raises it again if not. While compiled code runs, it is raised afterwards. While
+a result is moved to its place, the signal waits (`deferred`). At the end the process ends without
+waiting for threads (`leave`).
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ __all__ = [
     "unwinds",
 ]
 
-#: As shells have it: 128 + SIGINT.
+#: Exit code as in shells: 128 + SIGINT.
 EXIT_CODE = 130
 _SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 if hasattr(signal, "SIGHUP"):  # not on Windows
     _SIGNALS += (signal.SIGHUP,)
-#: How often it is looked whether an interruption still unwinds, seconds.
+#: Time between checks whether an interruption still unwinds, seconds.
 _LOOK_S = 0.1
 
 Handler = Callable[[int, FrameType | None], object]
 
 
 class _Interrupted(KeyboardInterrupt):
-    """An interruption that was asked for.
+    """A deliberate interruption.
 
-    Python notes a plain ``KeyboardInterrupt`` that leaves a text which is executed (dataclasses are
-    made so), and then ends by SIGINT in the end, although it was caught (``Py_RunMain``).
+    A plain ``KeyboardInterrupt`` that leaves executed text (as dataclasses use) is recorded by
+    Python, which then ends by SIGINT although the exception was caught (``Py_RunMain``).
     """
 
 
 class Interruptions:
-    """How often a block was interrupted, even where a library swallowed the exception.
+    """Counter of a block's interruptions, including those that a library swallowed.
 
     Attributes:
-        count: so often.
-        heard: whether one raises; who has begun to say that there was one listens no more.
+        count: number of interruptions.
+        heard: whether an interruption raises; false once its report has begun.
     """
 
     def __init__(self) -> None:
@@ -62,26 +62,26 @@ class Interruptions:
         self.heard = True
 
 
-#: What the process is to end with, once that is known.
+#: Exit code of the process, once known.
 _code: int | None = None
 
 
 def ends_at_once() -> None:
-    """From now on let an interruption end the process with one line: there is nothing to undo."""
+    """From now on let an interruption end the process with one line; nothing needs cleaning up."""
     for number in _heard():
         signal.signal(number, _end)
-    atexit.register(_end_of_all)  # what is registered first is called last
+    atexit.register(_end_of_all)  # registered first, so called last
 
 
 def leave(code: int) -> NoReturn:
-    """End the process: what is registered for its end runs, but Python is not taken apart.
+    """End the process: run exit handlers, but skip Python's finalisation.
 
-    That takes most of a second where much is in memory. And a thread may still be at work in
-    compiled code where an interruption cut the wait for it (CPython 3.11 takes it for ended then):
-    it would abort the process when it comes back.
+    Finalisation takes up to a second with much in memory. A thread may also still run in compiled
+    code after an interrupted wait (CPython 3.11 then considers it ended) and would abort the
+    process when it returns.
 
     Args:
-        code: the exit code; with that of an interruption, which was said, no thread is waited for.
+        code: exit code; with that of an interruption (already reported) no thread is waited for.
     """
     global _code  # noqa: PLW0603 - a process ends once
     _code = code
@@ -95,18 +95,18 @@ def leave(code: int) -> NoReturn:
 def _end_of_all() -> None:
     if _code is not None:
         for stream in (sys.stdout, sys.stderr):
-            with suppress(AttributeError, OSError, ValueError):  # closed, or nobody reads any more
+            with suppress(AttributeError, OSError, ValueError):  # closed, or the reader is gone
                 stream.flush()
         os._exit(_code)
-    # A traceback: nobody hears signals while Python takes itself apart, and one would end it
-    # without a word, and with another exit code.
+    # After a traceback: a signal during Python's finalisation would end it silently and with
+    # another exit code.
     for number in _heard():
         signal.signal(number, signal.SIG_IGN)
 
 
-#: One for each block of the main thread that defers interruptions now.
+#: One entry per block of the main thread that currently defers interruptions.
 _deferring: list[int] = []
-#: Those of the blocks that are at work (`unwinds`), the innermost last.
+#: Counters of the active `unwinds` blocks, innermost last.
 _at_work: list[Interruptions] = []
 
 
@@ -142,12 +142,12 @@ def unwinds() -> Iterator[Interruptions]:
 
 
 def _unwinding() -> bool:
-    """Return whether this thread is on its way out because of an interruption.
+    """Return whether this thread is unwinding because of an interruption.
 
-    What cleans up in ``finally``, ``except`` and ``with`` does so while it handles the exception.
+    Clean-up code in ``finally``, ``except`` and ``with`` runs while the exception is handled.
     """
     error = sys.exception()
-    for _ in range(100):  # a chain may be a circle
+    for _ in range(100):  # the chain may be circular
         if error is None or isinstance(error, _Interrupted):
             break
         error = error.__cause__ or error.__context__
@@ -156,7 +156,7 @@ def _unwinding() -> bool:
 
 @contextmanager
 def _not_lost() -> Iterator[None]:
-    """Let what Python drops, in a callback of a weak reference, not be printed: it comes again."""
+    """Suppress printing of interruptions that Python drops in weak-reference callbacks."""
     before = sys.unraisablehook
 
     def hear(dropped: sys.UnraisableHookArgs) -> None:
@@ -171,9 +171,9 @@ def _not_lost() -> Iterator[None]:
 
 
 def unless_swallowed() -> None:
-    """Raise ``KeyboardInterrupt`` again where a library swallowed it.
+    """Raise ``KeyboardInterrupt`` again if a library swallowed it.
 
-    Python itself does, in what it calls while it imports or collects garbage.
+    Python itself swallows it in callbacks during imports and garbage collection.
     """
     if any(one.count and one.heard for one in _at_work):
         raise _Interrupted
@@ -181,7 +181,7 @@ def unless_swallowed() -> None:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Let an interruption wait until the block has ended: for moments that must not be cut."""
+    """Defer interruptions until the block has ended."""
     waiting: list[int] = []
     here = [1] if _in_main_thread() else []
     try:
@@ -197,7 +197,7 @@ def deferred() -> Iterator[None]:
 
 
 def _called_by_compiler(frame: FrameType | None) -> bool:
-    """Return whether LLVM called what runs now: no exception gets through it, and it crashes."""
+    """Return whether LLVM called the running code, through which an exception would crash."""
     while frame is not None:
         if frame.f_code.co_name.startswith("_raw_object_cache_"):
             return frame.f_globals.get("__name__") == "llvmlite.binding.executionengine"
@@ -206,7 +206,7 @@ def _called_by_compiler(frame: FrameType | None) -> bool:
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
-    # No line of Python's own, no traceback out of half an import.
+    # Print one line instead of Python's traceback out of an import.
     os.write(2, b"error: interrupted\n")
     os._exit(EXIT_CODE)
 
@@ -222,13 +222,13 @@ def _in_main_thread() -> bool:
 
 
 def _heard() -> list[signal.Signals]:
-    """Return the signals that whoever started this process wants heard: not `nohup`'s."""
+    """Return the signals that are not ignored, as under `nohup`."""
     return [one for one in _SIGNALS if signal.getsignal(one) not in (signal.SIG_IGN, None)]
 
 
 @contextmanager
 def _handled(handler: Handler) -> Iterator[None]:
-    if not _in_main_thread():  # Python's rule
+    if not _in_main_thread():  # signal handlers belong to the main thread
         yield
         return
     before = {number: signal.getsignal(number) for number in _heard()}

@@ -1,7 +1,7 @@
-"""Numbers as files write them: what Python's ``float`` takes beside them is none.
+"""Strict parsing of numbers in files.
 
-``float`` and ``int`` also understand ``1_0`` and the digits of every script, and ``float`` takes
-``nan`` and ``inf``; no format that we read has them.
+Python's ``float`` and ``int`` also accept ``1_0`` and digits of every script, and ``float`` accepts
+``nan`` and ``inf``; no format read here allows them.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 __all__ = ["finite_number", "leading_numbers", "plain_number", "whole_number"]
 
-#: Longer texts are no number of anything.
+#: Longest text of a number, characters.
 _LONGEST = 400
-#: Whole numbers of more digits, leading zeros included, are not read.
+#: Most digits of an integer that is read, leading zeros included.
 _MOST_DIGITS = 40
 
 
 def plain_number(text: str) -> float:
-    """Return the number that a text says, which may be infinite or nan.
+    """Return the number in a text; may be infinite or nan.
 
     Raises:
-        ValueError: it says none.
+        ValueError: the text is not a number.
     """
     if len(text) > _LONGEST or not text.isascii() or "_" in text:
         raise ValueError(f"{text[:20]!r} is no number")
@@ -34,7 +34,7 @@ def plain_number(text: str) -> float:
 
 
 def finite_number(text: str | None) -> float | None:
-    """Return the number that a text says; ``None`` where it says none, nan or one without end."""
+    """Return the number in a text; ``None`` if it is not a finite number."""
     try:
         value = plain_number(text or "")
     except ValueError:
@@ -43,23 +43,23 @@ def finite_number(text: str | None) -> float | None:
 
 
 def whole_number(text: str | None) -> int | None:
-    """Return the whole number of 64 bits with a sign that a text says; ``None`` for all else."""
+    """Return the signed 64-bit integer in a text; ``None`` for anything else."""
     digits = (text or "").strip().lstrip("+-")
     if len(digits) > _MOST_DIGITS or not (digits.isascii() and digits.isdecimal()):
         return None
     try:
         number = int(text or "")
-    except ValueError:  # more than one sign
+    except ValueError:  # several signs
         return None
     return number if -(2**63) <= number < 2**63 else None
 
 
 def leading_numbers(text: bytes) -> NDArray[np.float64]:
-    """Return the numbers (N,) of a text that blanks part, up to the first word that is none."""
+    """Return the blank-separated numbers (N,) of a text, up to the first other word."""
     import numpy as np
 
     if text.isspace() or not text:
-        return np.zeros(0)  # numpy takes blanks for a number
+        return np.zeros(0)  # numpy would read a blank text as a number
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:

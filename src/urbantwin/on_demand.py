@@ -1,6 +1,6 @@
-"""Public names of a package whose modules are imported when they are first asked for.
+"""Public names of packages, imported on first access.
 
-A package says its names once, where type checkers and people read them:
+A package lists its names once, for type checkers and readers:
 
     if TYPE_CHECKING:
         from urbantwin.geometry.pose import Pose
@@ -9,7 +9,7 @@ A package says its names once, where type checkers and people read them:
 
     names_on_demand(__name__)
 
-Who asks for ``Pose`` then waits for that module alone, and not for all that the package has.
+Access to ``Pose`` then imports its module only, not the whole package.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["names_on_demand"]
 
 
 class _Package(ModuleType):
-    """A package that imports what its ``if TYPE_CHECKING:`` block names (compare PEP 562)."""
+    """A package that imports the names in its ``if TYPE_CHECKING:`` block (compare PEP 562)."""
 
     _modules: dict[str, str]
 
@@ -39,8 +39,8 @@ class _Package(ModuleType):
         return value
 
     def __setattr__(self, name: str, value: object) -> None:
-        # The import system sets a package's modules as its attributes. One that is spelt like a
-        # public name (``compare.compare``) must not hide that.
+        # The import system sets submodules as attributes of a package. A submodule spelt like a
+        # public name (``compare.compare``) must not hide that name.
         hidden = self._modules.get(name, self.__name__) != self.__name__
         if not (isinstance(value, ModuleType) and hidden):
             super().__setattr__(name, value)
@@ -50,7 +50,7 @@ class _Package(ModuleType):
 
 
 def names_on_demand(package: str) -> None:
-    """Let a package import the names of its ``if TYPE_CHECKING:`` block when they are asked for."""
+    """Make a package import the names of its ``if TYPE_CHECKING:`` block on access."""
     module = sys.modules[package]
     assert module.__spec__ is not None
     source = module.__spec__.loader.get_source(package)  # type: ignore[union-attr]

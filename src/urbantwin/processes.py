@@ -1,4 +1,4 @@
-"""Processors and processes: how many there are, and workers that end as they should."""
+"""Processors and worker processes."""
 
 from __future__ import annotations
 
@@ -48,26 +48,25 @@ _T = TypeVar("_T")
 _P = ParamSpec("_P")
 
 _a_worker = False
-#: Addresses that a process needs to trace rays, most of which never become memory, bytes.
+#: Address space that a process needs to trace rays, bytes; most of it is never used.
 LEAST_ADDRESSES = 3_200_000_000
-#: So often it is looked whether any worker is left, seconds.
+#: Time between checks for remaining workers, seconds.
 _LOOK_S = 0.2
-#: Within this a pool knows that a worker was killed, seconds.
+#: Time within which a pool notices a killed worker, seconds.
 _MOMENT_S = 0.1
 
 
 def usable_processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def check_addresses() -> None:
-    """Refuse long work where a limit of addresses (``ulimit -v``) leaves too few of them.
+    """Check that the address-space limit (``ulimit -v``) suffices for long work.
 
-    Compiled libraries end the whole process where an allocation fails, so that nothing could be
-    said or cleaned up.
+    Compiled libraries end the process on a failed allocation, without a message or clean-up.
 
     Raises:
         LimitError: the limit is lower.
@@ -81,12 +80,12 @@ def check_addresses() -> None:
 
 
 def threads() -> int:
-    """Return on how many threads this process should calculate: on one if it is a worker."""
+    """Return the number of threads for calculations: one in a worker process."""
     return 1 if _a_worker or parent_process() is not None else usable_processors()
 
 
 def calculate_as_worker() -> None:
-    """Let this process calculate on one thread: something else than a pool of ours started it."""
+    """Make this process calculate on one thread, as a worker that no pool of ours started."""
     global _a_worker  # noqa: PLW0603
     _a_worker = True
 
@@ -95,46 +94,47 @@ def calculate_as_worker() -> None:
 def worker_pool(
     workers: int, start: Callable[..., None], *arguments: object
 ) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of processes; what nobody has begun when the block ends is dropped.
+    """Yield a pool of processes; tasks not begun at the end of the block are dropped.
 
-    Workers calculate with one thread each, as they are many. They leave an interrupt to the
-    process that has the pool, and end with it even when it is killed.
+    Workers use one thread each. They ignore interrupts, and end with the pool's process even if it
+    is killed.
 
     Args:
-        workers: how many processes.
+        workers: number of processes.
         start: called in every worker before its work.
-        arguments: of ``start``.
+        arguments: arguments of ``start``.
     """
     check_addresses()
-    # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
+    # Spawned, not forked: a fork copies locks of threads but not the threads that hold them.
     with ExitStack() as given:
         place = given.enter_context(handed((start, arguments)))
         pool = ProcessPoolExecutor(workers, get_context("spawn"), partial(_start, place))
         try:
             with ExitStack() as here:
-                # Deferred: a worker that is told half of it ends with a traceback.
+                # Interruptions are deferred: a worker that gets half of its start data ends with a
+                # traceback.
                 for surroundings in (deferred, _one_thread_each, _uninterrupted, _without_script):
                     here.enter_context(surroundings())
-                for _ in range(workers):  # a worker starts when there is work for it
+                for _ in range(workers):  # each task starts one worker
                     pool.submit(os.getpid)
             yield pool
         finally:
-            given.close()  # who is still beginning sees it
+            given.close()  # workers that are still starting notice it
             try:
                 pool.shutdown(wait=True, cancel_futures=True)
-            except BaseException:  # interrupted once more: what they write to will be taken away
+            except BaseException:  # interrupted again: the workers' output folder will be removed
                 _kill_workers()
                 raise
 
 
 @dataclass(frozen=True, eq=False)
 class Helpers:
-    """Processes that work beside this one.
+    """Worker processes beside this one.
 
     Attributes:
-        workers: how many work, this one among them.
-        pool: of the others; ``None`` where there are none.
-        first: the first task of the pool: it is done once a helper is ready.
+        workers: number of working processes, this one included.
+        pool: pool of the other processes; ``None`` if there are none.
+        first: first task of the pool, done once a helper is ready.
     """
 
     workers: int
@@ -143,7 +143,7 @@ class Helpers:
 
     @property
     def ready(self) -> ProcessPoolExecutor | None:
-        """The pool once a helper is ready; ``None`` before, and where there is no pool."""
+        """The pool once a helper is ready; ``None`` before, and without a pool."""
         return self.pool if self.first is not None and self.first.done() else None
 
 
@@ -151,13 +151,12 @@ class Helpers:
 def helpers(
     workers: int | None, start: Callable[..., None], *arguments: object
 ) -> Iterator[Helpers]:
-    """Yield processes that get ready while this one does: what they work on may come later.
+    """Yield helper processes, which start up while this process continues.
 
     Args:
-        workers: how many are to work, this one among them; as many as there are processors if not
-            given.
+        workers: number of working processes, this one included; all processors if not given.
         start: see `worker_pool`.
-        arguments: of ``start``.
+        arguments: arguments of ``start``.
     """
     check_addresses()
     workers = usable_processors() if workers is None else workers
@@ -169,7 +168,7 @@ def helpers(
 
 
 def pool_of(crew: object) -> ProcessPoolExecutor | None:
-    """Return the pool of helpers of whoever works; ``None`` where they are no helpers of ours."""
+    """Return the pool of helpers; ``None`` for other kinds of workers."""
     return crew.pool if isinstance(crew, Helpers) else None
 
 
@@ -180,15 +179,15 @@ def begun(
     *arguments: _P.args,
     **named: _P.kwargs,
 ) -> Iterator[Callable[[], _T]]:
-    """Yield what returns the result of a function, which a helper calls while this process goes on.
+    """Yield a function that returns the result of a call made by a helper in the background.
 
-    Where there is no helper, or it was killed, the function is called here when it is asked for.
+    Without a helper, or if it was killed, the function is called here on demand.
 
     Args:
-        pool: of helpers; ``None`` where there are none.
-        function: what is called.
-        arguments: of the function.
-        named: its arguments by name.
+        pool: pool of helpers; ``None`` if there are none.
+        function: function to call.
+        arguments: its positional arguments.
+        named: its keyword arguments.
     """
     future: Future[_T] | None = None
     if pool is not None:
@@ -208,10 +207,10 @@ def begun(
 
 
 def over(under_way: Collection[Future[Any]], *, every: bool = False) -> set[Future[Any]]:
-    """Wait until a future of a pool is over; return those that are, or none if none will be.
+    """Wait until a pool's future is done; return the done ones, empty if none can be.
 
-    None will be when no worker is left: what is handed to a pool just as its last worker is killed
-    may never be told that it was (CPython 3.11 looks through what waits once).
+    None can be done once no worker is left: a task submitted just as the last worker is killed may
+    never be notified (CPython 3.11 checks pending tasks once).
 
     Args:
         under_way: futures of a pool of this process.
@@ -225,15 +224,15 @@ def over(under_way: Collection[Future[Any]], *, every: bool = False) -> set[Futu
 
 
 def settle(under_way: Collection[Future[Any]]) -> None:
-    """Drop what nobody has begun, and wait until the rest of it is over."""
+    """Cancel tasks that have not begun, and wait for the others."""
     try:
-        # A signal to all ends workers, too. Where a pool of CPython 3.11 finds something cancelled
-        # then, it tells the others nothing: it is left a moment to tell them first.
+        # A signal to the process group ends workers, too. A pool of CPython 3.11 that then finds a
+        # cancelled task does not notify the others, so it gets a moment to notify them first.
         wait(under_way, timeout=_MOMENT_S)
         for future in under_way:
             future.cancel()
         over(under_way, every=True)
-    except BaseException:  # interrupted once more
+    except BaseException:  # interrupted again
         _kill_workers()
         raise
 
@@ -246,10 +245,10 @@ def _kill_workers() -> None:
 
 @contextmanager
 def handed(value: object) -> Iterator[str]:
-    """Yield where processes of this machine receive a value as long as the block runs.
+    """Yield a path at which processes of this machine can read a value during the block.
 
-    It is in memory of this process, which goes with it: much would not fit into the pipe by which
-    workers are started, and who writes there waits for ever if one is killed.
+    The value is in anonymous memory of this process. A large value would not fit into the pipe that
+    starts workers, and writing to it would block forever if a worker is killed.
     """
     memory = os.memfd_create("urbantwin-workers")
     try:
@@ -261,7 +260,7 @@ def handed(value: object) -> Iterator[str]:
 
 
 def received(place: str) -> Any:  # noqa: ANN401 - whatever was handed
-    """Return what another process handed.
+    """Return the value that another process provided with `handed`.
 
     Raises:
         FileNotFoundError: its block has ended.
@@ -271,12 +270,12 @@ def received(place: str) -> Any:  # noqa: ANN401 - whatever was handed
 
 
 def _start(place: str) -> None:
-    # Python is not taken apart at the end, for which the pool would wait: nothing is left to do.
+    # Skip Python's finalisation, for which the pool would wait.
     atexit.register(os._exit, 0)
     begun = threading.Event()
     threading.Thread(target=_end_with_the_run, daemon=True).start()
     threading.Thread(target=_end_with_the_pool, args=(place, begun), daemon=True).start()
-    # What is imported stays: an eighth of this would go into looking for what of it is garbage.
+    # Imported objects stay alive: searching them for garbage would take an eighth of the time.
     gc.disable()
     try:
         start, arguments = received(place)
@@ -289,17 +288,17 @@ def _start(place: str) -> None:
 
 
 def _end_with_the_pool(place: str, begun: threading.Event) -> None:
-    """End this worker if the pool ends while it begins, which may take long."""
+    """End this worker if the pool ends during a long start."""
     while not begun.wait(0.1):
         if not os.path.lexists(place):
             os._exit(1)
 
 
 def _end_with_the_run() -> None:
-    """End this worker when the run that started it is killed.
+    """End this worker when the process that started it is killed.
 
-    It would wait for work for ever: it holds the other end of the pipe that work comes by itself.
-    And it would write files while a run that goes on writes the same.
+    It would otherwise wait forever, since it holds the other end of its own task pipe, and could
+    write files while a new run writes the same ones.
     """
     run = parent_process()
     assert run is not None
@@ -309,7 +308,7 @@ def _end_with_the_run() -> None:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that start in the block calculate with one thread."""
+    """Make processes started in the block calculate with one thread."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -325,11 +324,11 @@ def _one_thread_each() -> Iterator[None]:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Let processes that start in the block never hear of Ctrl-C, from their first moment."""
+    """Make processes started in the block ignore Ctrl-C from the start."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # Held back, not ignored: they inherit that, and here it comes when the block has ended.
+    # Blocked, not ignored: children inherit the mask, and here the signal arrives after the block.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -339,10 +338,10 @@ def _uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def _without_script() -> Iterator[None]:
-    """Hide what runs as ``__main__`` from processes that start in the block.
+    """Hide the ``__main__`` module from processes started in the block.
 
-    They have no use for it, but would import it: a person's script without a guard
-    (``if __name__ == "__main__"``) would run again in each of them.
+    They would import it: a user's script without the guard ``if __name__ == "__main__"`` would run
+    again in each of them.
     """
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")

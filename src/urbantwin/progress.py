@@ -1,4 +1,4 @@
-"""How far a long function is: what it tells, and how its parts tell theirs."""
+"""Progress reports of long functions."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import TypeVar
 
 __all__ = ["Progress", "between", "each", "untold"]
 
-#: What every long function calls: the share that is done (0..1) and what is being done.
+#: Progress callback, called with the fraction done (0..1) and a description.
 Progress = Callable[[float, str], None]
 
 _Thing = TypeVar("_Thing")
 
 
 def untold(share: float, doing: str) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def between(tell: Progress, start: float, end: float, doing: str = "") -> Progress:
-    """Return what a part calls that takes a whole from one share to another.
+    """Return the progress callback of a part that covers a range of the whole.
 
     Args:
-        tell: what the whole calls.
-        start: share of the whole that is done before the part.
-        end: and after it.
-        doing: what the whole calls the part; the part's own words follow it.
+        tell: callback of the whole.
+        start: fraction of the whole before the part.
+        end: fraction of the whole after the part.
+        doing: description of the part, which precedes the part's own descriptions.
     """
 
     def told(share: float, what: str) -> None:
@@ -35,7 +35,7 @@ def between(tell: Progress, start: float, end: float, doing: str = "") -> Progre
 
 
 def each(things: Sequence[_Thing], tell: Progress, doing: str = "") -> Iterator[_Thing]:
-    """Yield things, and tell before each the share of them that is done."""
+    """Yield things, and report before each the fraction of them that is done."""
     for number, thing in enumerate(things):
         tell(number / len(things), doing)
         yield thing

@@ -1,6 +1,7 @@
-"""Warnings about a result: what is wrong with it though it was made, why, and what to do.
+"""Warnings about a result: problem, reason and remedy.
 
-Every stage keeps its own in its manifest, under ``warnings``; `urbantwin.interface` tells them.
+Every stage stores its warnings in its manifest under ``warnings``; `urbantwin.interface` prints
+them.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ __all__ = ["ResultWarning", "rows_of", "warnings_of"]
 
 @dataclass(frozen=True)
 class ResultWarning:
-    """One thing that is wrong with a result.
+    """A problem of a result.
 
     ``str(warning)`` is one line: ``ABOUT: PROBLEM: REASON; REMEDY``.
 
     Attributes:
-        about: what it is about, in a word or two: ``crossings``, ``sensor pole``.
-        problem: what is wrong, with its numbers: ``5 of 11 mapped ones are in the twin``.
-        reason: why, where it is known.
-        remedy: what a person can do.
+        about: subject in a word or two: ``crossings``, ``sensor pole``.
+        problem: the problem, with numbers: ``5 of 11 mapped ones are in the twin``.
+        reason: reason, if known.
+        remedy: what the user can do.
     """
 
     about: str
@@ -33,19 +34,19 @@ class ResultWarning:
     remedy: str = ""
 
     def __str__(self) -> str:
-        """Return the one line that a person reads."""
+        """Return the warning as one line."""
         text = f"{self.about}: {self.problem}"
         text += f": {self.reason}" if self.reason else ""
         return readable(text + (f"; {self.remedy}" if self.remedy else ""), 600)
 
 
 def rows_of(warnings: Iterable[ResultWarning]) -> list[dict[str, str]]:
-    """Return warnings as a manifest keeps them: what is said, in the order of the fields."""
+    """Return warnings as rows of a manifest, without empty fields."""
     return [{key: text for key, text in asdict(one).items() if text} for one in warnings]
 
 
 def warnings_of(manifest: Mapping[str, Any]) -> tuple[ResultWarning, ...]:
-    """Return the warnings that a manifest keeps; what is none of ours is left alone."""
+    """Return the warnings in a manifest; malformed rows are ignored."""
     rows = manifest.get("warnings")
     names = ResultWarning.__dataclass_fields__
     return tuple(

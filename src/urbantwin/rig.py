@@ -1,4 +1,4 @@
-"""Where sensors are: coverage, placement, poses, measured backgrounds, tuning."""
+"""Sensors: coverage, placement, poses, measured backgrounds, tuning."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""JSON of strangers: RFC 8259 and no more, with numbers that are numbers."""
+"""Strict JSON of untrusted files: RFC 8259, with finite numbers only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 __all__ = ["NotJsonError", "parse_json"]
 
-#: Whole numbers that no ``int64`` holds become floats: nobody counts so far.
+#: Integers beyond ``int64`` become floats.
 _LARGEST = 2**63
 
 
@@ -18,8 +18,8 @@ class NotJsonError(ValueError):
     """A text is not JSON.
 
     Args:
-        problem: what is wrong with it, in a few words.
-        place: where, if that is known: the line, the column and the byte.
+        problem: description of the error.
+        place: line, column and byte, if known.
     """
 
     def __init__(self, problem: str, place: str | None = None) -> None:
@@ -29,15 +29,15 @@ class NotJsonError(ValueError):
 
 
 def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
-    """Return what a JSON text holds.
+    """Return the value of a JSON text.
 
     Args:
-        data: the text, or its bytes in UTF-8, UTF-16 or UTF-32, with or without a mark.
-        once: refuse a key that is given twice in a mapping.
+        data: the text, or its bytes in UTF-8, UTF-16 or UTF-32, with or without a byte order mark.
+        once: reject duplicate keys.
 
     Raises:
-        NotJsonError: it is not JSON, is nested deeper than Python goes, or holds NaN, Infinity or
-            a number that no float can hold.
+        NotJsonError: the text is not JSON, is nested too deeply for Python, or holds NaN, Infinity
+            or a number out of range.
     """
     text, coding = "", "utf-8"
     try:
@@ -68,15 +68,15 @@ def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
 
 
 def _place(text: str, at: int, coding: str) -> str:
-    """Return the line, the column and, from 0, the byte of a letter of a text."""
+    """Return line, column and byte (from 0) of a character position."""
     line, begin = text.count("\n", 0, at) + 1, text.rfind("\n", 0, at) + 1
-    # A mark that the codec took away when it read, it writes again.
+    # Re-encoding adds the byte order mark again, which decoding removed.
     byte = len(text[:at].encode(coding, "surrogatepass"))
     return f"line {line}, column {at - begin + 1} (byte {byte})"
 
 
 def _outside_strings(text: str, word: str) -> int:
-    """Return where a word first stands that is no part of a string."""
+    """Return the first position of a word outside of strings."""
     for found in re.finditer(rf'"(?:[^"\\]|\\.)*"|{re.escape(word)}', text, re.DOTALL):
         if not found[0].startswith('"'):
             return found.start()
@@ -84,11 +84,11 @@ def _outside_strings(text: str, word: str) -> int:
 
 
 class _NoNumberError(ValueError):
-    """What stands where a number should."""
+    """A text in place of a number."""
 
 
 class _TwiceError(ValueError):
-    """A key that a mapping has already."""
+    """A duplicate key."""
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""XML of strangers: no document type, and with it no entity, is read before it is looked at."""
+"""XML of untrusted files: document types, and with them entities, are rejected before parsing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["child_elements", "root_name"]
 
-#: How much of a file is looked at for its first element at a time, bytes.
+#: Bytes read at a time in the search for the first element.
 CHUNK = 65536
 
 
@@ -22,15 +22,15 @@ class _RootSeen(Exception):  # noqa: N818 - it ends a search and is not an error
 
 
 def root_name(stream: IO[bytes], file: Path, expected: str) -> str:
-    """Return the local name of the first element; refuse a document type before it.
+    """Return the local name of the first element; reject a document type before it.
 
     Args:
         stream: the XML, from its start.
-        file: for errors.
-        expected: what the file should be: ``OpenDRIVE``.
+        file: file, for errors.
+        expected: expected format: ``OpenDRIVE``.
 
     Raises:
-        InputError: it is not XML, has no element, or has a document type, which may hold entities.
+        InputError: not XML, no element, or a document type, which may hold entities.
     """
     found: list[str] = []
 
@@ -62,18 +62,18 @@ def root_name(stream: IO[bytes], file: Path, expected: str) -> str:
 
 
 def child_elements(stream: IO[bytes], names: Sequence[str], file: Path) -> Iterator[etree._Element]:
-    """Yield the elements right under the first one, each whole; only one is kept in memory.
+    """Yield the children of the root element, each complete; only one is kept in memory.
 
-    Entities are never expanded, and nothing is fetched. An element is emptied when the next one is
-    asked for.
+    Entities are never expanded, and nothing is fetched. An element is cleared when the next is
+    requested.
 
     Args:
         stream: the XML, from its start.
-        names: local names of the elements that are yielded.
-        file: for errors.
+        names: local names of the elements to yield.
+        file: file, for errors.
 
     Raises:
-        InputError: it is cut off, or no XML.
+        InputError: the XML is incomplete or invalid.
     """
     parser = etree.iterparse(
         stream,
@@ -89,7 +89,7 @@ def child_elements(stream: IO[bytes], names: Sequence[str], file: Path) -> Itera
         for _, item in parser:
             parent = item.getparent()
             if parent is None or parent.getparent() is not None:
-                continue  # of an element within
+                continue  # a nested element
             yield item
             item.clear(keep_tail=False)
             while item.getprevious() is not None:

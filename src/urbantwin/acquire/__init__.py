@@ -1,4 +1,4 @@
-"""Inputs of a place, fetched from public sources, with where each came from and on which terms."""
+"""Inputs of a place, fetched from public sources, with origin and licence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All inputs of a place: kind by kind, the finest source first, and what failed is told."""
+"""Acquisition of all inputs of a place, by kind, from the finest source that has data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from urbantwin.site.fetched import FetchedInput, FetchedSpec
 
 __all__ = ["Acquired", "Attempt", "acquire_inputs", "check_streets", "sources_of"]
 
-#: What becomes of a kind of which no source may be asked.
+#: Outcome of a kind whose sources the user excluded.
 NOT_ASKED = "not asked"
 
 _HOW: Mapping[str, Fetch] = {
@@ -45,7 +45,7 @@ _HOW: Mapping[str, Fetch] = {
     "xyz": fetch_pictures,
     "tileset": name_tileset,
 }
-#: Kinds in words, for people.
+#: Kinds in words.
 _WORDS: Mapping[Kind, str] = {
     "map": "the map",
     "elevation": "elevation",
@@ -58,14 +58,14 @@ _WORDS: Mapping[Kind, str] = {
 
 @dataclass(frozen=True)
 class Attempt:
-    """What became of one source, or of a kind that no source has.
+    """Outcome of a source, or of a kind without a source.
 
     Attributes:
-        kind: of input.
-        source: the source's name; empty where none covers the place.
+        kind: kind of input.
+        source: name of the source; empty if none covers the place.
         outcome: ``fetched``, ``not used``, ``failed``, ``nothing there``, ``no key``,
-            ``no source`` or, where a person left out all sources of the kind, ``not asked``.
-        told: what it had, or why it failed.
+            ``no source``, or ``not asked`` if the user excluded all sources of the kind.
+        told: content, or reason of the failure.
     """
 
     kind: Kind
@@ -74,19 +74,19 @@ class Attempt:
     told: str = ""
 
     def row(self) -> dict[str, str]:
-        """Return it as a row of a table, without what is empty."""
+        """Return the attempt as a row of a table, without empty fields."""
         row = {"kind": str(self.kind), "source": self.source, "outcome": self.outcome}
         return {name: text for name, text in (row | {"told": self.told}).items() if text}
 
 
 @dataclass(frozen=True)
 class Acquired:
-    """What was had of a place.
+    """Acquired inputs of a place.
 
     Attributes:
-        inputs: one of each kind at most, in the order of kinds.
-        attempts: every source that was asked, and every kind that nobody has.
-        warnings: what is to be told.
+        inputs: at most one of each kind, in the order of kinds.
+        attempts: every requested source, and every kind without a source.
+        warnings: warnings for the user.
     """
 
     inputs: tuple[AcquiredInput, ...]
@@ -94,12 +94,12 @@ class Acquired:
     warnings: tuple[ResultWarning, ...] = field(default=())
 
     def noted(self) -> list[FetchedInput]:
-        """Return the inputs as ``site.yaml`` names them."""
+        """Return the inputs as named in ``site.yaml``."""
         return [_noted(one) for one in self.inputs]
 
 
 def sources_of(specs: Sequence[SourceSpec]) -> list[Source]:
-    """Return the sources of rows of the table; of names there are none here."""
+    """Return the sources of rows of the table, except sources of place names."""
     return [ListedSource(one, _HOW[one.access]) for one in specs if one.access in _HOW]
 
 
@@ -112,30 +112,31 @@ def acquire_inputs(
     without: Sequence[Kind] = (),
     progress: Progress = untold,
 ) -> Acquired:
-    """Fetch what sources have of an area.
+    """Fetch the inputs of an area from sources.
 
-    Of each kind the sources that cover the area are asked one after the other, in the order given,
-    until one has something. Only the map is indispensable.
+    For each kind, the sources that cover the area are tried in the order given, until one has data.
+    Only the map is required.
 
     Args:
         area: the place.
-        folder: where files are written.
-        sources: who may be asked.
-        web: how.
-        without: kinds that are not asked for.
+        folder: folder of the written files.
+        sources: permitted sources.
+        web: access to servers.
+        without: kinds to skip.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
-        InputError: there is no map, or no street there; a key may not be sent to its source.
+        InputError: no map, no street in the area, or a key may not be sent to its source.
     """
     inputs: list[AcquiredInput] = []
     attempts: list[Attempt] = []
     kinds = [one for one in KINDS if one not in without]
-    for one in sources:  # before anything is fetched
+    for one in sources:  # check keys before fetching
         if one.spec.kind in kinds and one.covers(area):
             with suppress(NoKeyError):
                 web.key_of(one.spec)
-    # What is not among them was left out by choice; of tiles and the map there is more to say.
+    # Kinds without any offered source were excluded by the user; tiles and the map are handled
+    # separately.
     offered = {"map", "tiles", *(one.spec.kind for one in sources)}
     for number, kind in enumerate(kinds):
         tell = between(progress, number / len(kinds), (number + 1) / len(kinds))
@@ -145,7 +146,7 @@ def acquire_inputs(
         attempts += asked
         if kind not in offered:
             attempts.append(Attempt(kind, "", NOT_ASKED))
-        elif not those and kind != "tiles":  # which nobody misses who did not ask for them
+        elif not those and kind != "tiles":  # tiles are optional
             attempts.append(Attempt(kind, "", "no source", "no source covers the place"))
         if kind == "map":
             if found is None:
@@ -165,7 +166,7 @@ def check_streets(path: Path, area: Area) -> None:
     """Check that a map has streets in an area.
 
     Raises:
-        InputError: it has none there, or is no map.
+        InputError: it has none there, or is not a map.
     """
     here = f"{area.latitude:g},{area.longitude:g}"
     try:
@@ -191,7 +192,7 @@ def check_streets(path: Path, area: Area) -> None:
 def _first(
     sources: Sequence[Source], area: Area, web: Web, folder: Path, progress: Progress
 ) -> tuple[AcquiredInput | None, list[Attempt]]:
-    """Return what the first source has that has something, and what became of those before."""
+    """Return the input of the first source with data, and the attempts made."""
     asked: list[Attempt] = []
     for one in sources:
         name, kind = one.spec.name, one.spec.kind
@@ -214,9 +215,10 @@ def _first(
 
 
 def _keep_one_datum(inputs: list[AcquiredInput], attempts: list[Attempt]) -> None:
-    """Leave a model of heights out that cannot be compared with a survey, which has the ground too.
+    """Drop elevation whose vertical datum cannot be compared with that of the airborne survey.
 
-    Between two vertical datums PROJ needs grids, which few machines have: a build would refuse.
+    Converting between vertical datums needs PROJ grids, which few machines have; the build would
+    fail. The survey contains the ground as well.
     """
     by_kind = {one.kind: one for one in inputs}
     survey, model = by_kind.get("airborne"), by_kind.get("elevation")
@@ -233,10 +235,10 @@ def _keep_one_datum(inputs: list[AcquiredInput], attempts: list[Attempt]) -> Non
 
 
 def _check_keyless(found: AcquiredInput, web: Web) -> None:
-    """Refuse a file that a server wrote a key into, which may then be passed on with it.
+    """Check that the server did not write a key into a file, which may be shared later.
 
     Raises:
-        NotAcquiredError: it did.
+        NotAcquiredError: the file contains a key.
     """
     if found.path is not None and web.secrets.held_by(found.path.read_bytes()):
         found.path.unlink()
@@ -275,7 +277,7 @@ def _no_map(asked: Sequence[Attempt], web: Web) -> InputError:
 
 
 def _warnings(attempts: Sequence[Attempt]) -> list[ResultWarning]:
-    """Return what failed, and which kinds nobody has."""
+    """Return warnings of failures and of kinds without data."""
     had = {one.kind for one in attempts if one.outcome in ("fetched", "not used", NOT_ASKED)}
     found = [
         ResultWarning(one.source, f"{_WORDS[one.kind]} could not be fetched", one.told)

@@ -1,6 +1,6 @@
-"""The cache of what servers answered: contents by their SHA-256, and which request had which.
+"""Cache of server responses: contents by SHA-256, and the content of each request.
 
-Several runs may share a folder: every file of it is there whole or not at all.
+Several runs may share a folder: files are written atomically.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ _EXPECTED = "a folder of your own with room: --cache DIR"
 
 
 def usual_cache() -> Path:
-    """Return the folder that answers are kept in unless another is named."""
+    """Return the default cache folder."""
     return user_cache_path("urbantwin", appauthor=False) / "fetched"
 
 
 @dataclass(frozen=True)
 class KeptAnswer:
-    """An answer in the cache.
+    """A cached response.
 
     Attributes:
-        sha256: of what was answered.
-        at: when, UTC, ISO 8601.
-        version: what is the same as long as the file is; empty where the server did not say.
-        total: bytes of the file that it is, or is a part of.
+        sha256: SHA-256 of the content.
+        at: time of the response, UTC, ISO 8601.
+        version: version of the file; empty if unknown.
+        total: size of the whole file, bytes.
     """
 
     sha256: str
@@ -43,22 +43,22 @@ class KeptAnswer:
     total: int
 
     def is_fresh(self, days: float) -> bool:
-        """Return whether it was answered within so many days."""
+        """Return whether the response is at most ``days`` old."""
         return datetime.now(UTC) - datetime.fromisoformat(self.at) <= timedelta(days=days)
 
 
 class AnswerCache:
-    """A folder of answers.
+    """A folder of cached responses.
 
     Args:
-        folder: where; made when something is kept.
+        folder: the folder, created on first use.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def find(self, request: str) -> tuple[KeptAnswer, bytes] | None:
-        """Return the answer that a request had; nothing where it is lost or damaged.
+        """Return the cached response of a request; None if missing or damaged.
 
         Raises:
             InputError: the folder cannot be read.
@@ -78,7 +78,7 @@ class AnswerCache:
         return told, data
 
     def keep(self, request: str, data: bytes, version: str, total: int) -> KeptAnswer:
-        """Keep an answer, and return what is noted of it.
+        """Store a response, and return its record.
 
         Raises:
             InputError: the folder cannot be written.
@@ -91,7 +91,7 @@ class AnswerCache:
         return told
 
     def forget(self, request: str) -> None:
-        """Forget the answer to a request."""
+        """Remove the response of a request."""
         self._record(request).unlink(missing_ok=True)
 
     def _record(self, request: str) -> Path:

@@ -1,4 +1,4 @@
-"""The place that inputs are fetched for: coordinates as people write them, and a circle around."""
+"""Area of acquisition: parsing of coordinates, and a circle around them."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from urbantwin.site.region import FARTHEST_M, circle
 
 __all__ = ["Area", "may_be_swapped", "parse_place", "swapped_hint"]
 
-#: The least and the greatest radius, metres: smaller, no junction fits in.
+#: Smallest radius, metres; no junction fits into a smaller one.
 LEAST_RADIUS_M = 20.0
-#: Nearer to a pole than this no map is drawn, degrees.
+#: Highest absolute latitude with map data, degrees.
 _FARTHEST_NORTH = 85.0
 _NUMBER = r"\s*([-+]?[0-9]{1,3}(?:\.[0-9]*)?)\s*°?\s*"
 
 
 @dataclass(frozen=True)
 class Area:
-    """A circle on earth.
+    """A circle on the earth.
 
     Attributes:
-        latitude: of its middle, degrees, WGS84.
-        longitude: of its middle.
-        radius_m: of the circle.
+        latitude: latitude of the centre, degrees, WGS84.
+        longitude: longitude of the centre, degrees, WGS84.
+        radius_m: radius, metres.
     """
 
     latitude: float
@@ -46,8 +46,8 @@ class Area:
         """Return the area around coordinates.
 
         Raises:
-            InputError: they are out of range, swapped, near a pole or in the sea; the radius is
-                too small or too large.
+            InputError: the coordinates are out of range, swapped, near a pole or in the sea, or the
+                radius is out of range.
         """
         if not LEAST_RADIUS_M <= radius_m <= FARTHEST_M:
             raise InputError(
@@ -82,7 +82,7 @@ class Area:
 
     @cached_property
     def frame(self) -> SiteFrame:
-        """The site frame: east-north-up metres at the middle."""
+        """The site frame: east-north-up metres at the centre."""
         return SiteFrame(self.latitude, self.longitude)
 
     @cached_property
@@ -91,7 +91,7 @@ class Area:
         return circle(self.radius_m)
 
     def outline(self, margin_m: float) -> NDArray[np.float64]:
-        """Return (N, 2) points around the square about the circle: longitude, latitude, degrees."""
+        """Return points (N, 2) on the square around the circle: longitude, latitude, degrees."""
         half = self.radius_m + margin_m
         square = shapely.segmentize(shapely.box(-half, -half, half, half), half / 4)
         return self.frame.lonlat_from_site(shapely.get_coordinates(square))
@@ -103,11 +103,11 @@ class Area:
         return west, south, east, north
 
     def box_in(self, crs: str, margin_m: float) -> tuple[float, float, float, float]:
-        """Return the least and the greatest x and y of that square in another CRS.
+        """Return the least and greatest x and y of that square in another CRS.
 
         Raises:
-            pyproj.exceptions.CRSError: it is none.
-            ValueError: the square has no place in it.
+            pyproj.exceptions.CRSError: the CRS is invalid.
+            ValueError: the square is outside of the CRS's domain.
         """
         system = CRS.from_user_input(crs)
         plan = system.sub_crs_list[0] if system.is_compound else system.to_2d()
@@ -118,7 +118,7 @@ class Area:
         return float(np.min(x)), float(np.min(y)), float(np.max(x)), float(np.max(y))
 
     def degrees(self, margin_m: float) -> Iterator[tuple[int, int]]:
-        """Yield south and west of every square of one degree that meets the area."""
+        """Yield south and west of every one-degree square that the area intersects."""
         west, south, east, north = (int(np.floor(one)) for one in self.box(margin_m))
         for latitude in range(south, north + 1):
             for longitude in range(west, east + 1):
@@ -126,7 +126,7 @@ class Area:
 
 
 def parse_place(text: str) -> tuple[float, float]:
-    """Return the latitude and longitude of ``LAT,LON``, degrees.
+    """Return the latitude and longitude of a text ``LAT,LON``, degrees.
 
     Raises:
         InputError: the text is not two numbers.
@@ -140,15 +140,15 @@ def parse_place(text: str) -> tuple[float, float]:
 
 
 def may_be_swapped(latitude: float, longitude: float) -> bool:
-    """Return whether there is land where latitude and longitude are taken for each other."""
+    """Return whether there is land at the swapped coordinates."""
     return abs(longitude) <= _FARTHEST_NORTH and not _at_sea(longitude, latitude)
 
 
 def swapped_hint(latitude: float, longitude: float) -> str:
-    """Return what to say where latitude and longitude seem to be swapped."""
+    """Return a hint for coordinates that seem to be swapped."""
     return f"latitude first: --at {longitude:g},{latitude:g}"
 
 
 def _at_sea(latitude: float, longitude: float) -> bool:
-    """Return whether a place is outside of all territorial waters, where zones are hours alone."""
+    """Return whether a place is outside of all territorial waters (nautical time zones only)."""
     return str(tzfpy.get_tz(longitude, latitude)).startswith("Etc/")

@@ -1,6 +1,6 @@
-"""Airborne LiDAR as COPC: a LAZ file whose points are an octree, of which the nodes there are read.
+"""Airborne LiDAR from COPC: LAZ files with an octree, of which only the nearby nodes are read.
 
-The format is told at https://copc.io; laspy reads it, here from range requests.
+Format: https://copc.io. laspy reads it through range requests.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from urbantwin.progress import Progress
 
 __all__ = ["MOST_POINTS", "fetch_copc", "inside_box", "write_cloud"]
 
-#: More points than this are more than a site's reconstruction takes.
+#: Most points of a site's reconstruction.
 MOST_POINTS = 40_000_000
-#: Steps of coordinates: in units of length, and in degrees.
+#: Resolution of coordinates: in units of length, and in degrees.
 _STEP, _STEP_DEG = 0.001, 1e-8
-#: What is kept of a point, where its file has it.
+#: Point fields that are kept, if present.
 _FIELDS = (
     "intensity", "return_number", "number_of_returns", "classification", "withheld", "synthetic",
     "scan_angle", "gps_time", "point_source_id",
@@ -45,22 +45,22 @@ def inside_box(
     points: Any,  # noqa: ANN401 - laspy's records
     box: tuple[float, float, float, float],
 ) -> NDArray[np.bool_]:
-    """Return which points lie in west, south, east, north of their own CRS."""
+    """Return which points lie within west, south, east, north of their own CRS."""
     x, y = np.asarray(points.x), np.asarray(points.y)
     west, south, east, north = box
     return np.asarray((x >= west) & (x <= east) & (y >= south) & (y <= north))
 
 
 def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
-    """Write points as LAZ (format 6, or 7 with colours), and return how many there are.
+    """Write points as LAZ (format 6, or 7 with colours), and return their number.
 
     Args:
-        parts: records of laspy, of one CRS.
-        crs: theirs.
+        parts: records of laspy, in one CRS.
+        crs: their CRS.
         path: the file.
 
     Raises:
-        NotAcquiredError: there is none, or too many, or they are too far apart.
+        NotAcquiredError: no points, too many, or too far apart.
     """
     import laspy
 
@@ -73,7 +73,7 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
     names = [set(one.point_format.dimension_names) for one in parts]
     has_colours = all({*_COLOURS} <= one for one in names)
     header = laspy.LasHeader(point_format=7 if has_colours else 6, version="1.4")
-    # A date of today would make the same points another file tomorrow.
+    # The creation date would change the bytes from day to day.
     header.creation_date = None
     header.generating_software = "urbantwin"
     step = _STEP_DEG if crs.is_geographic else _STEP
@@ -84,7 +84,7 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
     cloud = laspy.LasData(header)
     try:
         cloud.x, cloud.y, cloud.z = x, y, z
-    except OverflowError:  # LAS keeps steps from the offset in 32 bits
+    except OverflowError:  # LAS stores 32-bit steps from the offset
         raise NotAcquiredError("has points too far apart to be of one place") from None
     for name in (*_FIELDS, *(_COLOURS if has_colours else ())):
         values = [_field(one, name, has) for one, has in zip(parts, names, strict=True)]
@@ -96,7 +96,7 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
 
 
 def _field(part: Any, name: str, names: set[str]) -> NDArray[Any]:  # noqa: ANN401
-    """Return a field of a record; zeros where its format has none."""
+    """Return a field of a record; zeros if its format lacks it."""
     if name in names:
         return np.asarray(part[name])
     if name == "scan_angle" and "scan_angle_rank" in names:
@@ -106,12 +106,13 @@ def _field(part: Any, name: str, names: set[str]) -> NDArray[Any]:  # noqa: ANN4
 
 
 NAME = "airborne.laz"
-#: Bytes that all nodes of a place may have, packed.
+#: Most bytes of all nodes of a place, compressed.
 _MOST_BYTES = 1 << 30
-#: Of a header of LAS 1.4; all before the points; of records there, of a point, of pages.
+#: Bytes of an LAS 1.4 header; most bytes before the points; most records; most bytes of a point;
+#: most hierarchy pages.
 _HEADER, _MOST_BEFORE, _MOST_RECORDS, _LONGEST, _MOST_PAGES = 375, 1 << 24, 1000, 400, 10_000
 _DEEPEST = 30
-#: More points than this a packed byte does not hold.
+#: Most points per compressed byte that are plausible.
 _DENSEST = 1000
 
 
@@ -152,8 +153,8 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
     """Return the points of a file around an area, and their CRS.
 
     Raises:
-        NotAcquiredError: it is no COPC, is damaged, has no CRS, or too many points there.
-        DownloadError: it cannot be had.
+        NotAcquiredError: not COPC, damaged, without CRS, or too many points.
+        DownloadError: the download failed.
     """
     from laspy.copc import Bounds, CopcReader, load_octree_for_query
 
@@ -187,12 +188,12 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
         raise
     except CRSError:
         raise NotAcquiredError("has a reference system that is unknown") from None
-    except BaseException:  # laspy, and its decompressor, whose panics are no Exception
+    except BaseException:  # panics of laspy's decompressor are no Exception
         raise file.failure or NotAcquiredError("cannot be read as COPC") from None
 
 
 def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: ANN401 - laspy's
-    """Return the points of nodes, each of which is a chunk of LAZ.
+    """Return the points of nodes; each node is a LAZ chunk.
 
     Raises:
         NotAcquiredError: a chunk is damaged.
@@ -223,10 +224,10 @@ def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: 
 
 
 def _check_header(file: RemoteFile) -> None:
-    """Refuse a file whose header cannot be believed: what reads it takes room as it says.
+    """Check the header, since readers allocate memory by its values.
 
     Raises:
-        NotAcquiredError: it is no COPC (LAS 1.4 R15, table 3; COPC 1.0).
+        NotAcquiredError: not a COPC file (LAS 1.4 R15, table 3; COPC 1.0).
     """
     file.seek(0)
     head = file.read(_HEADER + 54)
@@ -245,10 +246,10 @@ def _check_header(file: RemoteFile) -> None:
 
 
 def _read_pages(file: RemoteFile, reader: Any, bounds: Any) -> None:  # noqa: ANN401 - laspy's
-    """Read the pages of the hierarchy that a place needs; one may lead to another, not to itself.
+    """Read the hierarchy pages of a place, and the pages they refer to.
 
     Raises:
-        NotAcquiredError: they lead in circles, or are not in the file.
+        NotAcquiredError: page references are circular or outside of the file.
     """
     from laspy.copc import Bounds, HierarchyPage
 
@@ -266,7 +267,7 @@ def _read_pages(file: RemoteFile, reader: Any, bounds: Any) -> None:  # noqa: AN
         if not waiting:
             return
         for key, entry in waiting:
-            if entries[key].point_count != -1:  # a page before had it
+            if entries[key].point_count != -1:  # already read with an earlier page
                 continue
             there = entry.byte_size > 0 and entry.offset + entry.byte_size <= file.size
             if entry.offset in seen or not there or len(seen) > _MOST_PAGES:

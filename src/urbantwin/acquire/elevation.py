@@ -27,14 +27,14 @@ from urbantwin.site.geotiff import opened_geotiff
 __all__ = ["fetch_cog", "fetch_geotiff", "fetch_terrain_tiles"]
 
 NAME = "elevation.tif"
-#: The most cells of a side that a service is asked for.
+#: Most cells per side requested from a service.
 _MOST_SIDE = 6000
 
 
 def fetch_cog(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
-    """Write the heights of cloud-optimised GeoTIFFs, of which only the blocks there are read."""
+    """Write heights of cloud-optimised GeoTIFFs, reading only the blocks around an area."""
     server = web.server(spec)
     addresses = located_files(server, spec, area)
     windows: list[HeightWindow] = []
@@ -47,7 +47,7 @@ def fetch_cog(
         except DownloadError as error:
             if error.status not in (403, 404, 410):
                 raise
-            missing = error  # of the sea there are no tiles
+            missing = error  # there are no tiles of the sea
             continue
         with remote_raster(file) as raster:
             window = cut_heights(raster, area)
@@ -103,7 +103,7 @@ def fetch_terrain_tiles(
 
 
 def _is_full(window: HeightWindow, area: Area) -> bool:
-    """Return whether a window has heights all over the area's square, so that no more are asked."""
+    """Return whether a window has heights in the whole square of the area."""
     west, south, east, north = area.box_in(window.crs, 0.0)
     back = ~window.transform
     corners = [back @ one for one in ((west, south), (east, south), (east, north), (west, north))]
@@ -113,7 +113,7 @@ def _is_full(window: HeightWindow, area: Area) -> bool:
 
 
 def _box_values(spec: SourceSpec, area: Area) -> dict[str, object]:
-    """Return what fills the braces of a service's address."""
+    """Return the placeholder values of a service's address."""
     west, south, east, north = area.box(MARGIN_M)
     values: dict[str, object] = {
         "west": f"{west:.6f}", "south": f"{south:.6f}", "east": f"{east:.6f}",

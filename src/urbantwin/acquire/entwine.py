@@ -1,6 +1,6 @@
-"""Airborne LiDAR as Entwine Point Tiles (EPT): an octree of LAZ files; those there are read.
+"""Airborne LiDAR from Entwine Point Tiles (EPT): octrees of LAZ files, read around a place.
 
-The format is told at https://entwine.io/en/latest/entwine-point-tile.html.
+Format: https://entwine.io/en/latest/entwine-point-tile.html.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from urbantwin.strict_json import NotJsonError, parse_json
 __all__ = ["fetch_ept"]
 
 Key = tuple[int, int, int, int]
-#: Files of points that a place may need, and how deep octrees may go.
+#: Most point files of a place, and largest depth of an octree.
 _MOST_TILES, _DEEPEST = 4000, 24
 
 
 def fetch_ept(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
-    """Write the points of the first octree of a source that has some around an area."""
+    """Write the points of a source's first octree that has points around an area."""
     server = web.server(spec)
     problem: NotAcquiredError | None = None
     for root in located_files(server, spec, area)[:3]:
@@ -89,7 +89,7 @@ def _nodes(
     low: np.ndarray,
     side: float,
 ) -> tuple[list[Key], list[str]]:
-    """Return the nodes whose cubes meet a box, and when what lists them was answered."""
+    """Return the nodes whose cubes intersect a box, and the response times of their lists."""
     found: list[Key] = []
     times: list[str] = []
     total = 0
@@ -146,7 +146,7 @@ def _object(data: bytes, named: str) -> Mapping[str, Any]:
 
 
 def _crs(srs: object, stated: str | None) -> CRS:
-    """Return the CRS of an octree: with the vertical one where it says both."""
+    """Return the CRS of an octree, with the vertical CRS if both are stated."""
     try:
         if stated is not None:
             return CRS.from_user_input(stated)
@@ -164,18 +164,18 @@ def _crs(srs: object, stated: str | None) -> CRS:
 
 
 def _points(data: bytes, scratch: Path) -> Any:  # noqa: ANN401 - laspy's records
-    """Return the points of a LAZ file, which is written to a scratch file meanwhile."""
+    """Return the points of a LAZ file, through a scratch file."""
     import laspy
 
     try:
         scratch.write_bytes(data)
-        check_las(scratch)  # in a child process, which a damaged file may end
+        check_las(scratch)  # in a child process, which a damaged file may crash
         return laspy.read(scratch).points
     except InputError as error:
         raise NotAcquiredError(f"has a tile that {error.problem}") from None
     except (NotAcquiredError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException:  # laspy, and its decompressor, whose panics are no Exception
+    except BaseException:  # panics of laspy's decompressor are no Exception
         raise NotAcquiredError("has a tile that cannot be read as LAZ") from None
     finally:
         scratch.unlink(missing_ok=True)

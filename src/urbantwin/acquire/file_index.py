@@ -1,7 +1,7 @@
-"""Which files of a source cover a place: address templates, and lists of features.
+"""Files of a source that cover a place: address templates, and lists of features.
 
-Lists are GeoJSON in longitude and latitude (RFC 7946), as tile indexes, answers of WFS and
-searches of STAC (https://stacspec.org) are: the addresses of files stand in the features.
+Lists are GeoJSON in longitude and latitude (RFC 7946): tile indexes, WFS responses and STAC
+searches (https://stacspec.org), whose features hold the addresses of files.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["addresses_of", "filled", "located_files"]
 
-#: Files that one place may need.
+#: Most files of a place.
 MOST_FILES = 24
-#: How deep addresses may stand in a feature.
+#: Largest nesting depth of addresses in a feature.
 _DEEPEST = 6
 
 
 def filled(template: str, values: Mapping[str, object]) -> str:
-    """Return an address with its braces filled in; ``{south_deg:02}`` has two digits at least."""
+    """Return an address with its placeholders filled in; ``{south_deg:02}`` has two digits."""
 
     def one(found: re.Match[str]) -> str:
         name, _, digits = found[1].partition(":")
@@ -40,11 +40,11 @@ def filled(template: str, values: Mapping[str, object]) -> str:
 
 
 def located_files(server: Server, spec: SourceSpec, area: Area) -> list[str]:
-    """Return the addresses of the files that meet an area, the best first.
+    """Return the addresses of files that intersect an area, the best first.
 
     Raises:
-        NotAcquiredError: the list is none, names none there, or too many.
-        DownloadError: the list cannot be had.
+        NotAcquiredError: the list is invalid, or lists no file there.
+        DownloadError: the download of the list failed.
     """
     west, south, east, north = area.box(MARGIN_M)
     box = {name: f"{value:.6f}" for name, value in
@@ -85,7 +85,7 @@ def located_files(server: Server, spec: SourceSpec, area: Area) -> list[str]:
 
 
 def addresses_of(value: object, pattern: re.Pattern[str], deep: int = 0) -> Iterator[str]:
-    """Yield the strings in a feature that are addresses of files; STAC's links are none."""
+    """Yield the strings in a feature that are file addresses; STAC's links are skipped."""
     if isinstance(value, str):
         if pattern.fullmatch(value):
             yield value
@@ -99,7 +99,7 @@ def addresses_of(value: object, pattern: re.Pattern[str], deep: int = 0) -> Iter
 
 
 def _degree_tiles(area: Area) -> Iterator[dict[str, object]]:
-    """Yield what names the squares of one degree that an area meets."""
+    """Yield the placeholder values of the one-degree squares that an area intersects."""
     for south, west in area.degrees(MARGIN_M):
         yield {
             "south_deg": abs(south),
@@ -113,7 +113,7 @@ def _degree_tiles(area: Area) -> Iterator[dict[str, object]]:
 
 
 def _shape(geometry: Any) -> shapely.Geometry | None:  # noqa: ANN401
-    """Return a geometry of GeoJSON that is in degrees and valid, or ``None``."""
+    """Return a valid geometry of GeoJSON in degrees, or ``None``."""
     if not isinstance(geometry, Mapping):
         return None
     try:

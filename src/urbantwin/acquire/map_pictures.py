@@ -1,4 +1,4 @@
-"""Map tiles of the Web Mercator grid: pictures of the ground, and any other pixels."""
+"""Map tiles of the Web Mercator grid: aerial imagery, and other pixels."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ __all__ = ["fetch_pictures", "name_tileset", "tile_mosaic"]
 def name_tileset(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
-    """Name a tileset; nothing of it is fetched, since providers forbid keeping tiles."""
-    server = web.server(spec)  # which looks for the key
+    """Return a reference to a tileset without fetching it, since providers forbid storing tiles."""
+    server = web.server(spec)  # checks the key
     if web.offline:
         raise NotAcquiredError("is asked during the build, and offline nobody is asked")
     fields = {"url": spec.address}
@@ -34,14 +34,14 @@ def name_tileset(
     return AcquiredInput("tiles", spec, None, server.shown(spec.address), now(), fields, told)
 
 
-#: A picture that lacks a larger share of its tiles is none.
+#: Largest fraction of missing tiles of a picture.
 _MOST_MISSING = 0.25
 
 
 def fetch_pictures(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
-    """Write the picture of the ground around an area, as one GeoTIFF of its tiles."""
+    """Write an aerial picture of an area, as one GeoTIFF of its tiles."""
     from affine import Affine
     from rasterio.io import MemoryFile
 
@@ -68,10 +68,10 @@ def fetch_pictures(
 def tile_mosaic(
     spec: SourceSpec, area: Area, web: Web, progress: Progress
 ) -> tuple[Mosaic, Server, str]:
-    """Return a source's tiles around an area, its server, and when the oldest of them came.
+    """Return a source's tiles around an area, its server, and the time of the oldest tile.
 
     Raises:
-        NotAcquiredError: they cannot be had, or too many of them.
+        NotAcquiredError: the tiles cannot be fetched, or are too many.
     """
     server = web.server(spec)
     times: list[str] = []

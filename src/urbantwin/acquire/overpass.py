@@ -1,7 +1,7 @@
-"""OpenStreetMap by the Overpass API: the map around a place, and where named streets meet.
+"""OpenStreetMap by the Overpass API: the map around a place, and other queries.
 
-The language is told at https://wiki.openstreetmap.org/wiki/Overpass_API/Overpass_QL. A server that
-gives up in the middle answers with status 200 and a remark, which is looked for.
+Query language: https://wiki.openstreetmap.org/wiki/Overpass_API/Overpass_QL. A server that gives up
+during a query responds with status 200 and a remark, which is checked for.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from urbantwin.site.region import circle
 
 __all__ = ["fetch_map", "overpass_answer"]
 
-#: How long a server may think, seconds, and how much it may hold, bytes.
+#: Time limit of a query, seconds, and memory limit, bytes.
 _TIME_S, _MEMORY = 90, 128 << 20
-#: What of a map is asked for: ways in the box with all their nodes, nodes in it, and relations;
-#: members outside only of buildings, which are whole or wrong.
+#: Query of a map: ways in the box with all their nodes, nodes in the box, and relations; members
+#: outside of the box only for buildings, which must be complete.
 _MAP = """[out:xml][timeout:{time}][maxsize:{memory}];
 way({box})->.near;
 rel({box})->.groups;
@@ -40,7 +40,7 @@ out body;
 def fetch_map(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
-    """Write the map around an area: what affects it, so that no way is cut within it."""
+    """Write the map around an area, with a margin so that no way is cut within the area."""
     box = box_around(SiteFrame(area.latitude, area.longitude), circle(area.radius_m))
     south_west = f"{box[1]:.5f},{box[0]:.5f},{box[3]:.5f},{box[2]:.5f}"
     query = _MAP.format(box=south_west, time=_TIME_S, memory=_MEMORY)
@@ -53,18 +53,17 @@ def fetch_map(
 def overpass_answer(
     spec: SourceSpec, query: str, web: Web, kind: bytes, progress: Progress
 ) -> tuple[Server, str, Fetched]:
-    """Return the first server that answers a query, its address, and what it says.
+    """Return the first server that responds to a query, its address, and the response.
 
     Args:
         spec: the source, with its mirrors.
-        query: in Overpass QL.
-        web: who is asked.
-        kind: ``osm`` for an answer in XML, ``json`` for one in JSON.
-        progress: told who is asked.
+        query: query in Overpass QL.
+        web: access to servers.
+        kind: ``osm`` for a response in XML, ``json`` for JSON.
+        progress: called with the fraction done and the server's name.
 
     Raises:
-        DownloadError: none of them answers.
-        NotAcquiredError: none of their answers is one.
+        NotAcquiredError: no server gives a valid response.
     """
     problems: dict[str, list[str]] = {}
     for number, address in enumerate((spec.address, *spec.mirrors)):
@@ -87,10 +86,10 @@ def overpass_answer(
 
 
 def _check_answer(data: bytes, kind: bytes) -> None:
-    """Refuse what is no whole answer.
+    """Check that a response is complete.
 
     Raises:
-        NotAcquiredError: it is a page, is cut, or the server gave up.
+        NotAcquiredError: not OpenStreetMap data, incomplete, or the server gave up.
     """
     head = data[:2000].lstrip()
     begins = head.startswith(b"{") if kind == b"json" else b"<osm" in head
@@ -107,7 +106,7 @@ def _check_answer(data: bytes, kind: bytes) -> None:
 
 
 def _with_bounds(data: bytes, box: LonLatBox) -> bytes:
-    """Return a map that says which box it is complete in."""
+    """Return a map with its bounding box added."""
     if b"<bounds" in data[:4000]:
         return data
     west, south, east, north = box

@@ -1,8 +1,8 @@
-"""Footprints of buildings from GeoParquet, of which only the row groups around a place are read.
+"""Building footprints from GeoParquet, reading only the row groups around a place.
 
-Overture's schema is told at https://docs.overturemaps.org/schema/reference/buildings/building; its
-catalogue at https://stac.overturemaps.org names the newest release and the box of every file. Which
-row groups of a file matter, the statistics of its column ``bbox`` tell (GeoParquet 1.1, "bbox").
+Overture's schema: https://docs.overturemaps.org/schema/reference/buildings/building. Its catalogue,
+https://stac.overturemaps.org, names the newest release and the box of every file. Relevant row
+groups are found by the statistics of the column ``bbox`` (GeoParquet 1.1, "bbox").
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from urbantwin.strict_json import NotJsonError, parse_json
 __all__ = ["fetch_footprints"]
 
 NAME = "buildings.geojson"
-#: Columns of Overture's buildings, and the tags of OpenStreetMap that mean the same.
+#: Columns of Overture's buildings, and the equivalent tags of OpenStreetMap.
 _TAGS = {
     "class": "building",
     "height": "height",
@@ -51,7 +51,7 @@ _TAGS = {
     "facade_color": "building:colour",
 }
 _EDGES = ("xmin", "ymin", "xmax", "ymax")
-#: Of the row groups that a place needs: bytes, packed, and rows.
+#: Limits of the row groups of a place: compressed bytes, and rows.
 _MOST_BYTES, _MOST_ROWS = 1 << 29, 2_000_000
 
 
@@ -91,7 +91,7 @@ def fetch_footprints(
 
 
 def _files(server: Server, spec: SourceSpec, box: LonLatBox) -> list[str]:
-    """Return the addresses of the files that may have buildings in a box."""
+    """Return the addresses of files that may have buildings in a box."""
     if spec.index is None:
         return [spec.address]
     told = server.get(spec.index.url)
@@ -124,7 +124,7 @@ def _files(server: Server, spec: SourceSpec, box: LonLatBox) -> list[str]:
 
 
 def _buildings(file: RemoteFile, box: LonLatBox) -> list[dict[str, Any]]:
-    """Return the buildings of a file in a box, as features of GeoJSON."""
+    """Return the buildings of a file in a box, as GeoJSON features."""
     features: list[dict[str, Any]] = []
     place = shapely.box(*box)
     for row in _rows(file, ["id", "geometry", "is_underground", *_TAGS], box, file):
@@ -159,11 +159,11 @@ def _rows(
     box: LonLatBox,
     remote: RemoteFile | None,
 ) -> list[dict[str, Any]]:
-    """Return the rows of a GeoParquet file whose ``bbox`` meets a box.
+    """Return the rows of a GeoParquet file whose ``bbox`` intersects a box.
 
     Raises:
-        NotAcquiredError: it is none, or has too much there.
-        DownloadError: it cannot be had.
+        NotAcquiredError: not GeoParquet, or too much data there.
+        DownloadError: the download failed.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -197,7 +197,7 @@ def _rows(
 
 
 def _groups(metadata: Any, box: LonLatBox) -> list[int]:  # noqa: ANN401 - pyarrow has no types
-    """Return the row groups whose statistics of ``bbox`` meet a box, or that have none."""
+    """Return the row groups whose ``bbox`` statistics intersect a box, or that have none."""
     west, south, east, north = box
     places = {metadata.schema.column(k).path: k for k in range(metadata.num_columns)}
     found = []
@@ -221,7 +221,7 @@ def _groups(metadata: Any, box: LonLatBox) -> list[int]:  # noqa: ANN401 - pyarr
 
 
 def _value(value: object) -> str | float | None:
-    """Return a value as GeoJSON has it, or ``None`` where there is none."""
+    """Return a value in GeoJSON form, or ``None`` if missing."""
     if isinstance(value, str):
         return value or None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

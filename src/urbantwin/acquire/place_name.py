@@ -1,8 +1,8 @@
-"""Places by their names: ``street and street, town`` where the two meet, anything else by its name.
+"""Geocoding: intersections as ``street and street, town``, other places by name.
 
-Names of towns are looked up by Nominatim (https://operations.osmfoundation.org/policies/nominatim:
-one request a second at most, answers kept); where two streets of a town meet, Overpass tells from
-the nodes that they share.
+Names are resolved by Nominatim (https://operations.osmfoundation.org/policies/nominatim: at most
+one request a second, responses cached); intersections by Overpass, from shared nodes of two
+streets.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["NamedPlace", "find_place"]
 
-#: Matches that are looked at, and that are listed.
+#: Most matches that are examined, and that are listed.
 _MATCHES, _LISTED = 10, 5
-#: Matches nearer to each other than this are one: a town and its middle; a junction of several
-#: nodes; metres.
+#: Matches closer than this are the same (metres): a town and its centre; nodes of one junction.
 _ONE_TOWN_M, _ONE_JUNCTION_M = 15_000.0, 120.0
-#: Towns of one name in which two streets are looked for.
+#: Most towns of one name in which two streets are searched.
 _TOWNS = 4
-#: A larger box than this is no town, degrees.
+#: A larger bounding box is not a town, degrees.
 _LARGEST_DEG = 2.0
 
 _MEETING = """[out:json][timeout:60];
@@ -48,12 +47,12 @@ out;
 
 @dataclass(frozen=True)
 class NamedPlace:
-    """A place that a name means.
+    """A named place.
 
     Attributes:
         latitude: degrees, WGS84.
-        longitude: degrees.
-        name: in full, as the map has it.
+        longitude: degrees, WGS84.
+        name: full name in the map.
         box: west, south, east, north, degrees.
     """
 
@@ -66,16 +65,16 @@ class NamedPlace:
 def find_place(
     text: str, sources: Sequence[SourceSpec], web: Web, progress: Progress = untold
 ) -> NamedPlace:
-    """Return the one place that a name means.
+    """Return the one place with a name.
 
     Args:
-        text: ``street and street, town`` (``&`` and ``/`` join, too), or any name or address.
-        sources: of which those of names and of the map are asked.
-        web: who is asked.
-        progress: told what is looked for.
+        text: ``street and street, town`` (or with ``&`` or ``/``), or any name or address.
+        sources: sources; those of names and of the map are used.
+        web: access to servers.
+        progress: called with the fraction done and a description.
 
     Raises:
-        InputError: there is none, there are several, which are listed, or nobody can be asked.
+        InputError: no place, several places (listed), or no server.
     """
     text = " ".join(text.split())
     if not 2 <= len(text) <= 200:
@@ -98,7 +97,7 @@ def _junction(
     web: Web,
     progress: Progress,
 ) -> NamedPlace:
-    """Return where two streets meet in the town of a name, or in the one of them where they do."""
+    """Return the intersection of two streets in the one town of a name that has it."""
     towns = _apart(_matches(town, sources, web, progress), _ONE_TOWN_M)
     towns = [one for one in towns if max(np.subtract(one.box[2:], one.box[:2])) < _LARGEST_DEG]
     if not towns:
@@ -128,7 +127,7 @@ def _meetings(
     web: Web,
     progress: Progress,
 ) -> list[tuple[float, float]]:
-    """Return latitude and longitude of every junction of two streets: the middle of its nodes."""
+    """Return latitude and longitude of every intersection of two streets: the mean of its nodes."""
     box = f"{town.box[1]:.5f},{town.box[0]:.5f},{town.box[3]:.5f},{town.box[2]:.5f}"
     first, second = (_as_pattern(one) for one in streets)
     query = _MEETING.format(box=box, first=first, second=second)
@@ -148,7 +147,7 @@ def _meetings(
 def _matches(
     text: str, sources: Sequence[SourceSpec], web: Web, progress: Progress
 ) -> list[NamedPlace]:
-    """Return what Nominatim knows by a name, the most important first."""
+    """Return Nominatim's matches of a name, in descending order of importance."""
     spec = _of_kind(sources, "names")
     progress(0.1, f"looking up {text}")
     asked = {"q": text, "format": "jsonv2", "limit": _MATCHES, "accept-language": "en"}
@@ -167,7 +166,7 @@ def _matches(
 
 
 def _apart(found: list[NamedPlace], least_m: float) -> list[NamedPlace]:
-    """Return places without those that are near to one before, or around it, or in it."""
+    """Return places, without those close to an earlier one."""
     kept: list[NamedPlace] = []
     for one in found:
         here = (one.latitude, one.longitude)
@@ -177,10 +176,10 @@ def _apart(found: list[NamedPlace], least_m: float) -> list[NamedPlace]:
 
 
 def _only(text: str, found: list[NamedPlace]) -> NamedPlace:
-    """Return the one place that was found.
+    """Return the only place found.
 
     Raises:
-        InputError: there is none, or there are several; they are listed.
+        InputError: no place, or several; lists them.
     """
     if not found:
         raise _error(text, "is not found", "a name as the map writes it, or --at LAT,LON")
@@ -194,10 +193,10 @@ def _only(text: str, found: list[NamedPlace]) -> NamedPlace:
 
 
 def _rows(data: bytes, key: str | None) -> list[dict[str, Any]]:
-    """Return the objects of a list of JSON.
+    """Return the objects of a JSON list.
 
     Raises:
-        NotAcquiredError: it is none.
+        NotAcquiredError: the data are not such a list.
     """
     try:
         value = parse_json(data)
@@ -218,7 +217,7 @@ def _of_kind(sources: Sequence[SourceSpec], kind: str) -> SourceSpec:
 
 
 def _as_pattern(street: str) -> str:
-    """Return a street's name as a regular expression within a string of Overpass QL."""
+    """Return a street's name as a regular expression in a string of Overpass QL."""
     pattern = re.sub(r"([.^$*+?()\[\]{}|\\])", r"\\\1", street.strip())
     return json.dumps(pattern, ensure_ascii=False)[1:-1]
 

@@ -1,4 +1,4 @@
-"""The part of a raster that covers an area, cut out and written as a GeoTIFF of heights."""
+"""Part of a raster that covers an area, written as a GeoTIFF of heights."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from urbantwin.site.dem import HIGHEST_M, LOWEST_M, check_dem, metres_per_unit
 
 __all__ = ["HeightWindow", "cut_heights", "remote_raster", "write_heights"]
 
-#: More cells than this are no site, at any resolution.
+#: Most raster cells of a site.
 MOST_CELLS = 64_000_000
-#: Cells around an area that resampling may need.
+#: Cells around an area for resampling.
 _PAD = 3
 
 
@@ -37,9 +37,9 @@ class HeightWindow:
 
     Attributes:
         heights: (H, W) float32 in the file's vertical datum, metres unless the CRS has another
-            unit; NaN where there are none.
-        transform: affine, from columns and rows to the CRS.
-        crs: as WKT.
+            unit; NaN where unknown.
+        transform: affine transform, from columns and rows to the CRS.
+        crs: CRS, as WKT.
     """
 
     heights: NDArray[np.float32]
@@ -52,8 +52,8 @@ def remote_raster(file: RemoteFile) -> Iterator[Any]:
     """Open a GeoTIFF on a server; only the blocks that are read are fetched.
 
     Raises:
-        NotAcquiredError: it is no GeoTIFF, or damaged.
-        DownloadError: it cannot be had.
+        NotAcquiredError: not a GeoTIFF, or damaged.
+        DownloadError: the download failed.
     """
     import rasterio
     from rasterio._err import CPLE_BaseError
@@ -84,16 +84,16 @@ def remote_raster(file: RemoteFile) -> Iterator[Any]:
 
 
 class _Unclosed:
-    """A file as GDAL reads it: closed without effect, and short where it cannot be had.
+    """A file for GDAL: closing has no effect, and failed reads return no bytes.
 
-    An exception would be printed, for GDAL is called in between; `RemoteFile.failure` keeps it.
+    GDAL would print an exception of a callback; `RemoteFile.failure` keeps it.
     """
 
     def __init__(self, file: RemoteFile) -> None:
         self._file = file
 
     def read(self, size: int = -1) -> bytes:
-        """Return up to so many bytes from the position on."""
+        """Return up to ``size`` bytes from the position on."""
         try:
             return self._file.read(size)
         except DownloadError:
@@ -113,10 +113,10 @@ class _Unclosed:
 
 
 def cut_heights(raster: Any, area: Area) -> HeightWindow | None:  # noqa: ANN401
-    """Return the part of an open raster around an area; ``None`` where they do not meet.
+    """Return the part of an open raster around an area; ``None`` if they do not overlap.
 
     Raises:
-        NotAcquiredError: it has no CRS or several bands, or too many cells there.
+        NotAcquiredError: no CRS, several bands, or too many cells.
     """
     from affine import Affine
     from rasterio.windows import Window
@@ -147,7 +147,7 @@ def cut_heights(raster: Any, area: Area) -> HeightWindow | None:  # noqa: ANN401
     masked = raster.read(1, window=window, masked=True)
     heights = np.ma.filled(masked.astype(np.float64), np.nan)
     heights = heights * raster.scales[0] + raster.offsets[0]
-    if len(CRS(raster.crs.to_wkt()).axis_info) != 3:  # else the CRS that is kept tells the unit
+    if len(CRS(raster.crs.to_wkt()).axis_info) != 3:  # a 3D CRS keeps its own unit
         heights *= metres_per_unit(raster)
     heights[~((heights > LOWEST_M) & (heights < HIGHEST_M))] = np.nan
     transform = raster.transform @ Affine.translation(int(low[0]), int(low[1]))
@@ -160,13 +160,13 @@ def write_heights(
     """Write parts of rasters as one GeoTIFF, check that it covers the area, and return its CRS.
 
     Args:
-        windows: of one CRS, side by side; the first that knows a height counts.
+        windows: parts in one CRS, side by side; the first known height is used.
         path: the file.
-        area: what it must cover.
-        crs: the CRS with its vertical datum, where the rasters do not say it.
+        area: area to cover.
+        crs: CRS with vertical datum, if the rasters lack it.
 
     Raises:
-        NotAcquiredError: they do not cover the area, or are of several systems.
+        NotAcquiredError: the parts do not cover the area, or have several CRS.
     """
     from rasterio.io import MemoryFile
 
@@ -186,7 +186,7 @@ def write_heights(
     with MemoryFile() as file:
         with file.open(**profile) as written:
             written.write(heights, 1)
-        path.write_bytes(file.read())  # which says in Python's words where there is no room
+        path.write_bytes(file.read())  # Python reports a full disk clearly
     try:
         check_dem(path, area.frame, area.circle)
     except InputError as error:
@@ -195,7 +195,7 @@ def write_heights(
 
 
 def _side_by_side(windows: Sequence[HeightWindow]) -> HeightWindow:
-    """Return windows of one CRS as one, on the grid of the first; the first known height counts."""
+    """Return windows in one CRS as one, on the grid of the first; first known heights count."""
     from affine import Affine
     from rasterio.warp import Resampling, reproject
 
@@ -229,7 +229,7 @@ def _side_by_side(windows: Sequence[HeightWindow]) -> HeightWindow:
 
 
 def _with_datum(own: CRS, stated: str | None) -> str:
-    """Return a raster's CRS, with the vertical datum that is stated of it where it has none."""
+    """Return a raster's CRS, with the stated vertical datum if it has none."""
     if stated is not None and not own.is_compound:
         told = CRS.from_user_input(stated)
         if told.is_compound and (

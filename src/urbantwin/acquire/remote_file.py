@@ -1,4 +1,4 @@
-"""A file on a server, read in blocks by range requests: as a file that is open for reading."""
+"""A remote file as a readable file object, read in blocks by range requests."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from urbantwin.download import DownloadError
 
 __all__ = ["RemoteFile"]
 
-#: A block is asked for whole, and kept; of neighbouring ones so many at once, bytes.
+#: Bytes of a block, which is requested as a whole and kept; most bytes of one request.
 BLOCK, AT_ONCE = 1 << 17, 1 << 24
 
 
 class RemoteFile(io.RawIOBase):
     """A file at an address.
 
-    A reader that is killed finds the blocks that it had in the cache when it begins again.
+    After an interruption, blocks that were read before come from the cache.
 
     Args:
-        server: who has it.
-        address: where.
+        server: server of the file.
+        address: address of the file.
 
     Attributes:
-        size: in bytes.
-        at: when its first block was answered, UTC, ISO 8601.
-        failure: the first error, for readers that keep errors to themselves.
+        size: size, bytes.
+        at: time of the response with the first block, UTC, ISO 8601.
+        failure: first error, for readers that hide errors.
 
     Raises:
-        DownloadError: it cannot be had.
+        DownloadError: the download failed.
     """
 
     def __init__(self, server: Server, address: str) -> None:
@@ -63,13 +63,13 @@ class RemoteFile(io.RawIOBase):
         return self._position
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Return up to so many bytes from the position on: no more room is taken than there are."""
+        """Return up to ``size`` bytes from the position on; allocates no more than the file has."""
         left = max(0, self.size - self._position)
         buffer = bytearray(left if size is None or size < 0 else min(size, left))
         return bytes(buffer[: self.readinto(buffer)])
 
     def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - any buffer of bytes
-        """Fill a buffer from the position on; return how many bytes there were."""
+        """Fill a buffer from the position on; return the number of bytes."""
         view = memoryview(buffer).cast("B")
         stop = min(self._position + len(view), self.size)
         if stop <= self._position:
@@ -89,7 +89,7 @@ class RemoteFile(io.RawIOBase):
         return read
 
     def _fetch(self, first: int, last: int) -> None:
-        """Get the blocks that are not here yet, neighbouring ones in one request."""
+        """Fetch missing blocks, adjacent ones in one request."""
         missing = [block for block in range(first, last + 1) if block not in self._blocks]
         most = AT_ONCE // BLOCK
         while missing:

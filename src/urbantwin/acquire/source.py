@@ -1,4 +1,4 @@
-"""One source of inputs: the interface behind which every kind of server stands."""
+"""Interface of sources of inputs."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from urbantwin.site.country import country_of
 
 __all__ = ["MARGIN_M", "AcquiredInput", "Fetch", "Source"]
 
-#: How far beyond the region heights, points, buildings and pictures are fetched, metres.
+#: Margin around the region for heights, points, buildings and pictures, metres.
 MARGIN_M = 60.0
 
 
 @dataclass(frozen=True)
 class AcquiredInput:
-    """What a source had.
+    """An input acquired from a source.
 
     Attributes:
-        kind: of what it is.
+        kind: kind of input.
         source: the source.
-        path: the file that was written, or ``None`` for what a build asks for itself.
-        url: who was asked, without a key and without what was asked for.
-        at: when the answers came, UTC, ISO 8601: the oldest of them.
-        fields: what else ``site.yaml`` says of it: ``crs``, ``url``, ``key_env``.
-        told: what it is, in words: ``11,025 points``.
-        crs: of its heights, as WKT; empty where it has none.
+        path: the written file, or ``None`` for data that the build requests itself.
+        url: requested server, without key and query.
+        at: time of the oldest response, UTC, ISO 8601.
+        fields: further fields in ``site.yaml``: ``crs``, ``url``, ``key_env``.
+        told: description: ``11,025 points``.
+        crs: CRS of its heights, as WKT; empty if it has none.
     """
 
     kind: Kind
@@ -45,7 +45,7 @@ class AcquiredInput:
 
 
 class Source(Protocol):
-    """A source: what it covers, and how what it has comes into a file."""
+    """A source: its coverage, and access to its data."""
 
     @property
     def spec(self) -> SourceSpec:
@@ -53,20 +53,20 @@ class Source(Protocol):
         ...
 
     def covers(self, area: Area) -> bool:
-        """Return whether it may have something there; nobody is asked."""
+        """Return whether the source may have data in an area, without a request."""
         ...
 
     def fetch(self, area: Area, web: Web, folder: Path, progress: Progress) -> AcquiredInput:
-        """Write what it has of an area into a folder.
+        """Write the source's data of an area into a folder.
 
         Raises:
-            NotAcquiredError: it has nothing there, or what it has is of no use.
-            DownloadError: it cannot be asked.
+            NotAcquiredError: no usable data there.
+            DownloadError: the download failed.
         """
         ...
 
 
-#: How a source of one access is asked.
+#: Function that fetches from sources with one access method.
 Fetch = Callable[[SourceSpec, Area, Web, Path, Progress], AcquiredInput]
 
 
@@ -76,16 +76,16 @@ class ListedSource:
 
     Attributes:
         spec: its row.
-        how: what asks it.
+        how: its fetch function.
     """
 
     spec: SourceSpec
     how: Fetch
 
     def covers(self, area: Area) -> bool:
-        """Return whether its boxes meet the area, and the area's middle is in its countries."""
+        """Return whether its boxes intersect the area, and its countries hold the centre."""
         return self.spec.covers(area.box(MARGIN_M), country_of(area.latitude, area.longitude))
 
     def fetch(self, area: Area, web: Web, folder: Path, progress: Progress) -> AcquiredInput:
-        """Write what it has of an area into a folder."""
+        """Write the source's data of an area into a folder."""
         return self.how(self.spec, area, web, folder, progress)

@@ -1,6 +1,6 @@
-"""The table of sources: who has what, where, on which terms. ``sources.yaml``, and files like it.
+"""Table of data sources with coverage, access and licence: ``sources.yaml``, and files like it.
 
-A source that a person adds has the same fields as ours; one of the same name takes its place.
+A user's source has the same fields, and replaces a built-in one of the same name.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from urbantwin.site.yaml_document import nearest, read_document, wrong
 __all__ = ["KINDS", "Kind", "SourceSpec", "chosen_sources", "known_sources", "read_sources"]
 
 Kind = Literal["map", "names", "elevation", "airborne", "buildings", "imagery", "tiles"]
-#: What is fetched, in this order.
+#: Kinds of inputs, in the order of fetching.
 KINDS: tuple[Kind, ...] = ("map", "elevation", "airborne", "buildings", "imagery", "tiles")
-#: How each kind may be had.
+#: Access methods of each kind.
 ACCESS: Mapping[Kind, tuple[str, ...]] = {
     "map": ("overpass",),
     "names": ("nominatim",),
@@ -35,7 +35,7 @@ ACCESS: Mapping[Kind, tuple[str, ...]] = {
     "tiles": ("tileset",),
 }
 Degrees = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
-#: What may stand in braces in an address, by access; ``{key}`` may in all.
+#: Allowed placeholders in an address, by access method; ``{key}`` is always allowed.
 _BOX = ("west", "south", "east", "north")
 _PLACES = {
     "cog": (*_BOX, "south_deg", "west_deg", "north_deg", "NS", "EW", "ns", "ew"),
@@ -46,16 +46,14 @@ _PLACES = {
 
 
 class IndexSpec(BaseModel):
-    """Where the files of a source are listed.
+    """Index that lists the files of a source.
 
     Attributes:
-        url: of GeoJSON (a list of tiles, a search of STAC, an answer of WFS), which may hold
+        url: address of GeoJSON (a list of tiles, a STAC search, a WFS response), which may hold
             ``{west}``, ``{south}``, ``{east}`` and ``{north}``; or of Overture's catalogue.
         kind: ``features``, or ``overture``.
-        address: which strings of a feature are addresses of files: a regular expression that
-            all of such a string must match.
-        newest: a field of a feature's properties by which the newest of those that cover the same
-            place is taken.
+        address: regular expression that matches whole strings of a feature that are file addresses.
+        newest: property of a feature by which the newest of overlapping files is chosen.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -76,32 +74,32 @@ class IndexSpec(BaseModel):
 
 
 class SourceSpec(BaseModel):
-    """One source.
+    """A data source.
 
     Attributes:
-        name: what people call it by (``--use``).
-        title: what it is, in words.
-        kind: of what.
-        access: how it is asked.
-        url: whom; what may stand in braces is told in docs/reference/formats.md.
-        mirrors: who else answers the same, asked where the first does not.
-        index: where its files are listed, if it is not one file.
-        origins: other origins that it leads to; they are not told the key.
-        coverage: west, south, east, north of the boxes that it covers, degrees; all of the earth
-            without.
-        countries: in which it has something (ISO 3166-1 alpha-2); boxes reach into neighbours.
-        resolution_m: between its heights, points or pixels; the finest is asked first.
-        crs: of its files where they do not say, or say less: with the vertical datum.
-        zoom: of tiles.
-        licence: on what terms what it has may be used.
-        attribution: whom to name.
-        terms: the address where its terms are told.
-        key_env: the environment variable that holds the key it needs.
-        default: whether it is asked unless it is named.
-        fresh_days: how old an answer in the cache may be.
-        pause_s: between two requests.
-        think_s: how long its server may think before it answers; the usual 20 s without.
-        caution: what to know of its data.
+        name: name of the source (``--use``).
+        title: description.
+        kind: kind of input.
+        access: access method.
+        url: address; placeholders are listed in docs/reference/formats.md.
+        mirrors: addresses with the same content, tried if the first fails.
+        index: index of its files, if it is not a single file.
+        origins: other origins that it refers to; they do not receive the key.
+        coverage: west, south, east, north of the covered boxes, degrees; the whole earth if not
+            given.
+        countries: countries with data (ISO 3166-1 alpha-2); boxes extend into neighbours.
+        resolution_m: spacing of heights, points or pixels, metres; the finest source comes first.
+        crs: CRS of its files, if they lack it or its vertical datum.
+        zoom: zoom level of tiles.
+        licence: licence of its data.
+        attribution: required attribution.
+        terms: address of its terms of use.
+        key_env: environment variable of the key that it needs.
+        default: whether it is used without being named.
+        fresh_days: largest age of a cached response, days.
+        pause_s: pause between two requests, seconds.
+        think_s: time limit for its server's response, seconds; 20 s if not given.
+        caution: warning about its data.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -154,11 +152,11 @@ class SourceSpec(BaseModel):
 
     @property
     def address(self) -> str:
-        """The address that is asked first."""
+        """Address that is requested first."""
         return self.index.url if self.index else self.url or ""
 
     def covers(self, box: tuple[float, float, float, float], country: str) -> bool:
-        """Return whether the source may have something in a box of degrees in a country."""
+        """Return whether the source may have data in a box (degrees) in a country."""
         if self.countries is not None and country not in self.countries:
             return False
         if self.coverage is None:
@@ -179,7 +177,7 @@ def read_sources(path: Path) -> list[SourceSpec]:
     """Read a table of sources.
 
     Raises:
-        InputError: it is missing, or something in it is wrong; it names the field and the line.
+        InputError: the file is missing or has an error; names the field and the line.
     """
     document = read_document(path, kind="a table of sources")
     found = document.validated(_Table).sources
@@ -202,15 +200,16 @@ def known_sources() -> tuple[SourceSpec, ...]:
 def chosen_sources(
     own: Path | None = None, use: Sequence[str] = (), also: Sequence[str] = ()
 ) -> list[SourceSpec]:
-    """Return the sources that may be asked, the finest of each kind first.
+    """Return the permitted sources, the finest of each kind first.
 
     Args:
-        own: a person's own table, whose sources join ours and stand for ours of the same name.
-        use: names; only these are asked, whatever else is usual.
-        also: names that are asked beside the usual ones.
+        own: the user's own table, whose sources are added and replace built-in ones of the same
+            name.
+        use: names of the only sources to use, instead of the default ones.
+        also: names of sources to use besides the default ones.
 
     Raises:
-        InputError: the table is wrong, or nobody is called so.
+        InputError: the table is wrong, or a name is unknown.
     """
     table = {one.name: one for one in known_sources()}
     if own is not None:
@@ -232,7 +231,7 @@ def chosen_sources(
 
 
 def _check_braces(text: str, known: Sequence[str], *, has_key: bool) -> None:
-    """Refuse an address that is none, or holds braces that mean nothing."""
+    """Check that an address is valid and holds known placeholders only."""
     try:
         parse_address(text)
     except DownloadError as error:

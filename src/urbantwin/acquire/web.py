@@ -1,4 +1,4 @@
-"""Asking servers: through the cache, politely, with the key of a source, and offline."""
+"""Requests to servers: cached, rate-limited, with the key of a source, or offline."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ __all__ = [
     "Web",
 ]
 
-#: Of one answer, of all of a source, and how long a source may take.
+#: Limits per source: bytes of one response, bytes of all, and seconds in total.
 LIMITS = Limits(256 << 20, 2 << 30, 1800.0)
 
 
 class ChangedError(DownloadError):
-    """A file is another than the one whose parts came before."""
+    """A file has changed since its earlier parts were read."""
 
 
 class NotAcquiredError(Exception):
-    """A source does not give what it was asked for; the text is one line, without any key."""
+    """A source does not provide the requested data; the message is one line without keys."""
 
 
 class NoKeyError(NotAcquiredError):
-    """A source needs a key, and there is none."""
+    """A source needs a key that is not set."""
 
 
 class NothingThereError(NotAcquiredError):
-    """A source has nothing at the place."""
+    """A source has no data at the place."""
 
     def __init__(self, problem: str = "has nothing there") -> None:
         super().__init__(problem)
@@ -60,14 +60,14 @@ class NothingThereError(NotAcquiredError):
 
 @dataclass(frozen=True)
 class Fetched:
-    """What was answered.
+    """A response, or a cached one.
 
     Attributes:
         data: the bytes.
-        at: when it was answered, UTC, ISO 8601.
-        version: of the file, as `download.Answer` has it.
-        total: bytes of the whole file.
-        whole: whether ``data`` is all of the file though a part was asked for.
+        at: time of the response, UTC, ISO 8601.
+        version: version of the file, see `download.Answer`.
+        total: size of the whole file, bytes.
+        whole: whether ``data`` is the whole file although a part was requested.
     """
 
     data: bytes
@@ -78,17 +78,17 @@ class Fetched:
 
 
 class Web:
-    """All servers that acquisition asks.
+    """Access to all servers of the acquisition.
 
     Args:
-        cache: where answers are kept and looked for.
-        offline: whether nobody is asked.
-        environment: where keys are; the process's own when not given.
-        limits: of size and time, of each source.
+        cache: cache of responses.
+        offline: whether requests are forbidden.
+        environment: environment variables with keys; the process's own if not given.
+        limits: limits of size and time, per source.
 
     Attributes:
-        offline: whether nobody is asked.
-        warnings: what is to be told of answers.
+        offline: whether requests are forbidden.
+        warnings: warnings about responses.
     """
 
     def __init__(
@@ -109,15 +109,15 @@ class Web:
         self._lock = threading.Lock()
 
     def key_of(self, source: SourceSpec, address: str | None = None) -> str:
-        """Return a source's key; empty where it needs none.
+        """Return a source's key; empty if it needs none.
 
         Args:
             source: the source.
-            address: of a mirror, where the key goes to that.
+            address: address of a mirror, if the key is sent there.
 
         Raises:
-            NoKeyError: it needs one, and there is none.
-            InputError: there is one that the user did not allow to be sent there.
+            NoKeyError: the key is not set.
+            InputError: the user did not allow sending the key there.
         """
         if source.key_env is None:
             return ""
@@ -133,7 +133,7 @@ class Web:
 
     @property
     def secrets(self) -> Secrets:
-        """All keys that were used."""
+        """All keys used so far."""
         return Secrets(sorted(self._keys))
 
     def server(self, source: SourceSpec, address: str | None = None) -> Server:
@@ -141,16 +141,16 @@ class Web:
 
         Args:
             source: the source.
-            address: of a mirror.
+            address: address of a mirror.
 
         Raises:
-            NoKeyError: there is none.
-            InputError: the user did not allow its key to be sent there.
+            NoKeyError: the key is not set.
+            InputError: the user did not allow sending its key there.
         """
         return Server(self, source, address or source.address, self.key_of(source, address))
 
     def wait(self, origin: str, pause_s: float) -> None:
-        """Wait until a server may be asked again."""
+        """Wait for the pause between two requests to a server."""
         with self._lock:
             told = time.monotonic()
             at = max(told, self._asked.get(origin, -1e9) + pause_s)
@@ -159,13 +159,13 @@ class Web:
 
 
 class Server:
-    """One server of a source, with the others that it leads to.
+    """A server of a source, with the other servers that it refers to.
 
     Args:
-        web: of which it is.
-        source: whose.
-        root: an address of it, which may hold braces.
-        key: the source's; empty without one.
+        web: access to servers.
+        source: the source.
+        root: address of the server, which may hold placeholders.
+        key: key of the source; empty without one.
     """
 
     def __init__(self, web: Web, source: SourceSpec, root: str, key: str) -> None:
@@ -182,7 +182,7 @@ class Server:
         )
 
     def shown(self, address: str) -> str:
-        """Return an address as people may see it: without its key and what it asks for."""
+        """Return an address for display, without its key and query."""
         return self._client.secrets.hidden(re.sub(r"[?#].*", "", address))
 
     def hidden(self, text: str) -> str:
@@ -190,10 +190,10 @@ class Server:
         return self._client.secrets.hidden(text)
 
     def get(self, address: str) -> Fetched:
-        """Return what is at an address, which may hold ``{key}``; from the cache if it is there.
+        """Return the content at an address, which may hold ``{key}``; from the cache if present.
 
         Raises:
-            DownloadError: it cannot be had.
+            DownloadError: the download failed.
         """
         kept = self.web.cache.find(address)
         if kept is not None and (self.web.offline or kept[0].is_fresh(self.source.fresh_days)):
@@ -212,15 +212,15 @@ class Server:
         return self._kept(address, answer)
 
     def get_span(self, address: str, span: Span, version: str | None) -> Fetched:
-        """Return a part of a file; from the cache if it is there.
+        """Return a part of a file; from the cache if present.
 
         Args:
-            address: the file's; it may hold ``{key}``.
-            span: the first byte and the one after the last.
-            version: that of the parts before, which it must be of, or ``None`` for the first.
+            address: the file's address; it may hold ``{key}``.
+            span: first byte and end of the part.
+            version: required version, that of earlier parts; ``None`` for the first part.
 
         Raises:
-            DownloadError: it cannot be had, or the file is another by now.
+            DownloadError: the download failed, or the file has changed.
         """
         request = f"{address} bytes {span[0]}-{span[1]} of {version}"
         kept = self.web.cache.find(request)
@@ -241,7 +241,7 @@ class Server:
         return Fetched(answer.body, now(), its, total)
 
     def forget(self, address: str, span: Span) -> None:
-        """Forget the first part of a file that is another by now."""
+        """Remove the first part of a changed file from the cache."""
         self.web.cache.forget(f"{address} bytes {span[0]}-{span[1]} of None")
 
     def _ask(self, address: str, span: Span | None) -> Answer:
@@ -252,7 +252,7 @@ class Server:
         return self._client.fetch(there, span)
 
     def _kept(self, request: str, answer: Answer, version: str = "") -> Fetched:
-        """Return an answer after keeping it, unless it holds a key."""
+        """Return a response after caching it, unless it holds a key."""
         data, total = answer.body, answer.total or len(answer.body)
         if self._client.secrets.held_by(data):
             return Fetched(data, now(), version, total)

@@ -1,4 +1,4 @@
-"""Work on a Ray cluster: the workers of `urbantwin.processes`, on many machines."""
+"""Ray clusters: the worker pool of `urbantwin.processes` on many machines."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Joining a Ray cluster, or starting one here; what of it does not fit is said in one line."""
+"""Connection to a Ray cluster, with incompatibilities reported in one line."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["Cluster", "connected"]
 
 Result = TypeVar("Result")
 
-#: So long an address may not answer, seconds.
+#: Time limit for a response of an address, seconds.
 _ANSWERS_S = 5.0
-#: So long a node may need to import this package, seconds.
+#: Time limit for a node to import this package, seconds.
 _NODE_ANSWERS_S = 120.0
-#: How HTTP/2 (RFC 9113, 3.4), which a head speaks, begins: with a preface and settings, of which
-#: both sides send a frame. Ray waits 80 s for something else that listens.
+#: Start of an HTTP/2 connection (RFC 9113, 3.4), as a head node speaks it: preface and settings,
+#: with a settings frame from both sides. Ray itself would wait 80 s for another kind of server.
 _SETTINGS = b"\x04"
 _HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
 _WAITS = "RAY_gcs_server_port_wait_time_s"
@@ -38,13 +38,13 @@ _EXPECTED = "HOST:PORT of a cluster's head, auto for the one that runs here, or 
 
 
 class Cluster:
-    """A cluster that this process has joined.
+    """A joined cluster.
 
     Attributes:
-        address: as a person gave it.
-        processors: how many its nodes have together.
-        nodes: addresses of those that work.
-        workers: at most so many work at a time; all processors if not given.
+        address: address given by the user.
+        processors: total number of processors of its nodes.
+        nodes: addresses of its working nodes.
+        workers: largest number of parallel tasks; all processors if not given.
     """
 
     def __init__(self, address: str, agreed: Agreed | None, workers: int | None = None) -> None:
@@ -56,24 +56,24 @@ class Cluster:
 
     @property
     def processors(self) -> int:
-        """How many processors its nodes have together."""
+        """Total number of processors of the nodes."""
         return processors()
 
     @property
     def nodes(self) -> list[str]:
-        """Names of the nodes that work, as errors name them."""
+        """Names of the working nodes, as used in errors."""
         return [_name(one) for one in working_nodes()]
 
     @contextmanager
     def worker_pool(
         self, start: Callable[..., None], *arguments: object, workers: int | None = None
     ) -> Iterator[ClusterWorkers]:
-        """Yield workers, as `processes.worker_pool` does; what has not ended with the block stops.
+        """Yield workers as `processes.worker_pool` does; stop running tasks at the end.
 
         Args:
             start: called in every worker before its work.
-            arguments: of ``start``; they reach every node once.
-            workers: at most so many at a time; as the cluster says if not given.
+            arguments: arguments of ``start``, sent to every node once.
+            workers: largest number of parallel tasks; the cluster's if not given.
         """
         most = self.workers if workers is None else workers
         pool = ClusterWorkers(start, arguments, self._agreed, self._told, most)
@@ -85,10 +85,10 @@ class Cluster:
     def on_every_node(
         self, function: Callable[..., Result], *arguments: object
     ) -> dict[str, Result]:
-        """Call a function once on every node that works; return what each returned, by its name.
+        """Call a function once on every working node; return the results by node name.
 
         Raises:
-            StageError: a node does not answer.
+            StageError: a node does not respond.
         """
         import ray
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
@@ -137,24 +137,24 @@ def connected(
     """Join a Ray cluster for a block.
 
     Args:
-        address: ``HOST:PORT`` of its head; ``auto``, the one that runs on this machine; ``local``,
-            one that is started here and ends with the block.
-        agreed: a function of a module, called here and on every node: it returns what must be the
-            same on all. The version of UrbanTwin is compared in any case.
-        workers: at most so many work at a time; all processors if not given.
+        address: ``HOST:PORT`` of its head; ``auto``, the cluster running on this machine;
+            ``local``, a new one that ends with the block.
+        agreed: a module-level function, called here and on every node, which returns the values
+            that must be equal on all. The version of UrbanTwin is always compared.
+        workers: largest number of parallel tasks; all processors if not given.
 
     Raises:
-        InputError: Ray is not installed, there is no cluster at the address, it runs other
-            versions, or a node has other versions of what decides the bytes.
-        StageError: a node does not answer.
+        InputError: Ray is not installed, no cluster is at the address, its versions differ, or a
+            node differs in a version that affects the bytes.
+        StageError: a node does not respond.
     """
     check_extra("ray", "working on a cluster", place="--ray")
-    # No word to its makers of who uses it; nothing of it is shown but what we say.
+    # No usage statistics, and no output but ours.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     import ray
 
-    if ray.is_initialized():  # who calls us has joined one
+    if ray.is_initialized():  # the caller has joined one
         yield Cluster(address, agreed, workers)
         return
     _check_address(address)
@@ -169,7 +169,7 @@ def connected(
 
 
 def _check_address(address: str) -> None:
-    """Refuse an address that is none, or where nobody listens."""
+    """Check that an address is valid and that a cluster's head responds there."""
     if address in ("auto", "local"):
         return
     host, _, port = address.rpartition(":")
@@ -195,13 +195,13 @@ def _join(address: str, workers: int | None) -> None:
     import ray
 
     options: dict[str, Any] = {}
-    told = {_WAITS: "2"}  # attempts of some seconds; Ray's own would be twenty
+    told = {_WAITS: "2"}  # attempts of a few seconds; Ray's default is twenty
     if address == "local":
         options = {"include_dashboard": False}
         options["num_cpus"] = usable_processors() if workers is None else workers
         told = {}
         if not {_MODE, _TOKEN}.intersection(os.environ):
-            # Of its own, which goes with it: Ray would leave one in the person's home.
+            # A temporary token: Ray would leave one in the user's home folder.
             told = {_TOKEN: secrets.token_hex(32)}
     try:
         with _environment(told), _silent():
@@ -221,7 +221,7 @@ def _join(address: str, workers: int | None) -> None:
 
 @contextmanager
 def _environment(told: dict[str, str]) -> Iterator[None]:
-    """Tell Ray something by the environment, while the block runs."""
+    """Set environment variables for Ray while the block runs."""
     before = {name: os.environ.get(name) for name in (*told, _MODE)}  # Ray sets the mode itself
     os.environ.update(told)
     try:
@@ -236,7 +236,7 @@ def _environment(told: dict[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _without_remarks() -> Iterator[None]:
-    """Keep Ray from printing to stdout, where results go, that it does a task again."""
+    """Keep Ray's notices about repeated tasks off stdout, which carries results."""
     from ray._private import worker  # no setting turns it off (2.60)
 
     name = "print_to_stdstream"
@@ -250,7 +250,7 @@ def _without_remarks() -> Iterator[None]:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Show nothing of what Ray's own code writes to the process's stderr, but all else."""
+    """Hide what Ray's own code writes to stderr, but nothing else."""
     shown = sys.stderr
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
@@ -278,7 +278,7 @@ def _reason(error: Exception) -> str:
 
 
 def _of_node(name: str, error: Exception) -> Exception:
-    """Say of which node an error is."""
+    """Return an input error with the node's name added to its place."""
     if not isinstance(error, InputError):
         return error
     place = f"node {name}" if error.place is None else f"node {name}: {error.place}"
@@ -304,7 +304,7 @@ def _name(node: dict[str, Any]) -> str:
 
 @contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep what this process does when it is interrupted: Ray takes over SIGTERM."""
+    """Keep this process's signal handlers, since Ray replaces that of SIGTERM."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

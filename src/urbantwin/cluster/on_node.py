@@ -1,4 +1,4 @@
-"""What runs on the nodes of a cluster, in processes that Ray started there."""
+"""Functions that run on the nodes of a cluster, in processes started by Ray."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from urbantwin.processes import calculate_as_worker
 
 __all__ = ["Agreed", "answer", "begin_and_work", "difference", "told_here"]
 
-#: Returns what must be the same on every node, so that each makes the same bytes.
+#: Function that returns the values that must be equal on all nodes, for equal bytes.
 Agreed = Callable[[], Mapping[str, Any]]
 
 _begun: str | None = None
 
 
 def told_here(agreed: Agreed | None) -> dict[str, str]:
-    """Return what must be the same on every node: the versions of UrbanTwin and of what it uses."""
+    """Return the values that must be equal on all nodes, as UrbanTwin's version."""
     told = {"UrbanTwin": __version__}
     for name, value in ({} if agreed is None else agreed()).items():
         if isinstance(value, Mapping):
@@ -32,7 +32,7 @@ def told_here(agreed: Agreed | None) -> dict[str, str]:
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str | None:
-    """Return the first thing that is not the same: ``numpy 2.1 (2.2 here)``."""
+    """Return the first difference: ``numpy 2.1 (2.2 here)``."""
     for name, value in here.items():
         if there.get(name) != value:
             return f"{name} {there.get(name, 'missing')} ({value} here)"
@@ -49,10 +49,10 @@ def answer(packed: bytes) -> bytes:
 
 
 def begin_and_work(handed: Sequence[Any], packed: bytes) -> bytes:
-    """Do one piece of work; the first time in this process, what it begins with before.
+    """Run a task; the first time in this process, run the start function before.
 
     Args:
-        handed: a reference to what all work shares, which Ray keeps on every node once: a packed
+        handed: a reference to the shared start data, which Ray keeps on every node once: a packed
             ``(start, arguments, agreed, told)``.
         packed: the function and its argument.
 
@@ -66,7 +66,7 @@ def begin_and_work(handed: Sequence[Any], packed: bytes) -> bytes:
         calculate_as_worker()
         if _begun != handed[0].hex():
             _begun = None
-            # Unpacked by each process, as on one machine: arrays that Ray shares cannot be written.
+            # Unpickled per process, as on one machine: arrays shared by Ray are read-only.
             start, arguments, agreed, told = pickle.loads(ray.get(handed[0]))
             other = difference(told, told_here(agreed))
             if other is not None:
@@ -82,10 +82,10 @@ def begin_and_work(handed: Sequence[Any], packed: bytes) -> bytes:
 
 def _packed(well: bool, what: object) -> bytes:
     if isinstance(what, Exception) and not well and not isinstance(what, InputError):
-        what.add_note("".join(traceback.format_exception(what)))  # a process has no other trace
+        what.add_note("".join(traceback.format_exception(what)))  # lost between processes
     try:
         packed = pickle.dumps((well, what), pickle.HIGHEST_PROTOCOL)
-        pickle.loads(packed)  # errors of libraries may not come back as they went
+        pickle.loads(packed)  # errors of libraries may not be picklable
     except Exception:
         why = f"{type(what).__name__}: {what}" if not well else f"{type(what).__name__} as a result"
         return pickle.dumps((False, RuntimeError(why)), pickle.HIGHEST_PROTOCOL)

@@ -1,4 +1,4 @@
-"""Workers on a cluster, with the face of a pool of processes. A task that is lost is done again."""
+"""Workers on a Ray cluster, with the interface of a process pool; lost tasks are repeated."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ __all__ = ["ClusterWorkers", "processors", "working_nodes"]
 
 Result = TypeVar("Result")
 
-#: A task whose worker or node was lost is begun so many times more.
+#: Most repetitions of a task whose worker or node was lost.
 MOST_RETRIES = 4
-#: So long nobody has to be there to do the work: a node that is started again takes a while.
+#: Longest time without any node, seconds; a restarted node needs a while.
 _LONGEST_ALONE_S = 60.0
 _LOOKED_AFTER_S = 5.0
 _THEN = "what is finished is kept: give the same command again"
 
 
 class ClusterWorkers:
-    """Workers that are begun once in each process with ``start``, and then do what is submitted.
+    """Workers that run ``start`` once per process, and then the submitted tasks.
 
-    What they begin with reaches every node once. A worker that is killed, or whose node is lost,
-    is replaced, and its task is done again on another; after four such losses of one task it fails.
+    The start data is sent to every node once. A killed worker or lost node is replaced, and its
+    task repeated elsewhere; after four repetitions the task fails.
 
     Args:
         start: called in every worker before its work.
-        arguments: of ``start``.
+        arguments: arguments of ``start``.
         agreed: see `connected`.
-        told: what it returned here.
-        workers: at most so many at a time.
+        told: return value of ``agreed`` on this machine.
+        workers: largest number of parallel tasks.
 
     Attributes:
-        workers: how many work at a time.
-        room: so many tasks are worth submitting before the first has ended.
-        handed: Ray's reference to what the workers begin with.
+        workers: number of parallel tasks.
+        room: number of tasks worth submitting before the first has ended.
+        handed: Ray's reference to the start data.
     """
 
     def __init__(
@@ -68,11 +68,11 @@ class ClusterWorkers:
         self._watch.start()
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
-        """Let a worker call a function; the future has what it returned, or raises what it raised.
+        """Submit a function call; return a future of its result or exception.
 
         Args:
-            function: of a module, not of a script.
-            arguments: of it; they and the result are pickled.
+            function: module-level function, not of a script.
+            arguments: its arguments; they and the result are pickled.
         """
         packed = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
         reference = self._work.remote([self.handed], packed)
@@ -84,7 +84,7 @@ class ClusterWorkers:
         return future
 
     def close(self) -> None:
-        """Stop what has not ended."""
+        """Stop all running tasks."""
         import ray
 
         self._closed.set()
@@ -104,7 +104,7 @@ class ClusterWorkers:
                 return
         try:
             well, what = pickle.loads(done.result())
-        except Exception as error:  # Ray's own: whoever waits for the future hears of it
+        except Exception as error:  # Ray's own error, passed on through the future
             well, what = False, StageError(f"{_why(error)}; {_THEN}")
         if well:
             future.set_result(what)
@@ -112,7 +112,7 @@ class ClusterWorkers:
             future.set_exception(what)
 
     def _watch_nodes(self) -> None:
-        """End the waiting when no node has been left for a minute: Ray would wait for ever."""
+        """Fail waiting tasks after a minute without any node; Ray would wait forever."""
         alone_s = 0.0
         while not self._closed.wait(_LOOKED_AFTER_S):
             try:
@@ -129,7 +129,7 @@ class ClusterWorkers:
 
 
 def working_nodes() -> list[dict[str, Any]]:
-    """Return what Ray tells of the nodes that are alive and have a processor."""
+    """Return Ray's entries of living nodes that have a processor."""
     import ray
 
     nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call, unused-ignore]
@@ -137,12 +137,12 @@ def working_nodes() -> list[dict[str, Any]]:
 
 
 def processors() -> int:
-    """Return how many processors the nodes have that are alive."""
+    """Return the total number of processors of the living nodes."""
     return int(sum(one["Resources"]["CPU"] for one in working_nodes()))
 
 
 def _why(error: BaseException) -> str:
-    """Return what Ray's error says of a task that was lost too often."""
+    """Return a description of Ray's error for a task that was lost too often."""
     import ray
 
     if isinstance(error, ray.exceptions.OutOfMemoryError):

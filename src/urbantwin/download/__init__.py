@@ -1,4 +1,4 @@
-"""Downloads over HTTP: one client, which asks only permitted origins, within limits."""
+"""HTTP downloads: a client restricted to permitted origins, within limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTTP addresses and their origins, the error of a download, and keys hidden in texts."""
+"""HTTP addresses and origins, the error of a download, and hiding of keys in texts."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["Address", "DownloadError", "Origin", "Secrets", "parse_address", "pa
 
 
 class DownloadError(Exception):
-    """Something could not be downloaded; the text is one line, and no key is part of it.
+    """A failed download; the message is one line without keys.
 
     Args:
-        problem: what is wrong, after the name of what was asked for: ``not found (404)``.
-        status: the server's status, if it answered with one that is not good.
-        unanswered: the server could not be reached, or broke off.
-        may_pass: the same request may do better a moment later.
-        after_s: how long the server asks to wait before it is asked again, seconds.
-        spent: what may be downloaded altogether has been: asking for more is of no use.
+        problem: description, following the name of the requested item: ``not found (404)``.
+        status: HTTP status, if it was an error.
+        unanswered: whether the server could not be reached or broke off.
+        may_pass: whether the same request may succeed later.
+        after_s: pause requested by the server, seconds.
+        spent: whether the total limit is exhausted, so that further requests are useless.
     """
 
     def __init__(
@@ -48,12 +48,12 @@ _PORTS = {"http": 80, "https": 443}
 
 @dataclass(frozen=True)
 class Origin:
-    """Who is asked: two addresses are of one origin only if all three agree (RFC 6454).
+    """Origin of an address: equal only if all three parts agree (RFC 6454).
 
     Attributes:
         scheme: ``http`` or ``https``.
-        host: lower case, ASCII (international names as in DNS); of IPv6 without brackets.
-        port: the scheme's own where the address names none.
+        host: lower case, ASCII (international names as in DNS); IPv6 without brackets.
+        port: port; the scheme's default if the address has none.
     """
 
     scheme: str
@@ -61,24 +61,24 @@ class Origin:
     port: int
 
     def __str__(self) -> str:
-        """Return it as it stands in an address."""
+        """Return the origin as text: ``https://host:port``."""
         return f"{self.scheme}://{self.netloc}"
 
     @property
     def netloc(self) -> str:
-        """The host, with the port where it is not the scheme's own."""
+        """The host, with the port unless it is the scheme's default."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == _PORTS[self.scheme] else f"{host}:{self.port}"
 
 
 @dataclass(frozen=True)
 class Address:
-    """A request: nothing of it is parsed again between being judged and being sent.
+    """A parsed address; it is not parsed again between check and request.
 
     Attributes:
-        origin: who is asked.
-        path: what for, percent-encoded, from the first slash.
-        query: what follows the question mark, percent-encoded.
+        origin: origin of the request.
+        path: percent-encoded path, from the first slash.
+        query: percent-encoded query, without question mark.
     """
 
     origin: Origin
@@ -87,19 +87,19 @@ class Address:
 
     @property
     def target(self) -> str:
-        """What the request asks for (RFC 9112, origin-form)."""
+        """Request target (RFC 9112, origin-form)."""
         return f"{self.path}?{self.query}" if self.query else self.path
 
     def __str__(self) -> str:
-        """Return the whole address, without a fragment."""
+        """Return the address as text, without a fragment."""
         return f"{self.origin}{self.target}"
 
 
 def parse_address(text: str) -> Address:
-    """Return an address of HTTP or HTTPS, taken apart.
+    """Return a parsed HTTP or HTTPS address.
 
     Raises:
-        DownloadError: it is not such an address, or it holds a name or a password.
+        DownloadError: not such an address, or with user name or password.
     """
     try:
         parts = urlsplit(text.strip())
@@ -124,26 +124,26 @@ def parse_address(text: str) -> Address:
 
 
 def parse_origin(text: str) -> Origin:
-    """Return an origin that a person wrote: ``https://host`` or ``http://host:8080``.
+    """Return the origin in a text: ``https://host`` or ``http://host:8080``.
 
     Raises:
-        DownloadError: it is not an origin, or has more than scheme, host and port.
+        DownloadError: not an origin, or more than scheme, host and port.
     """
     if not re.fullmatch(r"[A-Za-z]+://[^/?#@\s]+/?", text):
         raise DownloadError("is not an origin")
     return parse_address(text).origin
 
 
-#: A secret is looked for inside of texts from so many characters on: of a shorter one everything
-#: seems to hold it.
+#: Shortest secret that is searched for inside of texts, characters; shorter ones would match almost
+#: anywhere.
 SHORTEST = 4
 
 
 class Secrets:
-    """What must reach neither another origin nor a report.
+    """Texts that must reach neither another origin nor a report.
 
     Args:
-        known: the secrets, as they are.
+        known: the secrets, in plain form.
     """
 
     def __init__(self, known: Iterable[str]) -> None:
@@ -153,17 +153,17 @@ class Secrets:
         self._written = tuple(sorted(written, key=lambda form: (-len(form), form)))
 
     def hidden(self, text: str) -> str:
-        """Return a text without any of them."""
+        """Return a text with all secrets hidden."""
         for form in self._written:
             text = text.replace(form, "***")
         return text
 
     def held_by(self, data: bytes) -> bool:
-        """Return whether a server wrote one of them into what it answered."""
+        """Return whether a response contains a secret."""
         return any(form.encode() in data for form in self._written)
 
     def told_in(self, text: str) -> bool:
-        """Return whether a part of an address (``name=value``) holds one, however encoded."""
+        """Return whether a part of an address (``name=value``) holds a secret in any encoding."""
         forms = {text, text.partition("=")[2]}
         for undo in (unquote, unquote_plus, unquote, unquote_plus):
             forms |= {undo(form) for form in forms}

@@ -1,7 +1,7 @@
-"""The HTTP client: it asks the root's origin and listed ones, and sends its key to the root's.
+"""HTTP client restricted to permitted origins; its key is sent to the root's origin only.
 
-Written on ``http.client`` because a client above it (urllib, urllib3, requests) looks a name up
-again after we have judged its numbers, and times each read instead of the whole answer.
+Built on ``http.client``, because higher-level clients (urllib, urllib3, requests) resolve a name
+again after its addresses were checked, and limit the time of single reads instead of the response.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from urbantwin.download.response_body import Answer, Span, read_answer, waits_s
 __all__ = ["Client", "Limits"]
 
 TRIES = 4
-#: Before the second try, seconds; each further pause is four times as long.
+#: Pause before the second attempt, seconds; each further pause is four times as long.
 PAUSE_S = 0.25
-#: Nothing is tried again later than this, seconds.
+#: No further attempt after this time, seconds.
 LAST_TRY_S = 30.0
-#: A server that asks for a longer pause (``Retry-After``) is not asked again, seconds.
+#: Longest ``Retry-After`` that is respected, seconds; longer ones end the attempts.
 LONGEST_WAIT_S = 60.0
-#: Tries in a row without any answer after which a server is given up.
+#: Consecutive requests without a response after which a server is given up.
 PATIENCE = 64
 MOST_REDIRECTS = 5
-#: What the usual failures of a connection mean, in words.
+#: Common connection errors in words.
 _IN_WORDS: Mapping[type[Exception], str] = {
     socket.gaierror: "there is no network, or no host of this name",
     ConnectionRefusedError: "nobody listens there",
@@ -56,13 +56,13 @@ _MOVED = (301, 302, 303, 307, 308)
 
 @dataclass(frozen=True)
 class Limits:
-    """What may be downloaded.
+    """Limits of downloads.
 
     Attributes:
-        one_bytes: of one answer, unpacked.
-        all_bytes: of all answers together.
-        all_s: how long all of it may take.
-        think_s: how long a server may think before it answers, where that is longer than usual.
+        one_bytes: size of one response, decompressed, bytes.
+        all_bytes: size of all responses together, bytes.
+        all_s: total time, seconds.
+        think_s: time until a server responds, seconds, if longer than the default.
     """
 
     one_bytes: int
@@ -72,30 +72,30 @@ class Limits:
 
 
 class Client:
-    """Downloads what a person named, from where they named it; several threads may use it.
+    """Downloads from an address given by the user and from permitted origins; thread-safe.
 
-    - The root's origin is asked, and such other ones as are listed; a redirect is a request.
-    - The key goes to the root's origin. What an answer of it tells us to ask elsewhere is asked
-      without the key, or not at all.
-    - Private addresses are asked only if the root is one: where a name leads is judged by the
-      numbers that are then connected to. Behind a proxy of the environment only the spelling of
-      an address can be judged, since the proxy looks names up.
-    - From HTTPS no redirect leads to HTTP.
+    - Requests go to the root's origin and to listed origins; each redirect is a request.
+    - The key goes to the root's origin. Addresses in its responses that lead elsewhere are
+      requested without the key, or rejected.
+    - Private addresses are requested only if the root is private; a host name is judged by the IP
+      addresses that are then connected to. Behind a proxy of the environment only the spelling of
+      an address can be judged, since the proxy resolves names.
+    - Redirects never lead from HTTPS to HTTP.
 
     Args:
-        root: the address that the person named.
-        limits: of size and time.
-        origins: other origins that may be asked.
+        root: address given by the user.
+        limits: limits of size and time.
+        origins: further permitted origins.
         key: added to requests as ``key=``, or ``None``.
         bearer: sent as ``Authorization: Bearer``, or ``None``.
-        secrets: what else must not reach another origin: a key that is part of addresses.
+        secrets: further texts that must not reach another origin: keys within addresses.
 
     Attributes:
-        root: the origin of the root.
-        secrets: the key and what else is secret.
+        root: origin of the root.
+        secrets: the key and the other secrets.
 
     Raises:
-        DownloadError: the root is not an address of HTTP.
+        DownloadError: the root is not an HTTP address.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Client:
         self._private: bool | None = None
 
     def check(self, address: Address, how: str = "it lies at") -> None:
-        """Check that an address may be asked for, as far as it alone shows.
+        """Check that an address may be requested, judged by its origin.
 
         Raises:
             DownloadError: its origin is neither the root's nor listed.
@@ -135,23 +135,23 @@ class Client:
             )
 
     def get(self, address: str) -> bytes:
-        """Return what is at an address; failures that may pass are tried again.
+        """Return the content at an address; temporary failures are retried.
 
         Raises:
-            DownloadError: it cannot be had.
+            DownloadError: the download failed.
         """
         return self.fetch(address).body
 
     def fetch(self, address: str, span: Span | None = None) -> Answer:
-        """Return what is at an address with what the server says of it, as `get` does.
+        """Return the response for an address, with the retries of `get`.
 
         Args:
-            address: what is asked for.
-            span: the first byte and the one after the last, of which a server that knows no
-                ranges sends more (`Answer.first`).
+            address: address to request.
+            span: first byte and end of the range; a server without ranges sends more
+                (`Answer.first`).
 
         Raises:
-            DownloadError: it cannot be had, or the server asks to wait for long.
+            DownloadError: the download failed, or the server requests a long pause.
         """
         first = parse_address(address)
         attempt, begun = 0, time.monotonic()
@@ -167,7 +167,7 @@ class Client:
             time.sleep(max(PAUSE_S * 4 ** (attempt - 1), told_s))
 
     def _followed(self, here: Address, span: Span | None) -> Answer:
-        """Return what is at an address, or where redirects from it lead."""
+        """Return the response for an address, after redirects."""
         for _ in range(MOST_REDIRECTS + 1):
             self.check(here)
             answer = self._asked(here, span)
@@ -177,7 +177,7 @@ class Client:
         raise DownloadError(f"is redirected more than {MOST_REDIRECTS} times")
 
     def _moved(self, here: Address, location: str) -> Address:
-        """Return where a redirect leads."""
+        """Return the target of a redirect."""
         try:
             there = parse_address(urljoin(str(here), quote(location, safe=string.punctuation)))
         except (DownloadError, ValueError):
@@ -188,7 +188,7 @@ class Client:
         return there
 
     def _asked(self, address: Address, span: Span | None) -> Answer | str:
-        """Return the body of one answer, or the location that it redirects to."""
+        """Return one response, or the target of its redirect."""
         self._spend(0)
         origin = address.origin
         if self._unanswered[origin] >= PATIENCE:
@@ -198,7 +198,7 @@ class Client:
         except DownloadError as error:
             failure = error
         except (http.client.HTTPException, OSError, ValueError) as error:
-            # What went wrong may name the address, and the key with it: only its kind is reported.
+            # The error may contain the address with the key: only its type is reported.
             kind = type(error)
             why = f"cannot be fetched ({_IN_WORDS.get(kind, kind.__name__)})"
             failure = DownloadError(why, unanswered=True, may_pass=True)
@@ -214,7 +214,7 @@ class Client:
         raise failure from None
 
     def _answer(self, address: Address, span: Span | None) -> Answer | str:
-        """Ask once, and return an answer or a location."""
+        """Send one request; return a response or the target of a redirect."""
         proxy = proxy_for(address.origin)
         places = self._places(address.origin, looked_up=proxy is None)
         pace = Pace(self._limits.one_bytes, self._limits.think_s)
@@ -244,11 +244,11 @@ class Client:
         return secure_context()
 
     def _places(self, origin: Origin, *, looked_up: bool) -> list[Place]:
-        """Return where an origin may be connected to; nothing where it is not looked up.
+        """Return the places to connect to for an origin; empty if not looked up.
 
         Raises:
             DownloadError: its addresses are private, and the root's are not.
-            OSError: its name is not known.
+            OSError: its name cannot be resolved.
         """
         private = self._root_is_private()
         if not looked_up:
@@ -267,9 +267,9 @@ class Client:
         return public
 
     def _root_is_private(self) -> bool:
-        """Return whether the root leads to private addresses, decided when first asked.
+        """Return whether the root has private addresses, decided on first use.
 
-        Once decided it stays: a name that was public does not become this machine's.
+        The decision is final: a name that was public cannot turn into this machine's.
         """
         with self._deciding:
             if self._private is None:
@@ -280,10 +280,10 @@ class Client:
             return self._private
 
     def _with_key(self, address: Address) -> Address:
-        """Return what is asked for in fact: with the key of the root's origin, elsewhere without.
+        """Return the address to request: with the key for the root's origin, elsewhere without.
 
         Raises:
-            DownloadError: the address is of another origin, and made with the key.
+            DownloadError: the address has another origin and contains the key.
         """
         pairs = address.query.split("&") if address.query else []
         if address.origin == self.root:
@@ -298,10 +298,10 @@ class Client:
         return asked
 
     def _spend(self, received: int) -> None:
-        """Count what came.
+        """Count received bytes.
 
         Raises:
-            DownloadError: all that may come has come, or all time is over.
+            DownloadError: the total size or time is exceeded.
         """
         limits = self._limits
         with self._lock:
@@ -321,7 +321,7 @@ def _private(origin: Origin) -> DownloadError:
 
 
 def _refusal(status: int, after_s: float | None) -> DownloadError:
-    """Return what a status of HTTP means here, and when the server wants to be asked again."""
+    """Return the error for an HTTP status, with the pause requested by the server."""
     if status in (401, 403):
         problem = f"is refused by the server ({status}): is the key right?"
     elif status in (404, 410):

@@ -1,4 +1,4 @@
-"""Connections to checked addresses: which are public, and how long a server may take."""
+"""Connections to checked addresses: public networks only, with time limits."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = [
     "secure_context",
 ]
 
-#: What ``socket.getaddrinfo`` says of a way to connect: family, and address of that family.
+#: Result of ``socket.getaddrinfo`` for a connection: family, and address of that family.
 Place = tuple[int, Any]
 
 _IPv4InIPv6 = {
-    # RFC 6052: how a network without IPv4 reaches it.
+    # RFC 6052: IPv4 from networks without it.
     "nat64": (ipaddress.IPv6Network("64:ff9b::/96"), 0),
     # RFC 3056.
     "6to4": (ipaddress.IPv6Network("2002::/16"), 80),
@@ -38,11 +38,11 @@ _IPv4InIPv6 = {
 
 
 def is_public(text: str) -> bool:
-    """Return whether an address (IPv4 or IPv6, as numbers) belongs to the open internet.
+    """Return whether an IP address (IPv4 or IPv6) belongs to the public internet.
 
-    Not so loopback, private, link-local, shared, multicast, reserved and unspecified ones, by
-    IANA's registries of special-purpose addresses (RFC 6890); an IPv6 address that holds one of
-    IPv4 is judged by that.
+    False for loopback, private, link-local, shared, multicast, reserved and unspecified addresses,
+    by IANA's registries of special-purpose addresses (RFC 6890). An IPv6 address that embeds an
+    IPv4 address is judged by the latter.
     """
     address = ipaddress.ip_address(text.partition("%")[0])
     if isinstance(address, ipaddress.IPv6Address):
@@ -65,10 +65,10 @@ def is_public(text: str) -> bool:
 
 
 def literal_address(host: str) -> str | None:
-    """Return the numbers that a host's spelling alone stands for, or ``None`` for other names.
+    """Return the IP address that a host name spells out, or ``None`` for other names.
 
-    As the C library reads them: ``127.1``, ``2130706433`` and ``0x7f000001`` are one; and names
-    that are this machine by definition (RFC 6761).
+    Uses the C library's rules: ``127.1``, ``2130706433`` and ``0x7f000001`` are the same. Also
+    covers names of this machine by definition (RFC 6761).
     """
     if ":" in host:
         return host
@@ -82,10 +82,10 @@ def literal_address(host: str) -> str | None:
 
 
 def located(host: str, port: int) -> list[Place]:
-    """Return where a host can be reached, in the system's order.
+    """Return the places to connect to for a host, in the system's order.
 
     Raises:
-        OSError: its name is not known.
+        OSError: the name cannot be resolved.
     """
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     return [
@@ -95,22 +95,22 @@ def located(host: str, port: int) -> list[Place]:
     ]
 
 
-#: Longest wait for a connection, and for the next byte, seconds.
+#: Time limits for connecting, and for the next byte, seconds.
 CONNECT_S, QUIET_S = 10.0, 20.0
-#: An answer must have come this soon, or faster than this all along, and never take longer.
+#: Time limits of a response: grace period (s), then a lowest mean rate (bytes/s), and a total (s).
 GRACE_S, SLOWEST, DEADLINE_S = 30.0, 4096, 300.0
 
 
 class Pace:
-    """How fast one answer must come, headers included, and how much of it.
+    """Time and size limits of one response, headers included.
 
-    A server that sends a byte now and then never lets a read time out: what counts is the whole.
+    A server that sends single bytes slowly never hits a read timeout, so the whole response is
+    limited.
 
     Args:
-        most_bytes: what may come over the wire; 1 MiB and as much again are for headers and the
-            lengths of chunks.
-        think_s: how long the first byte may take, where that is longer than usual: a server that
-            searches has its time from there on.
+        most_bytes: largest body, bytes; 1 MiB and the same amount again are allowed for headers and
+            chunk lengths.
+        think_s: time limit for the first byte, if longer than the default, seconds.
     """
 
     def __init__(self, most_bytes: int, think_s: float = 0.0) -> None:
@@ -120,10 +120,10 @@ class Pace:
         self._received = 0
 
     def wait_s(self) -> float:
-        """Return how long the next byte may take.
+        """Return the time limit for the next byte, seconds.
 
         Raises:
-            DownloadError: no longer at all.
+            DownloadError: the time is over.
         """
         allowed = min(GRACE_S + self._received / SLOWEST, DEADLINE_S)
         quiet_s = QUIET_S
@@ -135,7 +135,7 @@ class Pace:
         return min(left, quiet_s)
 
     def count(self, received: int) -> None:
-        """Count bytes that came."""
+        """Count received bytes."""
         if self._think_s and not self._received:
             self._start = time.monotonic()
         self._received += received
@@ -144,7 +144,7 @@ class Pace:
 
 
 class _Plain(socket.socket):
-    """A socket that keeps to a pace."""
+    """A socket with a limited pace."""
 
     pace: Pace
 
@@ -153,18 +153,18 @@ class _Plain(socket.socket):
         try:
             received = super().recv_into(buffer, *how, **more)
         except TimeoutError:
-            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
+            self.pace.wait_s()  # raises if the whole response is late
             raise
         self.pace.count(received)
         return received
 
 
 class _Encrypted(_Plain, ssl.SSLSocket):
-    """The same, of TLS."""
+    """A TLS socket with a limited pace."""
 
 
 def secure_context() -> ssl.SSLContext:
-    """Return how TLS is spoken: certificates are checked against the system's."""
+    """Return a TLS context that checks certificates against the system's."""
     context = ssl.create_default_context()
     context.sslsocket_class = _Encrypted
     return context
@@ -172,11 +172,11 @@ def secure_context() -> ssl.SSLContext:
 
 @dataclass(frozen=True)
 class Proxy:
-    """Who asks in our place.
+    """An HTTP proxy.
 
     Attributes:
-        host: of the proxy.
-        port: of the proxy.
+        host: host of the proxy.
+        port: port of the proxy.
         headers: credentials for the proxy.
     """
 
@@ -186,12 +186,12 @@ class Proxy:
 
 
 def proxy_for(origin: Origin) -> Proxy | None:
-    """Return the proxy that the environment names for an origin, as other programs read it.
+    """Return the proxy that the environment names for an origin.
 
-    This machine itself is never asked of a proxy, to which it would be another machine.
+    Requests to this machine never use a proxy.
 
     Raises:
-        DownloadError: what the environment names is no proxy of HTTP.
+        DownloadError: the environment names something else than an HTTP proxy.
     """
     named = urllib.request.getproxies().get(origin.scheme)
     if not named or urllib.request.proxy_bypass(origin.netloc):
@@ -220,21 +220,21 @@ def open_connection(
     context: ssl.SSLContext | None,
     proxy: Proxy | None,
 ) -> tuple[http.client.HTTPConnection, str, dict[str, str]]:
-    """Connect to one of the places given, or through a proxy.
+    """Connect to one of the given places, or through a proxy.
 
     Args:
-        address: what will be asked for.
-        places: where its origin is; nothing is looked up again, so that a name which changes its
-            numbers in between leads nowhere else.
-        pace: kept from now on.
-        context: of TLS (`secure_context`), or ``None`` to speak without.
-        proxy: who is asked to connect instead, if anybody.
+        address: address to request.
+        places: places of its origin; names are not resolved again, so a changed name leads nowhere
+            else.
+        pace: limits from now on.
+        context: TLS context (`secure_context`), or ``None`` for plain HTTP.
+        proxy: proxy to connect through, if any.
 
     Returns:
-        The connection, the target to ask for on it, and headers that it needs.
+        The connection, the request target, and required headers.
 
     Raises:
-        OSError: there is no answer.
+        OSError: no connection.
     """
     origin = address.origin
     if context is not None:
@@ -270,7 +270,7 @@ def _encrypted(
 
 
 def _connected(places: list[Place], pace: Pace) -> _Plain:
-    """Return a socket to the first place that answers."""
+    """Return a socket to the first place that responds."""
     failure: OSError = ConnectionError("no address")
     for family, place in places:
         wait_s = min(CONNECT_S, pace.wait_s())

@@ -1,4 +1,4 @@
-"""Files of a cache: each is there whole or not at all; several runs may share the folder."""
+"""Cache files, written atomically; several runs may share the folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["keep_bytes", "kept_bytes"]
 
-#: A file that is still being written after so long is a killed run's, seconds.
+#: Age after which an unfinished file is considered left by a killed run, seconds.
 _FORGOTTEN_S = 3600.0
 
 
@@ -20,14 +20,14 @@ _ELSE = "a folder of your own with room, or no cache"
 
 
 def kept_bytes(path: Path, expected: str = _ELSE) -> bytes | None:
-    """Return what was kept at a path of the folder, or ``None``.
+    """Return the bytes at a path of the folder, or ``None``.
 
     Args:
-        path: where it was kept.
-        expected: what a person is told to give where the folder is of no use.
+        path: path of the file.
+        expected: advice to the user if the folder is not usable.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file cannot be read.
     """
     try:
         return path.read_bytes()
@@ -38,21 +38,21 @@ def kept_bytes(path: Path, expected: str = _ELSE) -> bytes | None:
 
 
 def keep_bytes(path: Path, data: bytes, expected: str = _ELSE) -> None:
-    """Keep bytes at a path of the folder, whole or not at all.
+    """Write bytes to a path of the folder atomically.
 
     Args:
-        path: where they are to be.
+        path: path of the file.
         data: the bytes.
-        expected: as `kept_bytes` takes it.
+        expected: see `kept_bytes`.
 
     Raises:
-        InputError: there is no room, or it may not be written.
+        InputError: no space, or no permission.
     """
     scratch = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         for old in path.parent.glob("*.part"):
-            with suppress(FileNotFoundError):  # its writer has just given it its name
+            with suppress(FileNotFoundError):  # just renamed by its writer
                 if time.time() - old.stat().st_mtime > _FORGOTTEN_S:
                     old.unlink()
         try:

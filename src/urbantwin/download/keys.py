@@ -1,9 +1,9 @@
-"""Keys of servers: which variables of the environment may be read, and where each may be sent.
+"""Keys of servers: which environment variables may be read, and where each may be sent.
 
-A file that names a variable and a server (``site.yaml``, a table of sources) may come from a
-stranger. So the user decides, not the file: a variable whose name does not begin with
-``URBANTWIN_`` must be named on the command line, and every pair of a variable and an origin must
-be allowed there or in a file of the user's configuration folder.
+A file that names a variable and a server (``site.yaml``, a table of sources) may be untrusted. So
+the user decides, not the file: a variable whose name does not begin with ``URBANTWIN_`` must be
+named on the command line, and every pair of variable and origin must be allowed there or in a file
+of the user's configuration folder.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from urbantwin.errors import InputError
 
 __all__ = ["PREFIX", "VARIABLE", "allowed_keys_file", "key_for", "keys_allowed", "no_keys"]
 
-#: Variables of this prefix hold keys of UrbanTwin's user and nothing else.
+#: Prefix of variables that hold keys for UrbanTwin only.
 PREFIX = "URBANTWIN_"
-#: What the name of a variable looks like.
+#: Pattern of a variable's name.
 VARIABLE = r"^[A-Za-z_][A-Za-z0-9_]*$"
 
 Pair = tuple[str, Origin]
@@ -33,12 +33,12 @@ Pair = tuple[str, Origin]
 
 @dataclass(frozen=True)
 class _Allowed:
-    """What the caller of a command allowed.
+    """Permissions given by the caller of a command.
 
     Attributes:
-        names: variables that may be named though they lack the prefix.
-        pairs: variables with the origins that their values may go to.
-        none: no key is read at all.
+        names: permitted variables without the prefix.
+        pairs: variables with origins that their values may be sent to.
+        none: whether reading keys is forbidden.
     """
 
     names: frozenset[str] = field(default_factory=frozenset)
@@ -50,9 +50,9 @@ _allowed: ContextVar[_Allowed] = ContextVar("allowed_keys")
 
 
 def allowed_keys_file() -> Path:
-    """Return the file in the user's configuration folder with a pair ``NAME=https://host`` a line.
+    """Return the file in the user's configuration folder with lines ``NAME=https://host``.
 
-    Empty lines and lines that begin with ``#`` say nothing.
+    Empty lines and lines that begin with ``#`` are ignored.
     """
     return user_config_path("urbantwin", appauthor=False) / "allowed-keys"
 
@@ -62,9 +62,9 @@ def keys_allowed(names: Iterable[str] | None, pairs: Iterable[str] | None) -> It
     """Allow keys while the block runs, besides those of `allowed_keys_file`.
 
     Args:
-        names: variables that may be named (``--key-env``).
-        pairs: ``NAME=https://host:port``: variables that may be named, and where the value of each
-            may go (``--allow-key``).
+        names: permitted variables (``--key-env``).
+        pairs: ``NAME=https://host:port``: permitted variables with the server that the value may be
+            sent to (``--allow-key``).
 
     Raises:
         InputError: a name or a pair is malformed.
@@ -87,7 +87,7 @@ def keys_allowed(names: Iterable[str] | None, pairs: Iterable[str] | None) -> It
 
 @contextmanager
 def no_keys() -> Iterator[None]:
-    """Read no key while the block runs."""
+    """Forbid reading keys while the block runs."""
     before = _allowed.set(_Allowed(none=True))
     try:
         yield
@@ -106,18 +106,18 @@ def key_for(
     """Return the key in a variable, for an address that it may be sent to.
 
     Args:
-        name: the variable's, as a file has it.
-        address: where it would be sent; braces in its path and query stand for anything.
-        environment: where variables are; the process's own when not given.
-        file: the file that names both.
-        place: where in it.
+        name: name of the variable, as given in a file.
+        address: address to send it to; placeholders in braces are allowed in path and query.
+        environment: environment variables; the process's own if not given.
+        file: file that names both.
+        place: place in the file.
 
     Returns:
-        The key; empty where the variable is not set.
+        The key; empty if the variable is not set.
 
     Raises:
-        InputError: the user did not allow it; the error says what to type.
-        DownloadError: the address is none.
+        InputError: not allowed by the user; the message has the option that allows it.
+        DownloadError: the address is invalid.
     """
     origin = parse_address(re.sub(r"\{[^}]*\}", "0", address)).origin
     rules = _allowed.get(_Allowed())
@@ -149,7 +149,7 @@ def key_for(
 
 
 def _listed() -> frozenset[Pair]:
-    """Return the pairs of the user's file; none where there is no file.
+    """Return the pairs in the user's file; empty without the file.
 
     Raises:
         InputError: the file cannot be read, or a line of it is malformed.

@@ -1,6 +1,6 @@
-"""The body of an HTTP response: complete, decompressed, and within a limit of size.
+"""Body of an HTTP response: complete, decompressed, and within a size limit.
 
-Ranges and validators are those of RFC 9110 (sections 8.8, 10.2.3 and 14).
+Ranges and validators follow RFC 9110 (sections 8.8, 10.2.3 and 14).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from urbantwin.download.address import DownloadError
 
 __all__ = ["Answer", "Span", "read_answer", "read_body", "waits_s"]
 
-#: The first byte and the one after the last.
+#: First byte and end of a range.
 Span = tuple[int, int]
 
 _CHUNK = 1 << 18
@@ -24,13 +24,13 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Answer:
-    """What a server answered.
+    """A response.
 
     Attributes:
-        body: the bytes, unpacked.
-        first: of which byte of the file they begin with: 0, but for a range.
-        total: of how many bytes the file is; of a range whose server does not say, ``None``.
-        version: what is the same as long as the file is: its ETag, else when it was changed.
+        body: the bytes, decompressed.
+        first: position of the first byte in the file; 0 unless a range was returned.
+        total: size of the file, bytes; ``None`` for a range of unknown total.
+        version: identifies the version of the file: its ETag, or else its modification time.
     """
 
     body: bytes
@@ -40,10 +40,10 @@ class Answer:
 
 
 def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span | None) -> Answer:
-    """Return an answer, of which only the range that was asked for is taken.
+    """Return a response, limited to the requested range.
 
     Raises:
-        DownloadError: as `read_body`, or what comes is another range.
+        DownloadError: as for `read_body`, or another range was returned.
     """
     version = response.getheader("ETag") or response.getheader("Last-Modified") or ""
     if span is None or response.status != 206:
@@ -67,7 +67,7 @@ def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span 
 
 
 def waits_s(response: http.client.HTTPResponse) -> float | None:
-    """Return how long a server asks to wait (``Retry-After``: seconds or a date)."""
+    """Return the pause requested by a server (``Retry-After``: seconds or a date), seconds."""
     told = (response.getheader("Retry-After") or "").strip()
     if re.fullmatch(r"[0-9]{1,9}", told, re.ASCII):
         return float(told)
@@ -78,15 +78,15 @@ def waits_s(response: http.client.HTTPResponse) -> float | None:
 
 
 def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:
-    """Return what an answer holds, as it was before it was packed for the way.
+    """Return the decompressed body of a response.
 
     Args:
-        response: whose headers are read.
-        most_bytes: largest body, packed or not.
+        response: the response, headers read.
+        most_bytes: largest body, compressed or not.
 
     Raises:
-        DownloadError: it is larger, shorter than its header says, or packed in a way that was not
-            asked for.
+        DownloadError: the body is too large, shorter than its header states, or compressed in
+            another way than requested.
     """
     stated = _stated_length(response)
     if stated is not None and stated > most_bytes:
@@ -104,7 +104,7 @@ def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:
         while data:
             part = data
             if packed != "identity":
-                if machine.eof:  # members of gzip may follow each other (RFC 1952)
+                if machine.eof:  # several gzip members may follow each other (RFC 1952)
                     machine = zlib.decompressobj(wbits=31)
                 try:
                     part = machine.decompress(data, most_bytes - size + 1)
@@ -115,7 +115,7 @@ def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:
             if size > most_bytes:
                 raise _too_large(most_bytes)
             data = machine.unused_data
-    # Of a body that ends before its length ``http.client`` does not complain.
+    # ``http.client`` does not report a body that ends early.
     cut = stated is not None and received != stated
     if cut or (packed != "identity" and received and not machine.eof):
         raise DownloadError("ends early", unanswered=True, may_pass=True)
@@ -123,10 +123,10 @@ def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:
 
 
 def _stated_length(response: http.client.HTTPResponse) -> int | None:
-    """Return the length that the headers state, or ``None`` where the body's end shows it.
+    """Return the length stated in the headers, or ``None`` if none is stated.
 
     Raises:
-        DownloadError: they contradict each other or are no length (RFC 9112, section 6.3).
+        DownloadError: the lengths are contradictory or invalid (RFC 9112, section 6.3).
     """
     coding = response.getheader("Transfer-Encoding")
     if coding is not None:

@@ -1,4 +1,4 @@
-"""Pages, cards and other files from Jinja templates: one base, one style, texts escaped."""
+"""Pages, cards and other files from Jinja templates, with one style and escaped texts."""
 
 from urbantwin.pages.render import card, page, text_file, write_page
 

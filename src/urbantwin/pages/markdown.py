@@ -1,4 +1,4 @@
-"""Markdown in which the texts of strangers are text: they break no table and are no HTML."""
+"""Escaping of untrusted texts in Markdown, against broken tables and HTML."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from urbantwin.errors import readable
 
 __all__ = ["code", "escaped", "front_matter", "picture"]
 
-#: What CommonMark (6.1) gives a meaning within a line, and GitHub's additions: tables, strike-out,
-#: mentions (@), references to issues (#) and mathematics ($). Without square brackets round ones
-#: mean nothing, and neither does an exclamation mark.
+#: Characters with an inline meaning in CommonMark (6.1) and in GitHub's additions: tables,
+#: strike-out, mentions (@), issue references (#) and mathematics ($). Without square brackets,
+#: round brackets and exclamation marks have no meaning.
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~$@&])")
-#: What begins a list, a heading or a rule at the start of a line.
+#: Characters that begin a list, a heading or a rule at the start of a line.
 _OPENING = re.compile(r"^(\d+)([.)])(?=\s|$)|^([-+=:])")
-#: An address that a reader would make a link of without being told.
+#: Addresses that renderers turn into links.
 _LINK = re.compile(r"(?i)\b(https?|ftp)(:)(?=//)|\b(www)(\.)")
-#: Most characters of one text: what is longer is a file's content, not a name.
+#: Most characters of a text; longer texts are file contents, not names.
 _LONGEST = 500
 
 
 def escaped(text: object) -> str:
-    """Return a text as Markdown that shows it as it is: one line, no mark-up, no HTML, no links."""
+    """Return a text as literal Markdown: one line without mark-up, HTML or links."""
     line = _SPECIAL.sub(r"\\\1", readable(str(text), _LONGEST))
     line = _LINK.sub(lambda one: f"{one[1] or one[3]}\\{one[2] or one[4]}", line)
     return _OPENING.sub(lambda one: f"{one[1]}\\{one[2]}" if one[1] else f"\\{one[3]}", line)
 
 
 def code(text: object) -> str:
-    """Return a text as code within a line, also of a table."""
+    """Return a text as inline code, also within a table."""
     line = readable(str(text), _LONGEST)
     if "|" in line:  # a table splits at a bar even in code
         return f"<code>{escaped(line)}</code>"
@@ -40,12 +40,12 @@ def code(text: object) -> str:
 
 
 def picture(path: str, shows: str) -> str:
-    """Return a picture of this folder, and what it shows for whom does not see it."""
+    """Return a picture of this folder, with an alternative text."""
     return f"![{escaped(shows)}]({quote(path)})"
 
 
 def front_matter(fields: Mapping[str, object]) -> str:
-    """Return YAML between two rules, as hubs of data sets read it at the top of a card."""
+    """Return YAML front matter, as dataset hubs read it in a card."""
     import yaml
 
     text = yaml.safe_dump(dict(fields), sort_keys=False, allow_unicode=True, width=1000)

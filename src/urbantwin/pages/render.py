@@ -1,9 +1,9 @@
-"""Filling templates of pages (HTML), of cards (Markdown) and of other programs' files.
+"""Templates of pages (HTML), cards (Markdown) and files of other programs.
 
-A template lies beside the module that fills it, ends in ``.html.j2`` or ``.md.j2`` (or as the file
-does, ``.yaml.j2``) and is named by its path in the package. A page extends ``pages/base.html.j2``;
-the macros of ``pages/macros`` are global. Every value is escaped, in other programs' files by the
-filter ``json``, and a name that was not given is an error.
+A template is in the folder of its module, ends in ``.html.j2``, ``.md.j2`` or the file's own ending
+(``.yaml.j2``), and is named by its path in the package. Pages extend ``pages/base.html.j2``; the
+macros of ``pages/macros`` are global. All values are escaped (in other programs' files by the
+filter ``json``), and undefined names are errors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["card", "environment", "page", "text_file", "write_page"]
 
 
 def write_page(path: Path, template: str, **data: Any) -> None:  # noqa: ANN401
-    """Write a page that needs no other file; the same data give the same bytes.
+    """Write a self-contained page; the same data give the same bytes.
 
     Args:
         path: the HTML file.
@@ -44,13 +44,13 @@ def page(template: str, **data: Any) -> str:  # noqa: ANN401
 
 
 def card(template: str, **data: Any) -> str:  # noqa: ANN401
-    """Return a card as Markdown; blank lines of the template that follow each other are one."""
+    """Return a card as Markdown; consecutive blank lines are merged."""
     text = environment("md").get_template(template).render(data)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
 def text_file(template: str, **data: Any) -> str:  # noqa: ANN401
-    """Return a file for another program: YAML or Python, whose values ``json`` writes."""
+    """Return a file of another program: YAML or Python, with values written by ``json``."""
     return _plain_environment().get_template(template).render(data)
 
 
@@ -71,7 +71,7 @@ def _plain_environment() -> Environment:
 
 @cache
 def environment(kind: Literal["html", "md"]) -> Environment:
-    """Return the templates of the package, with the filters and macros of a kind."""
+    """Return the template environment of a kind, with its filters and macros."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from jinja2.runtime import Macro
 
@@ -102,21 +102,21 @@ def environment(kind: Literal["html", "md"]) -> Environment:
 
 
 def _as_markdown(value: object) -> object:
-    """Return a value as Markdown that shows it as it is."""
+    """Return a value as escaped Markdown."""
     from markupsafe import Markup
 
     return value if hasattr(value, "__html__") else Markup(escaped(value))
 
 
 def _marked(function: Callable[..., str]) -> Callable[..., Markup]:
-    """Return a function whose result is Markdown already."""
+    """Return a function whose result is marked as Markdown."""
     from markupsafe import Markup
 
     return lambda *arguments, **named: Markup(function(*arguments, **named))
 
 
 def _cell(value: object) -> str:
-    """Return a value as a cell of a table: with separators of thousands; a dash for None."""
+    """Return a value as a table cell, with thousands separators; a dash for None."""
     if value is None:
         return "-"
     if isinstance(value, bool):
@@ -127,22 +127,22 @@ def _cell(value: object) -> str:
 
 
 def _number(value: float | None, form: str = ".3g", unit: str = "", dash: str = "–") -> str:
-    """Return a number in a format of Python's with its unit; a dash for None."""
+    """Return a number in a Python format, with its unit; a dash for None."""
     return dash if value is None else f"{value:{form}}{unit}"
 
 
 def _percent(value: float | None) -> str:
-    """Return a share in per cent, without the sign; a dash for None."""
+    """Return a fraction in percent, without the sign; a dash for None."""
     return "–" if value is None else f"{100 * value:.1f}"
 
 
 def _image(path: Path) -> str:
-    """Return a PNG as the address of an image that holds its own data."""
+    """Return a PNG as a data URL."""
     return f"data:image/png;base64,{b64encode(path.read_bytes()).decode()}"
 
 
 def _digest(text: str) -> str:
-    """Return the source that allows a style or a script of this text, and no other.
+    """Return the CSP source that allows a style or script with exactly this text.
 
     Source: W3C, Content Security Policy Level 3, 2.3.1.
     """
