@@ -1,4 +1,4 @@
-"""A site as ``site.yaml`` describes it: region, rig, OpenStreetMap extract and elevation model."""
+"""Sites of ``site.yaml``: region, rig, OpenStreetMap extract and elevation model."""
 
 from typing import TYPE_CHECKING
 

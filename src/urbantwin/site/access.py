@@ -1,14 +1,14 @@
 """Access: which classes of actors may use the lanes of a road (OSM wiki, "Key:access").
 
 A restriction of a class overrides that of a wider one ("Land-based transportation"): ``access``
-holds for everybody, ``vehicle`` for all who drive or ride, ``motor_vehicle`` for all with a motor,
-``motorcar``, ``motorcycle``, ``hgv`` and ``psv`` for theirs, ``bus`` for buses alone. A key with a
-direction (``motor_vehicle:backward``) overrides the same key without one. What holds only at times
-(``:conditional``) is read before (``conditional_tags``).
+applies to all, ``vehicle`` to all vehicles including bicycles, ``motor_vehicle`` to motor vehicles,
+``motorcar``, ``motorcycle``, ``hgv`` and ``psv`` to their classes, ``bus`` to buses only. A key
+with a direction (``motor_vehicle:backward``) overrides the same key without one. Conditional
+restrictions (``:conditional``) are resolved before (``conditional_tags``).
 
-Traffic here passes through. So a street is closed to it where only some may drive who have business
-there (``private``, ``delivery``), as routing programs have it; ``destination`` leaves it open: such
-streets have traffic of their own.
+Simulated traffic is through traffic. So a street restricted to users with permission or business
+(``private``, ``delivery``) is closed, as in routing programs; ``destination`` leaves it open, since
+such streets have their own traffic.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ __all__ = [
 
 #: Classes of roads for motor traffic only.
 FAST_ROADS = frozenset({"motorway", "motorway_link", "trunk", "trunk_link"})
-#: Class of a drawn way for bicycles alone, with lanes like a street's; no value of OpenStreetMap's.
+#: Class of a drawn way for bicycles only, with lanes like a street's; not an OpenStreetMap value.
 CYCLE_TRACK = "cycle_track"
-#: Values that close a street to all but those who have leave or business there.
+#: Values that restrict a street to users with permission or business there.
 OF_SOME = frozenset({"private", "permit", "customers", "delivery"})
-#: Values that close a street to those who pass through.
+#: Values that close a street to through traffic.
 CLOSED = OF_SOME | frozenset(
     "no agricultural forestry agricultural;forestry emergency military use_sidepath "
     "dismount".split()
 )
-#: Values that open a street to buses alone.
+#: Values that open a street to buses only.
 FOR_BUSES = frozenset({"bus", "psv"})
-#: Classes of actors with a motor, and the keys that speak of them, the narrowest first.
+#: Classes of motor vehicles, and the keys that apply to them, most specific first.
 MOTOR = {
     "car": ("motorcar", "motor_vehicle", "vehicle", "access"),
     "truck": ("hgv", "goods", "motor_vehicle", "vehicle", "access"),
@@ -49,7 +49,7 @@ MOTOR = {
 }
 RIDING = ("bicycle", "vehicle", "access")
 WALKING = ("foot", "access")
-#: Every key that says who may use a way.
+#: All access keys.
 KEYS = tuple(dict.fromkeys(key for keys in (*MOTOR.values(), RIDING, WALKING) for key in keys))
 
 
@@ -58,11 +58,11 @@ DIRECTIONS = ("forward", "backward")
 
 @dataclass(frozen=True)
 class Permission:
-    """Classes of actors on a road's lanes.
+    """Classes allowed on a road's lanes.
 
     Attributes:
-        motor: on lanes of general traffic; nobody with a motor where it is closed to them.
-        bus_lane: on lanes for buses.
+        motor: classes on general lanes; without motor vehicles if closed to them.
+        bus_lane: classes on bus lanes.
     """
 
     motor: tuple[str, ...]
@@ -70,26 +70,26 @@ class Permission:
 
     @property
     def cars(self) -> bool:
-        """Whether cars may drive there."""
+        """Whether cars are allowed."""
         return "car" in self.motor
 
     @property
     def driven(self) -> bool:
-        """Whether anybody with a motor may drive there."""
+        """Whether any motor vehicle is allowed."""
         return not MOTOR.keys().isdisjoint(self.motor)
 
 
 def permission_of(
     tags: Mapping[str, str], *, walkers_on_lanes: bool, direction: str = ""
 ) -> Permission:
-    """Return who may use a way's lanes.
+    """Return the classes allowed on a way's lanes.
 
     Args:
         tags: the way's tags.
-        walkers_on_lanes: whether people walk on the carriageway because there is no sidewalk.
-        direction: ``forward``, ``backward``, or empty for what holds for both.
+        walkers_on_lanes: whether pedestrians use the carriageway for lack of a sidewalk.
+        direction: ``forward``, ``backward``, or empty for both.
     """
-    # What a class of roads implies counts as much as a word on all vehicles.
+    # Restrictions implied by a road class rank like explicit ones for all vehicles.
     implied = _implied(tags)
 
     def may(name: str, keys: tuple[str, ...]) -> bool:
@@ -103,7 +103,7 @@ def permission_of(
 
 
 def is_driven(tags: Mapping[str, str]) -> bool:
-    """Return whether anybody with a motor may drive on a way, in any direction."""
+    """Return whether any motor vehicle may use a way, in any direction."""
     return any(
         permission_of(tags, walkers_on_lanes=False, direction=direction).driven
         for direction in DIRECTIONS
@@ -111,12 +111,12 @@ def is_driven(tags: Mapping[str, str]) -> bool:
 
 
 def is_walked(tags: Mapping[str, str]) -> bool:
-    """Return whether people may walk along a way; along a cycleway only where it says so."""
+    """Return whether pedestrians may use a way; a cycleway only if tagged so."""
     return _value({**_implied(tags), **tags}, WALKING) not in CLOSED
 
 
 def _implied(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return what a class of roads says without being asked."""
+    """Return the access tags implied by a road class."""
     highway = tags.get("highway", "")
     if highway in FAST_ROADS or tags.get("motorroad") == "yes":
         return {"bicycle": "no", "foot": "no"}
@@ -128,13 +128,13 @@ def _implied(tags: Mapping[str, str]) -> dict[str, str]:
 
 
 def _value(tags: Mapping[str, str], keys: tuple[str, ...], direction: str = "") -> str:
-    """Return what the narrowest of some keys says; ``yes`` where none does."""
+    """Return the value of the most specific tagged key; ``yes`` without any."""
     values = (tags.get(f"{key}:{direction}", tags.get(key)) for key in keys)
     return next((value for value in values if value), "yes")
 
 
 def either_way(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return the access keys of a road that those use who may use a way in either direction."""
+    """Return the access keys for use of a way in either direction."""
     found = {}
     for key in KEYS:
         ways = [tags.get(f"{key}:{direction}", tags.get(key)) for direction in DIRECTIONS]
@@ -147,7 +147,7 @@ def either_way(tags: Mapping[str, str]) -> dict[str, str]:
 
 
 def opened(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return a way's tags as they are for those who have leave or business there."""
+    """Return a way's tags for users with permission or business there."""
     return {
         key: "yes" if key.split(":")[0] in KEYS and value in OF_SOME else value
         for key, value in tags.items()

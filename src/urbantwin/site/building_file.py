@@ -1,7 +1,7 @@
-"""Buildings of another source beside the map: heights that it lacks, and buildings that it lacks.
+"""Additional building footprints, which complete heights and buildings of the map.
 
-Footprints with heights (Overture, a city's register) are a GeoJSON file. Of a building that the map
-has, only a height is taken where the map says none; one that the map does not have is added.
+Footprints with heights (Overture, a city's register) are a GeoJSON file. A mapped building only
+gets a height if the map has none; buildings missing in the map are added.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from urbantwin.site.region import read_geojson
 __all__ = ["Footprint", "read_buildings", "with_buildings"]
 
 _EXPECTED = "GeoJSON: polygons in longitude, latitude (WGS84), with the tags of buildings"
-#: What of a footprint is used: tags of OpenStreetMap. All other properties are passed over.
+#: Tags of a footprint that are used, as in OpenStreetMap; other properties are ignored.
 TAGS = (
     "building", "height", "min_height", "building:levels", "building:min_level", "roof:shape",
     "roof:height", "roof:direction", "roof:orientation", "building:material", "roof:material",
     "building:colour", "roof:colour",
 )  # fmt: skip
-#: Tags that tell how high a mapped building is.
+#: Tags with the height of a mapped building.
 _HEIGHTS = ("height", "building:levels")
-#: A footprint is a mapped building if the smaller of both lies in the larger to this share, and no
-#: mapped building if it overlaps with none by more than the other. What is between is neither.
+#: Overlap, as a fraction of the larger outline, from which a footprint is a mapped building; and
+#: overlap with all buildings below which it is a new one. Anything in between is ambiguous.
 SAME, APART = 0.6, 0.1
-#: More footprints than this are a country, not a site; smaller ones are slivers; square metres.
+#: Most footprints of a file, and smallest area of a footprint, square metres.
 MOST, SMALLEST_M2 = 500_000, 2.0
 
 
@@ -46,8 +46,8 @@ class Footprint:
     """A building of the file.
 
     Attributes:
-        outline: longitude, latitude, degrees.
-        tags: those of `TAGS` that it has, as OpenStreetMap writes them.
+        outline: outline, longitude and latitude, degrees.
+        tags: its `TAGS`, in OpenStreetMap's notation.
     """
 
     outline: shapely.Polygon
@@ -58,7 +58,7 @@ def read_buildings(path: Path) -> list[Footprint]:
     """Read footprints with heights.
 
     Raises:
-        InputError: the file is missing, is no GeoJSON of polygons in degrees, or has too many.
+        InputError: the file is missing, not GeoJSON with polygons in degrees, or has too many.
     """
     value = read_geojson(path)
     crs = str(value.get("crs") or "CRS84")
@@ -85,18 +85,18 @@ def read_buildings(path: Path) -> list[Footprint]:
 def with_buildings(
     extract: Extract, footprints: list[Footprint], frame: SiteFrame, area: shapely.Polygon
 ) -> tuple[Extract, dict[str, int]]:
-    """Return a map with the heights and the buildings that other footprints know.
+    """Return a map completed with heights and buildings of other footprints.
 
     Args:
         extract: the map.
-        footprints: of another source.
+        footprints: footprints of another source.
         frame: the site frame.
-        area: where they are looked at, site frame, metres.
+        area: area of the used footprints, site frame, metres.
 
     Returns:
-        The map, and counts: ``footprints`` that meet the area, ``heights`` given to mapped
-        buildings, ``added`` buildings, and ``unclear`` ones, which overlap with a mapped building
-        without being it and are left out.
+        The map, and counts: ``footprints`` that intersect the area, ``heights`` given to mapped
+        buildings, ``added`` buildings, and ``unclear`` ones, which overlap partly with mapped
+        buildings and are omitted.
     """
     mapped = [
         one
@@ -129,7 +129,7 @@ def with_buildings(
 
 
 def _same(outline: shapely.Polygon, near: list[OsmFeature]) -> tuple[OsmFeature | None, float]:
-    """Return the mapped building that an outline is, and how much of it is mapped."""
+    """Return the mapped building that equals an outline, and the mapped fraction of the outline."""
     best, most, mapped = None, 0.0, 0.0
     for one in near:
         common = shapely.intersection(outline, one.geometry).area
@@ -146,7 +146,7 @@ def _given_height(
     building: OsmFeature,
     tags: Mapping[str, str],
 ) -> int:
-    """Give a mapped building the height that it lacks; return whether it got one."""
+    """Add a missing height to a mapped building; return 1 if added, else 0."""
     held: dict[int, Way] | dict[int, Relation] = ways if building.kind == "way" else relations
     own = held[building.id].tags
     heights = {key: tags[key] for key in (*_HEIGHTS, "roof:height") if key in tags}
@@ -187,7 +187,7 @@ def _add(
 
 
 def _in_site(outline: shapely.Polygon, frame: SiteFrame) -> shapely.Polygon:
-    """Return an outline in the site frame; empty where it is too far away for a plane."""
+    """Return an outline in the site frame; empty if too far away for a plane."""
     west, south, east, north = outline.bounds
     if max(abs(west - frame.longitude), abs(east - frame.longitude)) > 1.0:
         return shapely.Polygon()
@@ -198,10 +198,10 @@ def _in_site(outline: shapely.Polygon, frame: SiteFrame) -> shapely.Polygon:
 
 
 def _outlines(geometry: object, path: Path, place: str) -> Iterator[shapely.Polygon]:
-    """Yield the valid polygons of a geometry; of other kinds there are none.
+    """Yield the valid polygons of a geometry; other types of geometry yield none.
 
     Raises:
-        InputError: it is no geometry, or not in degrees.
+        InputError: not a geometry, or not in degrees.
     """
     if not isinstance(geometry, Mapping) or geometry.get("type") not in ("Polygon", "MultiPolygon"):
         return
@@ -226,10 +226,10 @@ def _outlines(geometry: object, path: Path, place: str) -> Iterator[shapely.Poly
 
 
 def _tags(properties: Mapping[Any, Any], path: Path, place: str) -> dict[str, str]:
-    """Return what is used of a footprint's properties.
+    """Return the used tags of a footprint's properties.
 
     Raises:
-        InputError: a height is no length of a building.
+        InputError: a height is not plausible.
     """
     tags = {}
     for key in TAGS:

@@ -1,4 +1,4 @@
-"""Calibration of one sensor unit: how it differs from the datasheet of its model."""
+"""Calibration of a sensor unit: deviations from the datasheet of its model."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Factor = Annotated[float, Field(ge=0.01, le=10.0, allow_inf_nan=False)]
 
 
 class Calibration(Strict):
-    """How one unit differs from its datasheet; the defaults are the datasheet.
+    """Deviations of a unit from its datasheet; the defaults are the datasheet.
 
     Attributes:
-        range_noise: times the datasheet's standard deviation; part of the effect ``noise``.
-        range_offset_m: added to every range, metres.
-        light: times the strength of every echo: a dirty window, an aged laser.
-        intensity: times the intensity that it reports.
-        missing: share of beams that never return anything; part of ``dropout``.
+        range_noise: factor on the datasheet's standard deviation; part of the effect ``noise``.
+        range_offset_m: offset added to every range, metres.
+        light: factor on the strength of every echo: a dirty window, an aged laser.
+        intensity: factor on the reported intensity.
+        missing: fraction of beams without any return; part of ``dropout``.
     """
 
     range_noise: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 1.0

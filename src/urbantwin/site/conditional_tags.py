@@ -1,9 +1,9 @@
-"""What of a map holds only at times (OSM wiki, "Conditional restrictions").
+"""Conditional tags of a map (OSM wiki, "Conditional restrictions").
 
-``motor_vehicle:conditional = no @ (Mo-Fr 07:00-19:00)`` says that the key has another value then.
-Of several that hold the last counts. A time of day here is that of a Wednesday, as guesses of
-traffic are those of weekdays. Conditions on weight, on holidays, on dates or on the sun's time are
-not understood.
+``motor_vehicle:conditional = no @ (Mo-Fr 07:00-19:00)`` gives the key another value at these times.
+Of several matching rules the last counts. Times of day are those of a Wednesday, since traffic
+guesses are those of weekdays. Conditions on weight, holidays, dates or the sun's position are not
+supported.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from urbantwin.site.extract import Extract
 __all__ = ["at_time"]
 
 CONDITIONAL = ":conditional"
-#: Keys of ways that are heeded: who may use one, how fast, and which way round. Of relations it is
-#: which turns are forbidden; ways have the same key for parking.
+#: Evaluated keys of ways: access, speed limit, and one-way. Of relations, turn restrictions; ways
+#: use the same key for parking.
 HEEDED = frozenset((*KEYS, "maxspeed", "oneway"))
 OF_TURNS = frozenset({"restriction"})
 DAYS = ("Mo", "Tu", "We", "Th", "Fr", "Sa", "Su")
@@ -33,11 +33,11 @@ _HOURS = re.compile(rf"{_CLOCK}\s*-\s*{_CLOCK}")
 
 
 def at_time(extract: Extract, time: str | None) -> tuple[Extract, list[str]]:
-    """Return a map as it is at a time of day, and what forbids something at times, not heeded.
+    """Return a map evaluated at a time of day, and the restrictions that could not be evaluated.
 
     Args:
         extract: the map.
-        time: such as ``08:00``; ``None`` heeds nothing that holds only at times.
+        time: such as ``08:00``; ``None`` ignores all conditions.
     """
     left: list[str] = []
     ways = {
@@ -57,7 +57,7 @@ def at_time(extract: Extract, time: str | None) -> tuple[Extract, list[str]]:
 
 
 def _conditional(tags: Mapping[str, str], heeded: Set[str]) -> list[str]:
-    """Return the keys that say what another that is heeded is at times."""
+    """Return the conditional keys of evaluated keys."""
     known = (key for key in tags if key.endswith(CONDITIONAL))
     return sorted(key for key in known if key.split(":", maxsplit=1)[0] in heeded)
 
@@ -65,7 +65,7 @@ def _conditional(tags: Mapping[str, str], heeded: Set[str]) -> list[str]:
 def _tags_at(
     tags: Mapping[str, str], keys: Iterable[str], time: str | None, left: list[str]
 ) -> dict[str, str]:
-    """Return tags as they are at a time; append what was not heeded to ``left``."""
+    """Return tags at a time; append conditions that were not evaluated to ``left``."""
     found = dict(tags)
     for key in keys:
         value = None
@@ -95,7 +95,7 @@ def _rules(value: str) -> Iterator[tuple[str, str]]:
 
 
 def _holds(condition: str, time: str) -> bool | None:
-    """Return whether a condition holds on a Wednesday at a time; ``None`` if not understood."""
+    """Return whether a condition holds on a Wednesday at a time; ``None`` if not supported."""
     holds = False
     for part in condition.split(";"):
         rest = part.strip()
@@ -108,21 +108,21 @@ def _holds(condition: str, time: str) -> bool | None:
         if not (days or hours) or None in found:
             return None
         now = not hours or any(_covers(match.groups(), time) for match in found if match)
-        # A later rule for the same day stands in place of an earlier one (opening_hours).
+        # A later rule for the same day replaces an earlier one (opening_hours).
         if today:
             holds = now
     return holds
 
 
 def _covers_today(span: str) -> bool:
-    """Return whether days such as ``Mo-Fr`` have a Wednesday."""
+    """Return whether days such as ``Mo-Fr`` include Wednesday."""
     ends = [DAYS.index(day.strip()) for day in span.split("-")]
     first, last = ends[0], ends[-1]
     return (WEDNESDAY - first) % 7 <= (last - first) % 7
 
 
 def _covers(hours: Sequence[str], time: str) -> bool:
-    """Return whether a time lies in a span, which may go past midnight."""
+    """Return whether a time is in a span, which may extend past midnight."""
     now = int(time[:2]) * 60 + int(time[3:])
     from_h, from_min, to_h, to_min = map(int, hours)
     begin, end = from_h * 60 + from_min, to_h * 60 + to_min

@@ -1,4 +1,4 @@
-"""Sensor effects, the weather and sunlight of a recording, and what stands beside streets."""
+"""Measurement effects, weather and sunlight of a recording, and objects beside streets."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
 class Strict(BaseModel):
-    """A mapping in a file: unknown fields are refused, and text is not taken for a number."""
+    """A mapping in a file: unknown fields are rejected, and text is not converted to numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Effects(Strict):
-    """Imperfections of a sensor, each of which can be switched off on its own.
+    """Measurement effects of a sensor; each can be switched off.
 
-    With all off, points are the exact geometry at the frame's time, one per ray that hits anything.
-    In a file, ``effects: false`` turns all off.
+    With all off, points are the exact geometry at the frame's time, one per ray that hits a
+    surface. In a file, ``effects: false`` turns all off.
 
     Attributes:
         noise: range noise.
-        dropout: a return is missed where it is weak.
+        dropout: weak returns are missed.
         quantisation: ranges and intensities in the sensor's steps.
-        rolling_shutter: every ray sees the world at its own firing time.
+        rolling_shutter: every ray is cast at its own firing time.
         footprint: a beam has a width: mixed ranges and several echoes at edges.
         glass: light passes through glass; without it, glass is an opaque surface.
         retroreflection: plates, signs and beads send light back; strong returns saturate.
@@ -51,7 +51,7 @@ class Effects(Strict):
 
     @classmethod
     def none(cls) -> Effects:
-        """Return all of them off."""
+        """Return the effects with all switched off."""
         return cls(**dict.fromkeys(cls.model_fields, False))
 
     @model_validator(mode="before")
@@ -69,9 +69,9 @@ class Conditions(Strict):
         weather: clear, rain, fog or snow.
         visibility_m: meteorological optical range (contrast falls to 5 %), metres.
         wet_ground: 0 dry to 1 a film of water; ``None``: 1 in rain, else 0.
-        sun_elevation_deg: of the sun above the horizon; ``None``: the light that datasheets'
-            ranges are for, 100 klx.
-        sun_azimuth_deg: of the sun, clockwise from north.
+        sun_elevation_deg: elevation of the sun above the horizon, degrees; ``None`` for 100 klx,
+            the light that datasheets' ranges assume.
+        sun_azimuth_deg: azimuth of the sun, degrees clockwise from north.
     """
 
     weather: Literal["clear", "rain", "fog", "snow"] = "clear"
@@ -81,8 +81,8 @@ class Conditions(Strict):
     sun_azimuth_deg: Angle = 180.0
 
 
-#: What stands beside streets: what is mapped, with what is typical where the map is silent, or
-#: neither.
+#: Objects beside streets: mapped ones with typical ones where the map has none, mapped ones only,
+#: or none.
 Clutter = Literal["typical", "mapped", "none"]
 
 
@@ -90,7 +90,7 @@ class SceneSpec(Strict):
     """Options of the scene.
 
     Attributes:
-        clutter: what stands beside the streets.
+        clutter: objects beside the streets.
     """
 
     clutter: Clutter = "typical"

@@ -13,7 +13,7 @@ __all__ = ["country_of"]
 
 @cache
 def _country_of_zone() -> dict[str, str]:
-    """Return time zone -> country (the first that ``zone.tab`` of the tz database names)."""
+    """Return time zone -> country (the first in ``zone.tab`` of the tz database)."""
     text = files("tzdata").joinpath("zoneinfo", "zone.tab").read_text(encoding="utf-8")
     rows = csv.reader(
         (line for line in text.splitlines() if not line.startswith("#")), delimiter="\t"
@@ -22,8 +22,8 @@ def _country_of_zone() -> dict[str, str]:
 
 
 def country_of(latitude: float, longitude: float) -> str:
-    """Return the country of a place in degrees (ISO 3166-1 alpha-2); empty where none is known.
+    """Return the country of a place in degrees (ISO 3166-1 alpha-2); empty if unknown.
 
-    By the place's time zone, offline; where countries share a zone, the largest is taken.
+    Found offline by the place's time zone; of countries that share a zone, the largest is used.
     """
     return _country_of_zone().get(tzfpy.get_tz(longitude, latitude), "")

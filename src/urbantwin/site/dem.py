@@ -1,8 +1,8 @@
-"""The site's digital elevation model (DEM): checked, and resampled to the site frame.
+"""Digital elevation model (DEM) of the site: checked, and resampled to the site frame.
 
-Heights are taken as the file has them: in its own vertical datum, orthometric or ellipsoidal, and
-in metres unless the file says otherwise. From here on heights are relative to the anchor's; the
-datum is kept, so that other sources of heights can be compared.
+Heights are read in the file's own vertical datum, orthometric or ellipsoidal, and in metres unless
+the file states another unit. Results are relative to the anchor's height; the datum is kept for
+comparison with other sources of heights.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from urbantwin.site.geotiff import opened_geotiff
 __all__ = ["DemGrid", "check_dem", "grid_step_m", "metres_per_unit", "read_heights"]
 
 _EXPECTED = "a DEM as GeoTIFF: one band of heights with a CRS"
-#: A larger share of the region without heights is refused, not filled in.
+#: Largest fraction of the region without heights that is filled in.
 MOST_MISSING = 0.05
-#: Values beyond these are undeclared nodata, not heights on land:
-#: the Dead Sea's shore is at -430 m, Mount Everest at 8849 m.
+#: Values outside this range are undeclared nodata, not heights on land: the Dead Sea's shore is at
+#: -430 m, Mount Everest at 8849 m.
 LOWEST_M, HIGHEST_M = -1000.0, 9500.0
-#: Cells around the area that bilinear resampling may need.
+#: Cells around the area for bilinear resampling.
 _PAD = 2
-#: A finer raster is read coarser, so that a window stays below a gigabyte.
+#: Most cells per side of a window; finer rasters are read at a coarser resolution, below 1 GB.
 _MOST_CELLS = 8192
-#: The finest and the coarsest grid that heights are resampled to, metres, and its most nodes.
+#: Finest and coarsest step of the resampled grid, metres, and its most nodes.
 _STEPS_M, _MOST_NODES = (0.25, 1.0), 4_000_000
 
 _METRES = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937,
@@ -50,13 +50,13 @@ class DemGrid:
     Attributes:
         x0: east of the first column, metres; a multiple of ``step_m``.
         y0: north of the first row, metres; a multiple of ``step_m``.
-        step_m: between neighbours, metres.
+        step_m: grid step, metres.
         heights: (ny, nx) float64, metres above the anchor's ground; row 0 is the southernmost.
         anchor_height_m: height of the anchor in the file's own vertical datum.
-        missing_share: share of the area that had no height and took its nearest neighbour's.
+        missing_share: fraction of the area without heights, filled from the nearest neighbour.
         source_step_m: size of the file's own cells, metres.
-        vertical: the datum of the file's heights as WKT: a vertical CRS, or a three-dimensional
-            one for heights above an ellipsoid; empty where the file does not say.
+        vertical: datum of the file's heights as WKT: a vertical CRS, or a 3D CRS for heights above
+            an ellipsoid; empty if unknown.
     """
 
     x0: float
@@ -73,8 +73,8 @@ def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
     """Check that a DEM covers a region (site frame) and has heights there.
 
     Raises:
-        InputError: it is no GeoTIFF of heights, has no CRS, does not cover the region, or lacks
-            heights in more than 5 % of it.
+        InputError: not a GeoTIFF of heights, no CRS, region not covered, or heights missing in more
+            than 5 % of it.
     """
     low, high = shapely.get_coordinates(region).min(axis=0), shapely.get_coordinates(region).max(0)
     read_heights(path, frame, region, max(1.0, float((high - low).max()) / 100.0))
@@ -85,18 +85,18 @@ def read_heights(
 ) -> DemGrid:
     """Resample a DEM (bilinear) to a grid in the site frame that covers ``area`` and the anchor.
 
-    The grid's nodes are at multiples of ``step_m``; it reaches two steps beyond ``area``. Holes of
-    up to 5 % of ``area``, and what lies beyond the raster, take the nearest height.
+    The grid's nodes are at multiples of ``step_m``; it reaches two steps beyond ``area``. Gaps of
+    up to 5 % of ``area``, and nodes beyond the raster, get the nearest height.
 
     Args:
         path: a GeoTIFF of one band.
         frame: the site frame.
-        area: what must be covered, site frame, metres.
-        step_m: between two nodes, metres; ``None`` takes the file's own cells, between 0.25 m
-            and 1 m, or coarser for a wide area.
+        area: area to cover, site frame, metres.
+        step_m: grid step, metres; ``None`` for the file's own cell size, limited to 0.25 m to 1 m,
+            or coarser for a large area.
 
     Raises:
-        InputError: as `check_dem`.
+        InputError: as for `check_dem`.
     """
     from affine import Affine
     from rasterio.warp import Resampling, reproject
@@ -156,9 +156,9 @@ def read_heights(
 
 
 def grid_step_m(detail_m: float, bounds: tuple[float, float, float, float]) -> float:
-    """Return the step of a grid of heights over west, south, east, north, metres.
+    """Return the step of a height grid over west, south, east, north, metres.
 
-    As fine as what it is to show, between 0.25 m and 1 m, or coarser for a wide area.
+    The step follows the detail to resolve, between 0.25 m and 1 m, or is coarser for a large area.
     """
     west, south, east, north = bounds
     widest = math.sqrt((east - west) * (north - south) / _MOST_NODES)
@@ -166,7 +166,7 @@ def grid_step_m(detail_m: float, bounds: tuple[float, float, float, float]) -> f
 
 
 def _cell_m(raster: Any, frame: SiteFrame) -> float:  # noqa: ANN401
-    """Return the size of a raster's cells at the anchor, metres."""
+    """Return a raster's cell size at the anchor, metres."""
     per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
     return 1.0 / float(np.linalg.norm(per_metre))
 
@@ -178,7 +178,7 @@ def _own_step(raster: Any, frame: SiteFrame, area: shapely.Polygon) -> float:  #
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Open a GeoTIFF of heights; every failure to read it, now or later, is an InputError."""
+    """Open a GeoTIFF of heights; all failures to read it are raised as InputError."""
     with opened_geotiff(path, _EXPECTED) as raster:
         if raster.count != 1:
             raise InputError(f"holds {raster.count} bands", file=path, expected=_EXPECTED)
@@ -190,7 +190,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygon) -> None:  # noqa: ANN401
-    """Raise where part of ``area`` lies beyond the raster's border."""
+    """Raise an error if part of ``area`` is outside the raster."""
     outline = shapely.segmentize(area.exterior, max(1.0, area.length / 200))
     pixels = _pixels(raster, frame, shapely.get_coordinates(outline))
     size = np.array([raster.width, raster.height])
@@ -200,7 +200,7 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
     share = 0.0
     if np.isfinite(pixels).all():
         shape, box = shapely.Polygon(pixels), shapely.box(0, 0, *size)
-        # In a raster with cells as large as countries, the region is a point.
+        # With very large raster cells the region may shrink to a point.
         share = shapely.intersection(shape.buffer(0), box).area / max(shape.area, 1e-300)
     raise InputError(
         f"covers {math.floor(share * 100)} % of the region",
@@ -210,10 +210,10 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
 
 
 def _pixels(raster: Any, frame: SiteFrame, xy: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ANN401
-    """Return (N, 2) columns and rows (pixel edges are whole numbers) of (N, 2) site metres."""
+    """Return columns and rows (N, 2) of site positions (N, 2), metres; pixel edges are integers."""
     transformer = _to_raster(frame.proj_with_datum, raster.crs.to_wkt())
     easting, northing = transformer.transform(xy[:, 0], xy[:, 1])
-    # Written out: Affine's own product is spelt differently from one of its versions to the next.
+    # Written out, because the product of Affine differs between its versions.
     t = ~raster.transform
     x, y = np.asarray(easting), np.asarray(northing)
     return np.column_stack([t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f])
@@ -230,7 +230,7 @@ def _window(
     frame: SiteFrame,
     bounds: tuple[float, float, float, float],
 ) -> tuple[NDArray[np.float64], Any]:
-    """Return the heights (NaN where there are none) around ``bounds``, and their transform."""
+    """Return the heights (NaN where unknown) around ``bounds``, and their transform."""
     from affine import Affine
     from rasterio.enums import Resampling
     from rasterio.windows import Window
@@ -261,7 +261,7 @@ def _plan(crs: CRS) -> CRS:
 
 
 def _vertical(crs: CRS) -> str:
-    """Return the vertical part of a CRS as WKT, empty where it has none."""
+    """Return the vertical part of a CRS as WKT; empty without one."""
     if crs.is_compound:
         vertical = crs.sub_crs_list[-1]
         return (crs if "ellips" in vertical.name.lower() else vertical).to_wkt()
@@ -269,7 +269,7 @@ def _vertical(crs: CRS) -> str:
 
 
 def metres_per_unit(raster: Any) -> float:  # noqa: ANN401
-    """Return the unit of height: the vertical CRS's, else the band's, else a metre."""
+    """Return the unit of height in metres: that of the vertical CRS, else of the band, else 1."""
     axes = CRS(raster.crs.to_wkt()).axis_info
     if len(axes) == 3:
         return float(axes[2].unit_conversion_factor)

@@ -1,4 +1,4 @@
-"""The text of a first ``site.yaml``: commented, and complete enough to run as it is."""
+"""Text of an initial ``site.yaml``: commented, and complete enough to run."""
 
 from __future__ import annotations
 
@@ -37,33 +37,33 @@ __all__ = [
     "write_draft",
 ]
 
-#: The sensor of a first site: its model and its firings per turn.
+#: Sensor of an initial site: its model and its firings per turn.
 SENSOR, SENSOR_COLUMNS = "OS1-128", 1024
 
-#: The usual radius of a region, metres.
+#: Default radius of a region, metres.
 RADIUS_M = 150.0
 
 
 @dataclass(frozen=True)
 class SiteDraft:
-    """What is proposed for a site.
+    """A proposed site.
 
     Attributes:
         title: the site's name.
-        why: why the anchor is where it is, a sentence.
-        latitude: of the anchor, degrees, WGS84.
-        longitude: of the anchor, degrees, WGS84.
+        why: reason for the anchor's position, a sentence.
+        latitude: latitude of the anchor, degrees, WGS84.
+        longitude: longitude of the anchor, degrees, WGS84.
         region: a GeoJSON file with the region's polygon, or the radius of a circle, metres.
         osm: the OpenStreetMap extract, if there is one.
         roads: the map of the roads, if there is one.
-        anchor_m: its own x, y of the anchor, where it has no georeference.
+        anchor_m: the anchor's x, y in that map, if it has no georeference.
         per_hour: actors per hour by class.
-        pole: where the sensor stands.
-        about: sentences about the place for the file's head; empty ones between paragraphs.
-        traffic_remark: where ``per_hour`` is from, if it is no guess of the map.
+        pole: position of the sensor.
+        about: sentences about the place for the file's header; empty ones separate paragraphs.
+        traffic_remark: source of ``per_hour``, if not guessed from the map.
         guessed: whether ``per_hour`` is a guess.
-        rig: text of the mapping ``rig``, set in, instead of one sensor on ``pole``.
-        fetched: inputs that were fetched, the map among them.
+        rig: indented text of the mapping ``rig``, instead of one sensor on ``pole``.
+        fetched: fetched inputs, including the map.
     """
 
     title: str
@@ -85,13 +85,13 @@ class SiteDraft:
 
 @dataclass(frozen=True)
 class GivenPlace:
-    """Where a new site is to be, as far as it was given.
+    """Place of a new site, as far as given.
 
     Attributes:
         point: latitude and longitude of the anchor, degrees.
         file: a GeoJSON file with the region's polygon.
         polygon: that polygon, longitude and latitude.
-        radius_m: radius of a circle in its place.
+        radius_m: radius of a circle instead of the polygon, metres.
     """
 
     point: tuple[float, float] | None
@@ -110,8 +110,8 @@ class GivenPlace:
         """Check the given place.
 
         Raises:
-            InputError: a value is out of range, one of a pair is missing, the region is given twice
-                or its file is wrong.
+            InputError: a value is out of range, one of a pair is missing, the region is given
+                twice, or its file is wrong.
         """
         if region is not None and radius_m is not None:
             raise InputError("is given with a radius", file=region, expected="one of the two")
@@ -139,7 +139,7 @@ def check_target(folder: Path, *, force: bool) -> None:
     """Check that a ``site.yaml`` may be written to a folder.
 
     Raises:
-        InputError: there is one already, or the folder is a file or one of our artefacts.
+        InputError: it exists already, or the folder is a file or an artefact.
     """
     target = folder / "site.yaml"
     if target.exists() and not force:
@@ -153,10 +153,10 @@ def check_target(folder: Path, *, force: bool) -> None:
 def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
     """Write a draft as ``site.yaml`` and return its path.
 
-    Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
+    Files outside of ``folder`` are copied into it, so that it is self-contained.
 
     Raises:
-        InputError: another file of a name is there already.
+        InputError: another file of the same name exists already.
     """
     target = folder / "site.yaml"
     folder.mkdir(parents=True, exist_ok=True)
@@ -177,7 +177,7 @@ def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
 
 
 def _brought_in(file: Path, folder: Path, force: bool) -> str:
-    """Return the file's name relative to the folder, after copying it in where it is outside."""
+    """Return the file's name relative to the folder, after copying a file from outside into it."""
     if file.resolve().is_relative_to(folder.resolve()):
         return file.resolve().relative_to(folder.resolve()).as_posix()
     target = folder / file.name
@@ -194,12 +194,12 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return a text as YAML has it: a JSON string is one, whatever is in it."""
+    """Return a text in YAML, as a JSON string."""
     return json.dumps(text, ensure_ascii=not text.isprintable())
 
 
 def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
-    """Return the text of the file: ``first_site.yaml.j2``, filled in."""
+    """Return the text of the file, from the template ``first_site.yaml.j2``."""
 
     def named(file: Path) -> str:
         return _brought_in(file, folder, force)

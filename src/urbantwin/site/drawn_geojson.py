@@ -1,4 +1,4 @@
-"""GeoJSON that people draw: coordinates brought to the site frame, properties of editors."""
+"""Drawn GeoJSON: coordinates transformed to the site frame, properties of editors."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ __all__ = ["EDITORS", "ToSite", "shapes_in_site", "to_site"]
 
 #: Properties that editors add for their own use.
 EDITORS = re.compile(r"(stroke|fill|marker)([-_].*)?|_.*|ogc_fid|fid|id|OBJECTID|note|source|\$.*")
-#: What is written of metres of the site frame, and of degrees.
+#: Values of ``crs`` for metres of the site frame, and for degrees.
 SITE, DEGREES = "site", ("CRS84", "4326")
 
 
 class ToSite:
-    """Coordinates of the file to the site frame."""
+    """Transformation from the file's coordinates to the site frame."""
 
     def __init__(self, frame: SiteFrame, crs: CRS | None, *, metres: bool) -> None:
         self._frame, self.metres, self.degrees = frame, metres, crs is None and not metres
@@ -35,7 +35,7 @@ class ToSite:
         )
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N, 2) site metres."""
+        """Return site positions (N, 2), metres."""
         if self.metres:
             return points
         if self._change is not None:
@@ -44,15 +44,15 @@ class ToSite:
 
 
 def to_site(path: Path, crs: Any, frame: SiteFrame) -> ToSite:  # noqa: ANN401
-    """Return what brings the coordinates of a file to the site frame.
+    """Return the transformation from a file's coordinates to the site frame.
 
     Args:
         path: the file, for error messages.
-        crs: its ``crs``: ``site``, one that editors write, or ``None``: degrees.
+        crs: its ``crs``: ``site``, a CRS written by editors, or ``None`` for degrees.
         frame: the site frame.
 
     Raises:
-        InputError: nobody knows that system.
+        InputError: the CRS is unknown.
     """
     if isinstance(crs, Mapping):
         properties = crs.get("properties")
@@ -81,13 +81,13 @@ def shapes_in_site(
 
     Args:
         path: the file, for error messages.
-        place: where in it.
-        geometry: GeoJSON's geometry.
-        types: what it may be: ``Point``, ``LineString``, ``Polygon``, or several of them.
-        to_site: of the file's coordinates.
+        place: place in the file.
+        geometry: GeoJSON geometry.
+        types: allowed types: ``Point``, ``LineString``, ``Polygon``.
+        to_site: transformation of the file's coordinates.
 
     Raises:
-        InputError: it is of another type, has no coordinates, or lies elsewhere.
+        InputError: another type, no coordinates, or far from the anchor.
     """
 
     def error(problem: str, expected: str) -> InputError:

@@ -1,4 +1,4 @@
-"""Values of drawn things: numbers and truths, which tables of attributes often hold as text."""
+"""Values of drawn features: numbers and booleans, often stored as text in attribute tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Count", "Metres", "Text", "Truth", "number_of"]
 
 
 def number_of(value: Any) -> Any:  # noqa: ANN401
-    """Take the text of a number for the number: tables of attributes often hold text only."""
+    """Return the number in a text; other values are returned as they are."""
     if isinstance(value, str):
         try:
             number = float(value)

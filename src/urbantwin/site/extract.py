@@ -43,7 +43,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class OsmFeature:
-    """A tagged element of the map; ``geometry`` in the site frame, metres, never cut."""
+    """A tagged element of the map; ``geometry`` in the site frame, metres, not clipped."""
 
     kind: str
     id: int
@@ -53,13 +53,13 @@ class OsmFeature:
 
 @dataclass(frozen=True, eq=False)
 class WayPiece:
-    """A way, or a part of one that was cut out of it.
+    """A way, or a part cut out of one.
 
     Attributes:
-        id: its own id.
-        way: id of the way of the map that it is a part of; 0 for what the map does not have.
+        id: id of the piece.
+        way: id of its OSM way; 0 if it is not in the map.
         nodes: ids of its nodes.
-        points: (N, 2) where they are, site frame.
+        points: (N, 2) their positions, site frame, metres.
         tags: the way's tags.
     """
 
@@ -81,8 +81,8 @@ class Extract:
         ways: id -> way.
         relations: id -> relation.
         bounds: declared west, south, east, north in degrees, if the file declares them.
-        highest: the highest ids of nodes, ways and relations in the file that are not kept here.
-        is_whole: whether all of the file is here.
+        highest: highest ids of nodes, ways and relations in the file that were not read.
+        is_whole: whether the whole file was read.
     """
 
     path: Path
@@ -99,14 +99,14 @@ class Extract:
         return [way for _, way in sorted(self.ways.items()) if "highway" in way.tags]
 
     def way_line(self, way: Way, frame: SiteFrame) -> NDArray[np.float64]:
-        """Return a way's known nodes as (N, 2) site-frame points."""
+        """Return a way's known nodes as points (N, 2), site frame."""
         return frame.site_from_lonlat([self.nodes[n] for n in way.nodes if n in self.nodes])
 
     def features(self, frame: SiteFrame, area: shapely.Polygon) -> list[OsmFeature]:
         """Return every tagged element that touches ``area`` (site frame), sorted by kind and id.
 
-        Closed ways that describe areas and multipolygon relations become polygons. Members of a
-        relation that the extract lacks are left out of it.
+        Closed ways that describe areas and multipolygon relations become polygons. Relation members
+        missing in the extract are omitted.
         """
         found: list[OsmFeature] = []
         ids = list(self.nodes)
@@ -153,15 +153,15 @@ class Extract:
     def clipped(
         self, frame: SiteFrame, area: shapely.Polygon, ways: Iterable[Way]
     ) -> tuple[WayPiece, ...]:
-        """Return ``ways``, cut where they leave ``area``.
+        """Return ways, cut where they leave an area.
 
-        A way that leaves the area and comes back becomes several pieces, each with a positive id of
-        its own; where it was cut, there is a new node.
+        A way that leaves and re-enters the area becomes several pieces, each with its own positive
+        id; cuts get new nodes.
 
         Args:
             frame: the site frame.
-            area: where to cut, site frame.
-            ways: which ways to cut.
+            area: the area, site frame, metres.
+            ways: ways to cut.
         """
         new_node = max(self.highest[0], max(self.nodes, default=0)) + 1
         new_way = max(self.highest[1], max(self.ways, default=0)) + 1
@@ -172,8 +172,8 @@ class Extract:
                 continue
             xy = frame.site_from_lonlat([self.nodes[n] for n in known])
             for number, piece in enumerate(_cut(xy, area)):
-                # A sign before the name of an edge says its direction: of ways that an editor drew
-                # and nobody has uploaded, which have negative ids, pieces get other ones.
+                # A minus sign before an edge's id means its direction in SUMO, so pieces of ways
+                # with negative ids (drawn in an editor, not uploaded) get new ids.
                 own = number == 0 and way.id > 0
                 identity = way.id if own else new_way
                 new_way += not own
@@ -199,13 +199,13 @@ class Extract:
     ) -> None:
         """Write pieces of ways as OSM XML.
 
-        Turn restrictions of the map follow the piece that meets their via node.
+        Turn restrictions of the map are moved to the piece at their via node.
 
         Args:
             path: the file to write.
             frame: the site frame.
-            pieces: what to write.
-            node_tags: node -> tags that are written instead of its own.
+            pieces: pieces to write.
+            node_tags: node -> tags that replace its own.
             no_turns: further forbidden turns: from one piece, over a node, to another piece.
         """
         root = ElementTree.Element("osm", version="0.6", generator="urbantwin")
@@ -240,7 +240,7 @@ class Extract:
     def _restrictions(
         self, pieces: Sequence[WayPiece]
     ) -> Iterator[tuple[int, list[tuple[str, int, str]], dict[str, str]]]:
-        """Return id, members and tags of the map's turn restrictions that concern pieces."""
+        """Return id, members and tags of the map's turn restrictions that concern the pieces."""
         by_way: dict[int, list[WayPiece]] = {}
         for piece in pieces:
             by_way.setdefault(piece.way, []).append(piece)
@@ -274,7 +274,7 @@ def _is_area(way: Way) -> bool:
 
 
 def _valid_area(shape: shapely.Geometry) -> shapely.Geometry:
-    """Repair self-touching outlines; keep only what has area."""
+    """Repair self-touching outlines, and keep polygons only."""
     if not shape.is_valid:
         shape = shapely.make_valid(shape)
     if shape.geom_type in ("Polygon", "MultiPolygon"):

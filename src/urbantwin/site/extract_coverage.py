@@ -1,4 +1,4 @@
-"""The area in which an extract is complete: what was downloaded, without ways that stick out."""
+"""Area in which an extract is complete: the downloaded area, without ways that extend beyond."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from urbantwin.site.extract import Extract
 
 __all__ = ["check_roads", "clusters", "local_frame", "mapped_area", "small_features"]
 
-#: A longer way may have been included for one of its ends only, metres.
+#: Largest extent of a small feature, metres; larger ways may be included because of one end only.
 SMALL_M = 60.0
 #: Small features farther apart than this belong to different downloads, metres.
 _GAP_M = 120.0
-#: How far the area reaches beyond the outermost small feature, metres.
+#: Margin of the area beyond the outermost small feature, metres.
 _RIM_M = 10.0
 
 
 def local_frame(extract: Extract) -> SiteFrame:
-    """Return a frame in the middle of an extract's data, to work in before there is an anchor."""
+    """Return a frame in the middle of an extract's data, for use before an anchor is known."""
     used = [node for way in extract.highways() for node in way.nodes if node in extract.nodes]
     lonlat = np.array([extract.nodes[node] for node in used or extract.nodes])
     longitude, latitude = np.median(lonlat, axis=0)
@@ -33,7 +33,7 @@ def local_frame(extract: Extract) -> SiteFrame:
 
 
 def clusters(points: NDArray[np.float64], gap_m: float) -> NDArray[np.int64]:
-    """Return (N,) numbers of the clusters of points that are at most ``gap_m`` apart."""
+    """Return cluster numbers (N,) of points; points at most ``gap_m`` apart share one."""
     pairs = cKDTree(points).query_pairs(gap_m, output_type="ndarray")
     shape = (len(points), len(points))
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=shape)
@@ -41,10 +41,10 @@ def clusters(points: NDArray[np.float64], gap_m: float) -> NDArray[np.int64]:
 
 
 def small_features(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
-    """Return (N, 2) places of features too small to reach beyond the downloaded area.
+    """Return positions (N, 2) of features too small to reach beyond the downloaded area.
 
-    Downloads keep ways whole, so a long way says little about where the download ends. A tagged
-    node that belongs to no way, and a way that is small, are there or are not.
+    Downloads keep ways whole, so a long way says little about the border of a download. Tagged
+    nodes without ways, and small ways, are either inside or missing.
     """
     in_ways = {node for way in extract.ways.values() for node in way.nodes}
     found = [
@@ -66,10 +66,10 @@ def small_features(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
 
 
 def mapped_area(extract: Extract, frame: SiteFrame) -> shapely.Polygon:
-    """Return the area, site frame, in which an extract can be taken to be complete.
+    """Return the area, site frame, in which an extract is presumably complete.
 
-    It is the bounds that the file declares, or else the convex hull of the largest cluster of
-    small things (see `small_features`), or else that of the nodes of its roads.
+    It is the declared bounds of the file, or else the convex hull of the largest cluster of small
+    features (see `small_features`), or else that of the nodes of its roads.
     """
     roads = [node for way in extract.highways() for node in way.nodes if node in extract.nodes]
     lonlat = np.array([extract.nodes[node] for node in roads or extract.nodes])
@@ -90,10 +90,10 @@ def mapped_area(extract: Extract, frame: SiteFrame) -> shapely.Polygon:
 
 
 def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, named: str) -> None:
-    """Check that an extract has roads in a region in a site frame, which errors call ``named``.
+    """Check that an extract has roads in a region, which errors call ``named``.
 
     Raises:
-        InputError: it has no roads at all, or none in the region; it says how far away they are.
+        InputError: no roads at all, or none in the region; states the distance of the nearest.
     """
     highways = extract.highways()
     expected = f"an extract around {frame.latitude:.6f}, {frame.longitude:.6f}"
@@ -105,7 +105,7 @@ def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, nam
               for way in highways]  # fmt: skip
     lonlat = [points for points in lonlat if len(points) >= 2]
     anchor = np.array([frame.longitude, frame.latitude])
-    # One degree: where the plane's formulas surely hold.
+    # Within one degree the projection's formulas surely hold.
     near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
     lines = [shapely.LineString(frame.site_from_lonlat(points)) for points in near]
     if lines:

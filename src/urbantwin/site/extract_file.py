@@ -26,9 +26,9 @@ __all__ = ["NO_NODES", "LonLatBox", "box_around", "read_extract", "without_dupli
 
 
 def without_duplicated_nodes(extract: Extract) -> Extract:
-    """Return a map whose streets have no two nodes at one place one after the other.
+    """Return a map without consecutive nodes at the same position in a street.
 
-    The first of them stays, with the tags of all; where they disagree, its own.
+    The first of them stays, with the tags of all; its own tags take precedence.
     """
     kept: dict[int, int] = {}
 
@@ -69,20 +69,20 @@ def without_duplicated_nodes(extract: Extract) -> Extract:
 
 
 SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
-#: What is told of a map with nothing in it.
+#: Error of a map without nodes.
 NO_NODES = "holds no nodes"
 
 EXPECTED = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
 
-#: Bytes of memory for a byte of XML, of a map that is kept whole and of one of which only what
-#: is near is kept: places of all nodes, nodes of all ways (measured on 200 MB of XML).
+#: Bytes of memory per byte of XML, for a whole map, and for the part near a place (positions of all
+#: nodes, nodes of all ways); measured on 200 MB of XML.
 _WHOLE, _NEAR = 2.6, 0.25
 
-#: Margin around a region that affects it: where streets lead, crossings, signals; metres.
+#: Margin around a region that affects it (streets, crossings, signals), metres.
 _AROUND_M = 1000.0
 
-#: Elements that an editor marked as deleted, in its own files, and the id of one (OSM wiki, "JOSM
-#: file format"): osmium knows no such mark.
+#: Elements marked as deleted in an editor's file, and their ids (OSM wiki, "JOSM file format");
+#: osmium ignores this mark.
 _DELETED = re.compile(rb"""<(node|way|relation)\s[^<>]*\baction=["']delete["'][^<>]*>""")
 _ID = re.compile(rb"""\bid=["'](-?\d{1,19})["']""")
 
@@ -91,7 +91,7 @@ LonLatBox = tuple[float, float, float, float]
 
 
 def box_around(frame: SiteFrame, region: shapely.Polygon) -> LonLatBox:
-    """Return the box of the map that affects a region (site frame), in degrees."""
+    """Return the box of the map that affects a region (site frame), degrees."""
     area = shapely.box(*region.buffer(_AROUND_M, quad_segs=2).bounds)
     lonlat = frame.lonlat_from_site(shapely.get_coordinates(shapely.segmentize(area, _AROUND_M)))
     (west, south), (east, north) = lonlat.min(axis=0).tolist(), lonlat.max(axis=0).tolist()
@@ -109,14 +109,14 @@ def read_extract(
 
     Args:
         path: the file.
-        near: west, south, east, north in degrees: of a large file only what reaches in there is
-            kept, whole. Without it all is, if it fits.
-        progress: called with the share done (0..1) and the current task, not for small files.
-        limits: what reading may take.
+        near: west, south, east, north in degrees: only elements of a large file that reach into
+            this box are kept, complete. If not given, the whole file, if it fits.
+        progress: called with the share done (0..1) and the current task; not for small files.
+        limits: limits of reading.
 
     Raises:
-        InputError: the file is missing, truncated, not OpenStreetMap data, has no nodes, or is
-            too much to read.
+        InputError: the file is missing, truncated, not OpenStreetMap data, has no nodes, or is too
+            large.
     """
     _check_name(path)
     limits = limits or ReadingLimits()
@@ -183,7 +183,7 @@ def _read_whole(path: Path, stream: MapStream) -> Extract:
 
 
 def _deleted(path: Path) -> frozenset[tuple[str, int]]:
-    """Return type and id of what an editor marked as deleted in a file of its own."""
+    """Return type and id of the elements marked as deleted in an editor's file."""
     if not path.name.lower().endswith((".osm", ".xml")):
         return frozenset()
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as text:
@@ -198,7 +198,7 @@ def _deleted(path: Path) -> frozenset[tuple[str, int]]:
 
 @contextmanager
 def _no_collecting() -> Iterator[None]:
-    """Pause garbage collection: millions of tuples are made, and none is freed."""
+    """Pause garbage collection: millions of tuples are created, and none is freed."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -220,6 +220,6 @@ def _check_name(path: Path) -> None:
 
 
 def _advice(path: Path, near: LonLatBox | None) -> str:
-    """Return what to do about a map that is too large."""
+    """Return advice for a map that is too large."""
     box = ",".join(f"{value:.4f}" for value in near) if near else "WEST,SOUTH,EAST,NORTH"
     return f"a smaller extract: osmium extract -b {box} {path.name} -o map.osm.pbf"

@@ -1,4 +1,4 @@
-"""Files that others made: on which terms, where fetched from, and whether they still are that."""
+"""Files of third parties: licence, origin, and a check that they are unchanged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["FetchedInput", "FetchedSpec", "InputFile", "check_fetched"]
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that others made: where it is, and on what terms it may be used."""
+    """A file of a third party, with its licence and attribution."""
 
     path: Path
     licence: str
@@ -26,13 +26,13 @@ class InputFile:
 
 
 class FetchedSpec(BaseModel):
-    """What ``urbantwin init --at`` notes of an input.
+    """Record of a fetched input, written by ``urbantwin init --at``.
 
     Attributes:
-        source: its name in the table of sources.
-        url: who was asked, without any key.
-        at: when, ISO 8601, UTC.
-        sha256: of the file as it was written then.
+        source: name in the table of sources.
+        url: requested address, without any key.
+        at: time of the response, ISO 8601, UTC.
+        sha256: SHA-256 of the written file.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -55,16 +55,16 @@ class FetchedSpec(BaseModel):
 def check_fetched(
     document: Document, location: tuple[int | str, ...], path: Path, fetched: FetchedSpec | None
 ) -> None:
-    """Check that a file is what was fetched.
+    """Check that a fetched file is unchanged.
 
     Args:
         document: the ``site.yaml``.
-        location: of the input in it.
+        location: location of the input in it.
         path: the input's file.
-        fetched: what is noted of it; nothing is checked without.
+        fetched: its record; no check without.
 
     Raises:
-        InputError: its SHA-256 is another.
+        InputError: the SHA-256 differs.
     """
     if fetched is not None and path.is_file() and sha256_of(path) != fetched.sha256:
         raise document.error(
@@ -76,16 +76,16 @@ def check_fetched(
 
 @dataclass(frozen=True)
 class FetchedInput:
-    """An input that was fetched, as a first ``site.yaml`` names it.
+    """A fetched input, for an initial ``site.yaml``.
 
     Attributes:
         kind: ``map``, ``elevation``, ``airborne``, ``buildings``, ``imagery`` or ``tiles``.
-        path: its file; ``None`` for what is asked for during a build.
-        licence: on what terms it may be used.
-        attribution: whom to name.
-        fetched: what is noted of the file.
-        fields: what else is said of it: ``crs``, ``url``, ``key_env``.
-        caution: what to know of its data, a sentence.
+        path: its file; ``None`` for data requested during a build.
+        licence: licence.
+        attribution: required attribution.
+        fetched: record of the fetched file.
+        fields: further fields: ``crs``, ``url``, ``key_env``.
+        caution: warning about its data, a sentence.
     """
 
     kind: str

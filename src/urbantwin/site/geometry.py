@@ -27,7 +27,7 @@ __all__ = [
     "Spot",
 ]
 
-#: What can be taken from a source.
+#: Kinds of content that can be taken from a source.
 PROVIDED = ("ground", "buildings", "trees", "other")
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -39,14 +39,15 @@ class _Strict(BaseModel):
 
 
 class OriginSpec(_Strict):
-    """Where a model's own origin lies and where it faces: a geotag.
+    """Geotag: position and heading of a model's origin.
 
     Attributes:
         latitude: degrees, WGS84.
         longitude: degrees, WGS84.
-        height_m: of the origin above the site's ground at the anchor; without it the model's
-            ground is laid on the site's.
-        heading_deg: clockwise from north, of the model's own north (+y of a z-up model).
+        height_m: height of the origin above the site's ground at the anchor, metres; if not given,
+            the model's ground is aligned with the site's.
+        heading_deg: heading of the model's north (+y of a z-up model), degrees clockwise from
+            north.
     """
 
     latitude: Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
@@ -69,7 +70,7 @@ class SimilaritySpec(_Strict):
 
 
 class ControlPoint(_Strict):
-    """One point known in the model (its own units and axes) and on site.
+    """A point known in the model (its own units and axes) and in the site.
 
     The site's side is either ``site_m`` (x, y, z of the site frame) or latitude, longitude and
     ``height_m`` above the anchor's ground.
@@ -93,10 +94,10 @@ class RegisterSpec(_Strict):
     """Registration to the ground and the roads, coarse to fine.
 
     Attributes:
-        search_m: how far from its first place the model may be moved, metres.
-        search_deg: how far it may be turned, degrees; 180 searches every heading.
+        search_m: largest horizontal shift from the initial position, metres.
+        search_deg: largest rotation, degrees; 180 searches all headings.
         scale: also search for the scale.
-        worst_residual_m: a larger residual is refused.
+        worst_residual_m: largest accepted residual, metres.
     """
 
     search_m: Positive = 20.0
@@ -106,13 +107,13 @@ class RegisterSpec(_Strict):
 
 
 class Spot(_Strict):
-    """A piece that cleaning must keep or remove: whatever has its middle within ``radius_m``.
+    """A piece that cleaning must keep or remove: all with their centre within ``radius_m``.
 
     Attributes:
         at_m: x, y (or x, y, z) of the site frame, metres.
         latitude: instead of ``at_m``, degrees.
         longitude: instead of ``at_m``, degrees.
-        radius_m: how far around.
+        radius_m: radius, metres.
     """
 
     at_m: Annotated[list[Number], Field(min_length=2, max_length=3)] | None = None
@@ -129,16 +130,16 @@ class Spot(_Strict):
 
 
 class CleanSpec(_Strict):
-    """How a source is cleaned; every step can be left out.
+    """Cleaning steps of a source; each is optional.
 
     Attributes:
-        shards: drop pieces that float or are too small to matter.
+        shards: remove floating and tiny pieces.
         smallest_m: pieces whose longest side is below this are shards, metres.
-        traffic: find cars and other traffic baked into the surface, and remove them.
-        chordal_error_m: how far decimation may move the surface, metres; 0 leaves it as it is.
-            ``None``: less than a LiDAR resolves at a triangle's distance to the nearest sensor.
-        keep: pieces that stay whatever the rules say.
-        remove: pieces that go whatever the rules say.
+        traffic: remove cars and other traffic from the surface.
+        chordal_error_m: largest displacement of the surface by decimation, metres; 0 for none.
+            ``None`` for less than a LiDAR resolves at a triangle's distance to the nearest sensor.
+        keep: pieces that are always kept.
+        remove: pieces that are always removed.
     """
 
     shards: bool = True
@@ -150,34 +151,34 @@ class CleanSpec(_Strict):
 
 
 class GeometrySpec(_Strict):
-    """One source of geometry.
+    """A source of geometry.
 
     Attributes:
-        file: its file, relative to ``site.yaml`` (or a folder: a photogrammetry export).
+        file: file, relative to ``site.yaml`` (or a folder: a photogrammetry export).
         url: instead of ``file``, the address of a ``tileset.json``.
-        key_env: name of the environment variable that holds the address's key.
-        origins: other origins (``https://host:port``) that its tiles may lie at; they do not get
+        key_env: environment variable with the address's key.
+        origins: other permitted origins (``https://host:port``) of its tiles; they do not receive
             the key.
-        kind: its format; ``auto`` detects it from the file. A ``recording`` is frames of sensors
-            that stood there.
-        crs: its coordinate reference system where the file does not say (``EPSG:7415``), vertical
-            datum included where heights matter.
-        height_offset_m: added to its heights, metres.
-        unit: length of its unit; ``auto`` finds it.
-        up: its upward axis; ``auto`` finds it.
+        kind: format; ``auto`` detects it from the file. A ``recording`` is frames of static sensors
+            at the site.
+        crs: coordinate reference system if the file lacks it (``EPSG:7415``), including the
+            vertical datum if heights matter.
+        height_offset_m: offset added to its heights, metres.
+        unit: length unit; ``auto`` detects it.
+        up: upward axis; ``auto`` detects it.
         geometric_error_m: 3D Tiles are refined down to this error, metres.
-        origin: where its own origin lies (a geotag).
-        control_points: points known in it and on site, or the name of a CSV file of them.
+        origin: geotag of its origin.
+        control_points: points known in it and in the site, or the name of a CSV file of them.
         similarity: the transform to the site frame.
         register_to: registration to the ground and the roads; ``true`` for its defaults.
-        provides: what is taken from it; the map's own is left out where it does.
+        provides: kinds of content taken from it, which replace the map's.
         footprints: outlines of buildings for a point cloud: GeoPackage, GeoJSON, SpatiaLite.
-        semantic: semantic class of all of it; ``auto`` classifies its parts.
-        material: material of all of it; ``auto`` infers it from names and colours.
-        clean: how it is cleaned.
-        licence: on what terms it may be used.
-        attribution: who made it.
-        fetched: where its file was fetched from, which `init` notes.
+        semantic: semantic class of the whole source; ``auto`` classifies its parts.
+        material: material of the whole source; ``auto`` infers it from names and colours.
+        clean: cleaning steps.
+        licence: licence of the source.
+        attribution: author.
+        fetched: origin of a fetched file, written by `init`.
     """
 
     file: Annotated[str, Field(min_length=1)] | None = None
@@ -205,7 +206,7 @@ class GeometrySpec(_Strict):
     attribution: str = "not stated"
     fetched: FetchedSpec | None = None
 
-    #: Names that files use for fields (the keys of error messages).
+    #: File names of fields (used in error messages).
     also_written_as: ClassVar[tuple[str, ...]] = ("register",)
 
     @model_validator(mode="before")
@@ -267,9 +268,9 @@ class GeometrySource:
     """A source of geometry whose files are known to exist.
 
     Attributes:
-        spec: what the person wrote.
+        spec: the user's specification.
         document: the ``site.yaml``, for error messages.
-        number: which source of the list it is, from 0.
+        number: index of the source in the list.
     """
 
     spec: GeometrySpec
@@ -283,17 +284,17 @@ class GeometrySource:
 
     @property
     def footprints(self) -> Path | None:
-        """The file of outlines of buildings, if one is named."""
+        """File of building outlines, if named."""
         name = self.spec.footprints
         return None if name is None else self.document.file.parent / name
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name of the source in reports."""
         if self.path is not None:
             return self.path.name
         return re.sub(r"[?#].*|(?<=//)[^/@]*@", "", self.spec.url or "").rstrip("/")
 
     def place(self, *below: int | str) -> str:
-        """Return ``geometry[0].crs (line 12)``: where in ``site.yaml`` a field stands."""
+        """Return the place of a field in ``site.yaml``: ``geometry[0].crs (line 12)``."""
         return self.document.place(("geometry", self.number, *below))

@@ -1,4 +1,4 @@
-"""Opening GeoTIFFs with checks of their size, their CRS and the files beside them."""
+"""Opening of GeoTIFFs, with checks of size and CRS, and their sidecar files."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from urbantwin.errors import InputError, readable
 
 __all__ = ["files_beside", "opened_geotiff"]
 
-#: Bytes of pixels that any file may claim, and how many more than it has one may that is packed:
-#: the best that Deflate does is 1032.
+#: Bytes of pixels accepted from any file, and largest compression ratio beyond; Deflate's best is
+#: 1032.
 _ANY, _DENSEST = 1 << 26, 2000
 
 
 @contextmanager
 def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
-    """Open a GeoTIFF; every failure to read it, now or later, is an InputError.
+    """Open a GeoTIFF; all failures to read it are raised as InputError.
 
     Args:
         path: the file.
-        expected: what it should be, for error messages.
+        expected: expected content, for error messages.
 
     Raises:
-        InputError: missing, no GeoTIFF, damaged, in an unknown reference system, or of a
-            size that its bytes cannot hold.
+        InputError: missing, not a GeoTIFF, damaged, in an unknown CRS, or larger than its bytes can
+            hold.
     """
     import rasterio
     from rasterio._err import CPLE_BaseError
@@ -42,7 +42,7 @@ def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            # Without it GDAL keeps the vertical datum of a GeoTIFF 1.0 to itself.
+            # Otherwise GDAL hides the vertical datum of a GeoTIFF 1.0.
             with rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
                 raster = rasterio.open(path, driver="GTiff")
         with raster:
@@ -57,7 +57,7 @@ def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
 
 
 def _check_size(raster: Any, path: Path, expected: str) -> None:  # noqa: ANN401
-    """Refuse pixels that the file cannot hold, however it is packed."""
+    """Check that the file can hold its declared pixels, with any compression."""
     import numpy as np
 
     size = path.stat().st_size
@@ -73,7 +73,7 @@ def _check_size(raster: Any, path: Path, expected: str) -> None:  # noqa: ANN401
 
 
 def files_beside(path: Path) -> list[Path]:
-    """Return what GDAL reads with a GeoTIFF (``.tfw``, ``.ovr``, ``.aux.xml``), without itself."""
+    """Return the sidecar files that GDAL reads with a GeoTIFF (``.tfw``, ``.ovr``, ...)."""
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -83,5 +83,5 @@ def files_beside(path: Path) -> list[Path]:
             with rasterio.open(path, driver="GTiff") as raster:
                 named = [Path(name) for name in raster.files]
     except RasterioError:
-        return []  # Reported by whatever reads the heights or the pixels.
+        return []  # reported by the reader
     return sorted(one for one in named if one.name != path.name and one.is_file())

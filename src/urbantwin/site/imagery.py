@@ -29,17 +29,17 @@ class ImagerySpec(BaseModel):
     Attributes:
         file: a GeoTIFF of three bands (red, green, blue), or four with opacity; relative to
             ``site.yaml``.
-        crs: its coordinate reference system where the file does not say.
+        crs: coordinate reference system, if the file lacks it.
         xyz: instead of ``file``, the address of tiles with ``{z}``, ``{x}`` and ``{y}`` (or
-            ``{-y}`` where rows are counted from the south), or a pattern of local files.
-        zoom: of the tiles; one pixel of zoom 19 is 0.3 m at the equator.
-        key_env: name of the environment variable that holds the address's key. It goes where the
-            address says ``{key}``, or else is added as ``key=``.
-        origins: other origins (``https://host:port``) that the address may redirect to; they do not
-            get the key.
-        licence: on what terms it may be used.
-        attribution: who made it.
-        fetched: where its file was fetched from, which `init` notes.
+            ``{-y}`` for rows counted from the south), or a pattern of local files.
+        zoom: zoom level of the tiles; a pixel of zoom 19 is 0.3 m at the equator.
+        key_env: environment variable with the address's key, which replaces ``{key}`` in the
+            address, or else is added as ``key=``.
+        origins: other permitted origins (``https://host:port``) of redirects; they do not receive
+            the key.
+        licence: licence of the imagery.
+        attribution: author.
+        fetched: origin of a fetched file, written by `init`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -98,9 +98,9 @@ class ImagerySource:
     """A GeoTIFF that is known to exist, or tiles.
 
     Attributes:
-        spec: what the person wrote.
+        spec: the user's specification.
         document: the ``site.yaml``, for error messages.
-        number: which of the list it is, from 0.
+        number: index in the list.
     """
 
     spec: ImagerySpec
@@ -119,14 +119,14 @@ class ImagerySource:
 
     @property
     def name(self) -> str:
-        """What it is called in reports: never with a key."""
+        """Name of the source in reports, without a key."""
         if self.path is not None:
             return self.path.name
         return re.sub(r"[?#].*", "", self.tiles)
 
     @property
     def tiles(self) -> str:
-        """The address of its tiles; of a pattern of files the last folder and what follows it."""
+        """Address of its tiles; for a pattern of files, the last fixed folder and the pattern."""
         pattern = self.spec.xyz or ""
         if self.is_web:
             return pattern
@@ -135,5 +135,5 @@ class ImagerySource:
         return "/".join(parts[max(0, first - 1) :])
 
     def place(self, *below: int | str) -> str:
-        """Return ``imagery[0].file (line 12)``: where in ``site.yaml`` a field stands."""
+        """Return the place of a field in ``site.yaml``: ``imagery[0].file (line 12)``."""
         return self.document.place(("imagery", self.number, *below))

@@ -1,4 +1,4 @@
-"""A first ``site.yaml`` for an extract: commented, and complete enough to run as it is."""
+"""Initial ``site.yaml`` for an extract: commented, and complete enough to run."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from urbantwin.site.traffic_around import per_hour_around
 
 __all__ = ["init_site"]
 
-#: The least radius of a region that leaves room for traffic to queue, metres.
+#: Smallest radius of a region with room for queues, metres.
 LEAST_RADIUS_M = 100.0
-#: A region whose circle is mapped to less than this is made smaller.
+#: Smallest mapped fraction of a region's circle; below, the region is made smaller.
 _MAPPED_SHARE = 0.6
-#: A crossing or a stop line from so far within the border to so far beyond it would be cut, and a
-#: proposed border lies elsewhere, by this at most; metres.
+#: Crossings and stop lines within these distances inside and outside of the border would be cut;
+#: the proposed border is moved by at most the last value; metres.
 _CUT_M, _MOVED_M = (8.0, 4.0), 20.0
 
-#: What puts what is known of a place into a draft, given the ground on which poles may stand.
+#: Function that adds known facts about a place to a draft, given the ground for poles.
 Furnishing = Callable[[SiteDraft, PoleGround], SiteDraft]
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where the anchor is and how it came to be there."""
+    """The anchor, and the reason for its choice."""
 
     latitude: float
     longitude: float
@@ -69,20 +69,21 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
 ) -> Path:
     """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
 
-    Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
+    Files outside of ``folder`` are copied into it, so that it is self-contained.
 
     Args:
-        folder: where to write; made if it is not there.
+        folder: folder to write, created if missing.
         osm: the extract.
-        latitude: of the anchor, degrees; without it the busiest signalised junction is proposed.
-        longitude: of the anchor, degrees.
-        region: a GeoJSON polygon; without it a circle.
-        radius_m: radius of the circle; without it about 150 m, or less where the extract ends
-            before, so that its border cuts no crossing.
-        force: replace a ``site.yaml`` that is there.
-        choose_pole: where the sensor stands on the ground of the junction.
-        furnish: puts what is known of the place into what the map proposes.
-        fetched: inputs that were fetched for the place, the extract among them.
+        latitude: latitude of the anchor, degrees; if not given, that of the busiest signalised
+            junction.
+        longitude: longitude of the anchor, degrees.
+        region: GeoJSON polygon; a circle if not given.
+        radius_m: radius of the circle, metres; if not given, about 150 m, or less within a smaller
+            extract, such that its border cuts no crossing.
+        force: replace an existing ``site.yaml``.
+        choose_pole: chooses the sensor's position on the ground of the junction.
+        furnish: adds known facts about the place to the draft.
+        fetched: inputs fetched for the place, including the extract.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -124,9 +125,9 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
 
 
 def _near(given: GivenPlace) -> LonLatBox | None:
-    """Return the box in degrees that is looked at, if it is known before the map is read."""
+    """Return the box around the place in degrees, if known before the map is read."""
     if given.point is not None:
-        # Too near to a pole for a box about a point.
+        # Too near to a pole for such a box.
         if abs(given.point[0]) > 89.0:
             return None
         farthest = given.radius_m or RADIUS_M + _MOVED_M
@@ -139,12 +140,12 @@ def _near(given: GivenPlace) -> LonLatBox | None:
 
 
 def _place(extract: Extract, given: GivenPlace, otherwise: str) -> _Place:
-    """Return the place that was given or is proposed.
+    """Return the given or proposed place.
 
     Args:
         extract: the map.
-        given: what a person said.
-        otherwise: its title where no street has a name; its coordinates where that is empty.
+        given: the given place.
+        otherwise: title for streets without names; coordinates if empty.
     """
     if given.point is None:
         found = propose_junction(extract, given.polygon)
@@ -180,7 +181,7 @@ def _place(extract: Extract, given: GivenPlace, otherwise: str) -> _Place:
 
 
 def _radius(extract: Extract, frame: SiteFrame) -> float:
-    """Return the usual radius, or less where the extract ends before."""
+    """Return the default radius, or less within a smaller extract."""
     area = mapped_area(extract, frame)
     for radius in np.arange(RADIUS_M, LEAST_RADIUS_M, -10.0):
         disc = circle(float(radius))
@@ -190,7 +191,7 @@ def _radius(extract: Extract, frame: SiteFrame) -> float:
 
 
 def _cutting_none(extract: Extract, frame: SiteFrame, radius: float) -> float:
-    """Return the radius next to this one whose circle cuts no crossing and no stop line."""
+    """Return the nearest radius whose circle cuts no crossing and no stop line."""
     driven = {
         node for way in extract.highways() if way.tags["highway"] in STREETS for node in way.nodes
     }

@@ -1,4 +1,4 @@
-"""Proposing the junction of an extract to twin: the busiest one that is well mapped."""
+"""Proposal of a junction in an extract: the busiest well-mapped one."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ __all__ = [
     "way_lanes",
 ]
 
-#: Weight of a street's class in how busy a junction is, and its usual lanes in one direction.
-#: Motorways count little: people twin junctions, not ramps.
+#: Weight of a road class in how busy a junction is, and its typical lanes per direction. Motorways
+#: count little: users twin junctions, not ramps.
 STREETS: dict[str, tuple[float, int]] = {
     "motorway": (1.0, 3), "motorway_link": (1.0, 1), "trunk": (6.0, 2), "trunk_link": (2.0, 1),
     "primary": (6.0, 2), "primary_link": (2.0, 1), "secondary": (4.5, 1),
@@ -41,29 +41,29 @@ STREETS: dict[str, tuple[float, int]] = {
     "residential": (1.5, 1), "living_street": (0.7, 1), "road": (1.0, 1),
 }  # fmt: skip
 
-#: Nodes where streets meet belong to one junction when they are this close, metres.
+#: Nodes where streets meet form one junction up to this distance, metres.
 _LINK_M = 28.0
-#: A signal controls a junction when it is this close to where its streets meet, metres.
+#: A signal belongs to a junction up to this distance from where its streets meet, metres.
 _SIGNAL_M = 40.0
-#: Where the arms of a junction are counted: this far from its middle, or beyond its nodes, metres.
+#: Distance from the centre (or beyond its nodes) at which arms are counted, metres.
 _RING_M = 30.0
-#: Streets that leave within this angle are one arm (two carriageways), degrees.
+#: Streets that leave within this angle form one arm (two carriageways), degrees.
 _ARM_DEG = 30.0
-#: A title has the names of so many streets at most.
+#: Most street names in a title.
 MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
 class JunctionProposal:
-    """A junction worth twinning.
+    """A proposed junction.
 
     Attributes:
-        latitude: of its middle, degrees, WGS84.
-        longitude: of its middle, degrees, WGS84.
-        names: its streets, the most important first; empty where they have no names.
-        signals: mapped traffic signals that belong to it; 0 means that the extract has no
-            signalised junction and this is its busiest plain one.
-        arms: number of directions in which streets leave.
+        latitude: latitude of its centre, degrees, WGS84.
+        longitude: longitude of its centre, degrees, WGS84.
+        names: names of its streets, most important first; empty without names.
+        signals: number of its mapped traffic signals; 0 if the extract has no signalised junction,
+            and this is the busiest other one.
+        arms: number of arms.
     """
 
     latitude: float
@@ -80,13 +80,13 @@ class JunctionProposal:
 
 @dataclass(frozen=True)
 class JunctionArm:
-    """A direction in which streets leave a junction.
+    """An arm of a junction.
 
     Attributes:
-        angle_deg: counter-clockwise from east.
-        weight: of the class of its street, see `STREETS`.
-        lanes: in both directions together.
-        name: of its street; empty where it has none.
+        angle_deg: direction, degrees counter-clockwise from east.
+        weight: weight of its road class, see `STREETS`.
+        lanes: number of lanes in both directions.
+        name: name of its street; empty without one.
     """
 
     angle_deg: float
@@ -97,15 +97,15 @@ class JunctionArm:
 
 @dataclass(frozen=True)
 class MappedJunction:
-    """A junction as it is mapped.
+    """A junction as mapped.
 
     Attributes:
-        middle: x, y of its middle, in the frame that was asked for, metres.
-        node: the node of it that is nearest to there.
+        middle: x, y of its centre in the requested frame, metres.
+        node: its node nearest to the centre.
         nodes: all nodes where its streets meet.
-        arms: the directions in which streets leave.
-        signals: signals of vehicles that are mapped there.
-        crossing_signals: signals of crossings that are mapped there.
+        arms: its arms.
+        signals: number of mapped vehicle signals.
+        crossing_signals: number of mapped crossing signals.
     """
 
     middle: tuple[float, float]
@@ -117,16 +117,16 @@ class MappedJunction:
 
 
 def way_lanes(way: Way) -> float:
-    """Return a street's number of lanes, both directions together, as mapped or as usual."""
+    """Return a street's number of lanes in both directions, as mapped or typical."""
     one_way = way.tags.get("oneway") in ("yes", "1", "-1", "true")
     usual = STREETS.get(way.tags.get("highway", ""), (0.0, 1))[1] * (1 if one_way else 2)
     said = finite_number(way.tags.get("lanes"))
-    # Without a tag the usual number is kept within the same bounds.
+    # The typical number is limited to the same bounds.
     return min(max(float(usual) if said is None else said, 1.0), 12.0)
 
 
 def meeting_nodes(extract: Extract, streets: Iterable[Way]) -> list[int]:
-    """Return the nodes from which streets lead in three directions or more, sorted."""
+    """Return the nodes with streets in at least three directions, sorted."""
     neighbours: dict[int, set[int]] = defaultdict(set)
     for way in streets:
         for a, b in pairwise([node for node in way.nodes if node in extract.nodes]):
@@ -136,15 +136,15 @@ def meeting_nodes(extract: Extract, streets: Iterable[Way]) -> list[int]:
 
 
 def propose_junction(extract: Extract, within: shapely.Polygon | None = None) -> JunctionProposal:
-    """Return the busiest signalised junction of an extract that is mapped all around.
+    """Return the busiest signalised junction of an extract with mapped surroundings.
 
-    Streets meet at nodes; nodes that are close are one junction. Each junction's arms are counted
-    with their class and lanes. What lies at the rim of the data, or outside, counts less: there
-    cross streets and buildings are missing.
+    Close nodes where streets meet form one junction. A junction's arms are weighted by class and
+    lanes. Junctions near the border of the data, or outside, count less, since cross streets and
+    buildings are missing there.
 
     Args:
         extract: the extract.
-        within: only junctions in here are considered; longitude and latitude, degrees.
+        within: area of considered junctions; longitude and latitude, degrees.
 
     Raises:
         InputError: the extract has no streets, or none meet in ``within``.
@@ -166,7 +166,7 @@ def propose_junction(extract: Extract, within: shapely.Polygon | None = None) ->
 def mapped_junctions(
     extract: Extract, frame: SiteFrame, within: shapely.Polygon
 ) -> list[MappedJunction]:
-    """Return the junctions of streets whose middle is in an area, in a frame, from the west on."""
+    """Return the junctions with their centre in an area, in a frame, sorted by x."""
     streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
     streets = [way for way in streets if _is_near(extract, way, frame)]
     found = _Junctions(extract, frame, streets).all() if streets else []
@@ -199,7 +199,7 @@ def _is_near(extract: Extract, way: Way, frame: SiteFrame) -> bool:
 
 
 class _Junctions:
-    """The junctions of an extract's streets, to be compared."""
+    """The junctions of an extract's streets, for comparison."""
 
     def __init__(self, extract: Extract, frame: SiteFrame, streets: list[Way]) -> None:
         self.extract, self.frame, self.streets = extract, frame, streets
@@ -242,7 +242,7 @@ class _Junctions:
         candidates = [np.flatnonzero(numbers == n) for n in range(int(numbers.max()) + 1)]
         scored = [self._scored(members, points) for members in candidates]
         signalised = [item for item in scored if item[1].signals > 0]
-        # Equal scores are settled by place, so that the choice does not hang on the file's order.
+        # Ties are broken by position, so that the file's order does not matter.
         return max(
             signalised or scored, key=lambda item: (item[0], item[1].latitude, item[1].longitude)
         )[1]
@@ -299,7 +299,7 @@ class _Junctions:
         )
 
     def _strength(self, node: int) -> float:
-        """Return the weight of the second street at a node: which makes it a crossing."""
+        """Return the weight of the second street at a node."""
         best: dict[str, float] = {}
         for number, way in enumerate(self.ways_at[node]):
             name = way.tags.get("name") or f"#{number}"
@@ -307,7 +307,7 @@ class _Junctions:
         return sorted(best.values())[-2] if len(best) > 1 else 0.5 * max(best.values())
 
     def _arms(self, middle: NDArray[np.float64], radius: float) -> list[JunctionArm]:
-        """Return the arms that cross a circle, streets of nearly the same direction as one."""
+        """Return the arms that cross a circle; streets in nearly the same direction are merged."""
         ring = shapely.Point(middle).buffer(radius, quad_segs=16).exterior
         crossings = []
         for index in np.sort(self.tree.query(ring, predicate="intersects")):
@@ -335,7 +335,7 @@ class _Junctions:
         return merged
 
     def _completeness(self, middle: NDArray[np.float64]) -> float:
-        """Return 0..1: how well the surroundings are mapped."""
+        """Return how completely the surroundings are mapped, 0..1."""
         point = shapely.Point(middle)
         if not self.area.contains(point):
             depth = 0.3 * float(np.exp(-shapely.distance(self.area, point) / 20.0))
@@ -346,7 +346,7 @@ class _Junctions:
         return depth * (0.4 + 0.6 * min(1.0, things / 25.0))
 
     def _longest_street(self) -> JunctionProposal:
-        """Return the middle of the longest street: all there is where no streets meet."""
+        """Return the middle of the longest street, for an extract where no streets meet."""
         index = int(np.argmax([line.length for line in self.lines]))
         middle = shapely.get_coordinates(self.lines[index].interpolate(0.5, normalized=True))[0]
         longitude, latitude = self.frame.lonlat_from_site(middle)[0]
@@ -366,7 +366,7 @@ class _Junctions:
 
 
 def _street_names(arms: list[JunctionArm]) -> tuple[str, ...]:
-    """Return the streets' names, the most important first, then what crosses it, then the rest."""
+    """Return street names: most important first, then crossing streets, then the rest."""
     ranked = sorted((arm for arm in arms if arm.name), key=lambda arm: (-arm.weight, arm.name))
     if not ranked:
         return ()

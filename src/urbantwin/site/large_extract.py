@@ -1,4 +1,4 @@
-"""Reading what is near a place from an extract too large for memory, in one pass."""
+"""Reading the part of a large extract near a place, in one pass."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from urbantwin.site.map_stream import MapStream
 
 __all__ = ["NearExtract"]
 
-#: Coordinates of osmium are integers of 1e-7 degrees; larger values are not places. osmium gives
-#: the largest integer for nodes that it does not know.
+#: Scale of osmium's integer coordinates (1e-7 degrees) and their largest valid values. osmium
+#: returns the largest integer for unknown nodes.
 _SCALE, _MOST_X, _MOST_Y = 1e7, 1_800_000_000, 900_000_000
 _NOWHERE = 2_147_483_647
-#: Relations that something is made of: areas, and forbidden turns.
+#: Relations that are used: areas, and turn restrictions.
 _AREAS, _TURNS = ("multipolygon", "building"), "restriction"
 
 _Box = tuple[float, float, float, float]
 
 
 class NearExtract:
-    """Reads a map in one pass and keeps whole whatever reaches into a box.
+    """Reads a map in one pass and keeps all elements that reach into a box, complete.
 
-    Nodes with tags are kept that lie in the box; ways and areas whose own bounds meet it, with
-    all their nodes; forbidden turns with a way that is kept. Of the rest, osmium keeps where
-    nodes are, 16 bytes each, and this which nodes ways have, 8 bytes each: an area that reaches
+    Kept are: nodes with tags in the box; ways and areas whose bounds intersect it, with all their
+    nodes; turn restrictions with a kept way. For all others, osmium keeps the positions of nodes
+    (16 bytes each), and this class the nodes of ways (8 bytes each), because an area that reaches
     into the box may have ways far away.
 
     Args:
@@ -54,7 +54,7 @@ class NearExtract:
         self._ways: dict[int, Way] = {}
         self._relations: dict[int, Relation] = {}
         self._last_node = self._last_relation = 0
-        # Of all ways: id, bounds, and their nodes' ids in one row.
+        # Of all ways: id, bounds, and their nodes' ids in one array.
         self._way_ids, self._refs, self._firsts = array("q"), array("q"), array("q", [0])
         self._bounds = array("i")
         self._order: NDArray[np.int64] | None = None
@@ -63,8 +63,8 @@ class NearExtract:
         """Read the map.
 
         Raises:
-            InputError: nodes, ways and relations do not come in this order, or have ids below 0.
-            RuntimeError: it cannot be read.
+            InputError: nodes, ways and relations are not in this order, or have negative ids.
+            RuntimeError: the file cannot be read.
         """
         places = osmium.NodeLocationsForWays(self._places)
         places.ignore_errors()
@@ -111,7 +111,7 @@ class NearExtract:
             raise self._out_of_order()
         points = [(node.ref, node.x, node.y) for node in way.nodes]
         refs, xs, ys = zip(*points, strict=True) if points else ((0,), (_NOWHERE,), (_NOWHERE,))
-        if max(xs) > _MOST_X or max(ys) > _MOST_Y:  # nodes that the extract does not have
+        if max(xs) > _MOST_X or max(ys) > _MOST_Y:  # nodes missing in the extract
             known = [(x, y) for x, y in zip(xs, ys, strict=True) if x <= _MOST_X and y <= _MOST_Y]
             xs, ys = zip(*known, strict=True) if known else ((_NOWHERE,), (_NOWHERE,))
         if min(refs) < 0:
@@ -146,7 +146,7 @@ class NearExtract:
             self._relations[relation.id] = Relation(relation.id, members, dict(relation.tags))
 
     def _keep_outlines(self, rows: NDArray[np.int64]) -> None:
-        """Keep the ways of an area, those far away without tags: they are nothing by themselves."""
+        """Keep the ways of an area; distant ones without tags, since only the area uses them."""
         for row in rows.tolist():
             if self._way_ids[row] not in self._ways:
                 refs = self._refs[self._firsts[row] : self._firsts[row + 1]]
@@ -158,13 +158,13 @@ class NearExtract:
             if ref not in self._nodes:
                 try:
                     place = self._places.get(ref)
-                except KeyError:  # the extract does not have it
+                except KeyError:  # missing in the extract
                     continue
                 if place.valid():
                     self._nodes[ref] = (place.lon, place.lat)
 
     def _rows(self, ways: list[int]) -> NDArray[np.int64]:
-        """Return the numbers of those ways that the map has."""
+        """Return the row numbers of those ways that the map has."""
         ids = np.frombuffer(self._way_ids, np.int64)
         if self._order is None:
             self._order = np.argsort(ids, kind="stable")

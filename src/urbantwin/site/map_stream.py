@@ -1,4 +1,4 @@
-"""Streaming a large map to its reader: progress, time left, and limits on decompression."""
+"""Streaming of large maps to a reader, with progress, remaining time, and decompression limits."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from urbantwin.site.unpack_worker import DAMAGED, TOO_MUCH
 
 __all__ = ["MapStream", "ReadingLimits", "map_size"]
 
-#: Files of which less than this is unpacked are read at once, bytes.
+#: Files with an uncompressed size below this are read directly, bytes.
 _SMALL = 16 << 20
-#: How much of a packed file is unpacked to estimate its size, bytes.
+#: Uncompressed bytes of a sample that estimates a file's size.
 _SAMPLE = 32 << 20
-#: A map may unpack to this many times the size estimated from its first bytes.
+#: Largest ratio of a map's size to the size estimated from its first bytes.
 _FARTHER = 4.0
-#: Seconds until the speed of reading is known, and between two looks at the clock.
+#: Time until the reading speed is known, and between two updates, seconds.
 _SETTLED_S, _LOOK_S = 3.0, 0.25
-#: Elements read between two looks at the clock.
+#: Elements read between two checks of the clock.
 _MANY = 256
 
 _WORKER = Path(__file__).with_name("unpack_worker.py")
@@ -41,14 +41,14 @@ _WORKER = Path(__file__).with_name("unpack_worker.py")
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """What reading a map may take.
+    """Limits of reading a map.
 
     Attributes:
-        memory: bytes; ``None`` for half of what is free.
-        whole: bytes, of a map that is kept whole: what is done with it takes as much again.
-        small: bytes up to which a map is kept whole though only a part of it is asked for.
-        seconds: for what is left to read.
-        ratio: how many times its size a file may unpack to. Maps are at 10 to 40.
+        memory: bytes of memory; ``None`` for half of the free memory.
+        whole: bytes of memory for a map read as a whole; its processing takes as much again.
+        small: bytes up to which a map is read as a whole even if only a part is requested.
+        seconds: longest remaining reading time, seconds.
+        ratio: largest decompression ratio of a file; maps have 10 to 40.
     """
 
     memory: float | None = None
@@ -58,16 +58,16 @@ class ReadingLimits:
     ratio: float = 200.0
 
     def most_memory(self, *, whole: bool) -> float:
-        """Return the bytes that a map may take, kept whole or not."""
+        """Return the memory limit of a map, read as a whole or not, bytes."""
         most = _free_memory() / 2 if self.memory is None else self.memory
         return min(most, self.whole) if whole else most
 
 
 def map_size(path: Path) -> float:
-    """Return about how many bytes of XML a map is, however it is packed.
+    """Return the approximate size of a map as XML, bytes.
 
-    The first bytes of a packed file tell how far it unpacks. A PBF takes about a fifteenth of
-    the XML.
+    The first bytes of a compressed file give its ratio. A PBF has about a fifteenth of the size of
+    XML.
 
     Raises:
         OSError: the file cannot be read.
@@ -91,20 +91,20 @@ def map_size(path: Path) -> float:
 
 
 class MapStream:
-    """A map while it is read: ``with MapStream(...) as stream: for thing in stream.of(reader)``.
+    """A map being read: ``with MapStream(...) as stream: for thing in stream.of(reader)``.
 
-    A packed or large file passes through a process of its own, so that its position is known and
-    what unpacks to far more than it should is stopped.
+    A compressed or large file is read through a separate process, which gives its position and
+    stops excessive decompression.
 
     Args:
         path: the map.
         size: see `map_size`.
-        limits: what reading may take.
-        advice: what to do if it is too much.
-        progress: called with the share done (0..1), and the seconds left once they are known.
+        limits: limits of reading.
+        advice: advice if a limit is exceeded.
+        progress: called with the share done (0..1) and the remaining time, once known.
 
     Raises:
-        InputError: while reading: it unpacks to too much, or takes too long.
+        InputError: the decompressed size or the time exceeds its limit.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class MapStream:
         self._worker: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> MapStream:
-        """Start the process that unpacks, where there is one."""
+        """Start the decompressing process, if needed."""
         if self._packing or self._path.stat().st_size > _SMALL:
             self._file = os.open(self._path, os.O_RDONLY)
             most = int(_FARTHER * self._size) + (1 << 28)
@@ -145,7 +145,7 @@ class MapStream:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the process, whatever happened."""
+        """End the process."""
         if self._worker is None or self._file is None or self._pipe is None:
             return
         self._pipe.close()
@@ -160,11 +160,11 @@ class MapStream:
 
     @property
     def bytes(self) -> IO[bytes] | None:
-        """What comes out of the process that unpacks; ``None`` where the file itself is read."""
+        """Output of the decompressing process; ``None`` if the file is read directly."""
         return self._pipe
 
     def reader(self) -> osmium.io.Reader:
-        """Return osmium's reader of the map."""
+        """Return an osmium reader of the map."""
         # Absolute: osmium fetches names that look like addresses.
         path = (
             str(self._path.absolute()) if self._pipe is None else f"/dev/fd/{self._pipe.fileno()}"
@@ -172,7 +172,7 @@ class MapStream:
         return osmium.io.Reader(osmium.io.File(path, self._format))
 
     def of(self, things: Iterable[OSMEntity]) -> Iterator[OSMEntity]:
-        """Yield what is read, and report the progress."""
+        """Yield elements while reporting progress."""
         if self._file is None:
             yield from things
             return
@@ -191,7 +191,7 @@ class MapStream:
                 seen.popleft()
             recent = (share - seen[0][1]) / (now - seen[0][0]) if len(seen) > 1 else 0.0
             if recent and passed > _SETTLED_S:
-                # Ways take longer than nodes: only the recent speed counts.
+                # Ways take longer than nodes, so only the recent speed is used.
                 left = (1.0 - share) / recent
                 if left > self._limits.seconds:
                     raise self._too_much(f"would take {left / 60:.0f} minutes to read")
@@ -204,13 +204,13 @@ class MapStream:
 
 
 def _rounded(seconds: float) -> int:
-    """Return seconds, rounded as an estimate deserves."""
+    """Return seconds, rounded to the precision of an estimate."""
     step = 10 if seconds > 30 else 5 if seconds > 10 else 1
     return max(1, step * round(seconds / step))
 
 
 def _packing(path: Path) -> str:
-    """Return how a file is packed; text with the ending of a packed file is read as it is."""
+    """Return a file's compression: ``bz2``, ``gz``, or empty for none."""
     name = path.name.lower()
     if name.endswith(".bz2"):
         return "bz2"
@@ -221,7 +221,7 @@ def _packing(path: Path) -> str:
 
 
 def _free_memory() -> float:
-    """Return the bytes of memory that are free for this process, if the system reports it."""
+    """Return the memory available to this process, bytes, if the system reports it."""
     limit = limit_of_process("RLIMIT_AS")
     most = float("inf") if limit is None else float(limit)
     try:

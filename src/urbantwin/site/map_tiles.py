@@ -26,34 +26,34 @@ __all__ = ["Mosaic", "read_tiles"]
 
 #: Half the width of the grid: pi times the radius of the Earth, metres.
 HALF_M = math.pi * 6378137.0
-#: Sides that tiles have, pixels.
+#: Allowed tile sizes, pixels.
 SIDES = (256, 512, 1024)
 #: Most pixels of a mosaic, and most bytes of one tile.
 MOST_PIXELS, MOST_BYTES = 64_000_000, 5_000_000
-#: Of one tile, of all tiles of a source, and how long all of them may take.
+#: Limits of one tile, of all tiles of a source, and of the total time.
 LIMITS = Limits(MOST_BYTES, 1 << 30, 1800.0)
-#: How many are asked for at once.
+#: Number of parallel requests.
 AT_ONCE = 4
-#: Problems that are listed one by one.
+#: Most problems listed one by one.
 LISTED = 10
-#: Tiles that are asked for first: one of them at least must be answered.
+#: Number of tiles requested first; at least one of them must be answered.
 TRIED_FIRST = 2
 UNREACHED = "cannot be fetched"
 
 
 class _NoPictureError(Exception):
-    """Why some bytes are not an image of a tile."""
+    """Reason why some bytes are not an image of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mosaic:
-    """Tiles side by side.
+    """A mosaic of tiles.
 
     Attributes:
         pixels: (4, H, W) uint8: red, green, blue, opacity; row 0 is the northernmost.
-        west: of the first column, metres, EPSG:3857.
-        north: of the first row.
-        cell_m: side of a pixel, metres of EPSG:3857.
+        west: west edge of the first column, metres, EPSG:3857.
+        north: north edge of the first row, metres, EPSG:3857.
+        cell_m: pixel size, metres of EPSG:3857.
         problems: tiles that could not be read.
     """
 
@@ -73,11 +73,11 @@ def read_tiles(
     """Read the tiles that cover some points.
 
     Args:
-        source: where they are.
+        source: source of the tiles.
         lonlat: (N, 2) points around the area, degrees, WGS84.
-        environment: where the key is; the process's own when not given.
-        fetch: what asks for a tile's address in the source's place, ``{key}`` in it as it stands;
-            it raises DownloadError.
+        environment: environment variables with the key; the process's own if not given.
+        fetch: function that requests a tile's address (with the literal ``{key}``) instead of the
+            source; raises DownloadError.
 
     Raises:
         InputError: the key may not be sent there or is not set, there would be too many tiles, or
@@ -106,7 +106,7 @@ def read_tiles(
             with ThreadPoolExecutor(AT_ONCE) as pool:
                 rest = places[TRIED_FIRST:]
                 found += pool.map(tile, rest)
-        else:  # The server does not answer: it would take minutes to time out for every tile.
+        else:  # without a response, every tile would time out
             found += [f"{UNREACHED} either"] * (len(places) - len(found))
     pictures = [one for one in found if not isinstance(one, str)]
     problems = [one for one in found if isinstance(one, str)]
@@ -163,7 +163,7 @@ def _tile(
     """Return a tile's pixels (S, S, 4), or its problem.
 
     Raises:
-        InputError: all that may be downloaded has been.
+        InputError: the download limit is exhausted.
     """
     zoom, (x, y) = source.spec.zoom, place
     address = (source.spec.xyz or "").replace("{z}", str(zoom)).replace("{x}", str(x))
@@ -198,12 +198,12 @@ def _decoded(data: bytes) -> NDArray[np.uint8]:
     except _NoPictureError:
         raise
     except Exception:
-        # Decoders raise whatever they stumble over: OSError, SyntaxError, struct.error, ...
+        # Decoders raise various exceptions: OSError, SyntaxError, struct.error, ...
         raise _NoPictureError("not an image") from None
 
 
 def _from_web(source: ImagerySource, key: str) -> Callable[[str], bytes]:
-    """Return what downloads a tile, given its address with ``{key}`` in it as it stands."""
+    """Return a function that downloads a tile, given its address with the literal ``{key}``."""
     pattern = source.spec.xyz or ""
     inside = "{key}" in pattern
     client = Client(
@@ -217,7 +217,7 @@ def _from_web(source: ImagerySource, key: str) -> Callable[[str], bytes]:
 
 
 def _from_files(source: ImagerySource) -> Callable[[str], bytes]:
-    """Return what reads a tile, given its path beside ``site.yaml``."""
+    """Return a function that reads a tile, given its path beside ``site.yaml``."""
     folder = source.document.file.parent
 
     def read(name: str) -> bytes:

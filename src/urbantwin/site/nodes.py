@@ -1,4 +1,4 @@
-"""Several nodes that record together: their rigs, their clocks, their poses, their radio."""
+"""Nodes that record together: rigs, clocks, poses and radio."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ __all__ = [
     "load_nodes",
 ]
 
-#: More are refused.
+#: Largest number of nodes.
 MOST_NODES = 100
-#: A sensor's clock is ahead by no more than this, see `SensorSpec`.
+#: Largest clock offset and drift of a sensor, see `SensorSpec`.
 _MOST_AHEAD_S, _MOST_DRIFT_PPM = 3600.0, 10000.0
 
 _Metres = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
@@ -37,11 +37,11 @@ _Moment = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class ClockSpec(Strict):
-    """The clock of a node, which all its sensors follow.
+    """Clock of a node and all its sensors.
 
     Attributes:
-        offset_s: what it is ahead of true time at the motion's start.
-        drift_ppm: how much too fast it runs, millionths.
+        offset_s: offset ahead of true time at the motion's start, seconds.
+        drift_ppm: excess rate, ppm.
     """
 
     offset_s: Annotated[float, Field(ge=-3600.0, le=3600.0, allow_inf_nan=False)] = 0.0
@@ -49,7 +49,7 @@ class ClockSpec(Strict):
 
 
 class PoseOffset(Strict):
-    """By how much a pose is wrong, along the axes of the node: metres, and degrees about them."""
+    """Error of a pose along and about the axes of the node, metres and degrees."""
 
     forward_m: _Metres = 0.0
     left_m: _Metres = 0.0
@@ -60,7 +60,7 @@ class PoseOffset(Strict):
 
 
 class PoseSpread(Strict):
-    """Standard deviations of the same."""
+    """Standard deviations of a pose along and about the axes of the node, metres and degrees."""
 
     forward_m: _Spread = 0.0
     left_m: _Spread = 0.0
@@ -71,14 +71,14 @@ class PoseSpread(Strict):
 
 
 class PoseErrorSpec(Strict):
-    """How wrong the pose is that a node reports: the sum of four.
+    """Error of a node's reported pose: the sum of four parts.
 
     Attributes:
-        bias: the same all the time.
-        drift: grows by this every second from the motion's start on.
-        noise: drawn anew for every frame.
-        walk: a random walk from the motion's start on: its standard deviation after one second,
-            which grows with the root of time.
+        bias: constant error.
+        drift: growth of the error per second from the motion's start.
+        noise: independent error of every frame.
+        walk: random walk from the motion's start: standard deviation after one second, growing with
+            the square root of time.
     """
 
     bias: PoseOffset = PoseOffset()
@@ -88,11 +88,11 @@ class PoseErrorSpec(Strict):
 
 
 class SilenceSpec(Strict):
-    """A time in which nothing of a node arrives.
+    """A period in which no frame of a node arrives.
 
     Attributes:
-        start_s: time of the motion from which on.
-        stop_s: up to which time, not included; ``None``: for good.
+        start_s: start, time of the motion, seconds.
+        stop_s: end, exclusive, seconds; ``None`` for no end.
     """
 
     start_s: _Moment = 0.0
@@ -106,13 +106,13 @@ class SilenceSpec(Strict):
 
 
 class RadioSpec(Strict):
-    """What becomes of a node's frames on their way to the others.
+    """Transmission of a node's frames to the others.
 
     Attributes:
-        latency_s: from when a frame is complete to its arrival.
-        jitter_s: standard deviation of that, which is never less than nothing.
-        loss: share of the frames that never arrive.
-        outages: times in which none does: a node that fails in the middle.
+        latency_s: mean delay from a complete frame to its arrival, seconds.
+        jitter_s: standard deviation of the delay, which is never negative, seconds.
+        loss: fraction of lost frames.
+        outages: periods without arrivals, as of a failing node.
     """
 
     latency_s: Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)] = 0.0
@@ -122,23 +122,23 @@ class RadioSpec(Strict):
 
 
 def _ride_of(value: Any) -> Any:  # noqa: ANN401
-    """Return a carrier as a mapping: a bare number is a track, a bare word a class."""
+    """Return a carrier as a mapping: a number is a track, a word a class."""
     if isinstance(value, int) and not isinstance(value, bool):
         return {"track": value}
     return {"class": value} if isinstance(value, str) else value
 
 
 class NodeSpec(Strict):
-    """One node: who records, with what, and how well it knows when and where.
+    """A node: carrier, rig, clock, and errors of time and pose.
 
     Attributes:
-        name: unique; that of the folder of its dataset.
-        rig: a rig's file, beside this one, or the rig itself; ``None``: the twin's.
-        ride: which actor carries it, in place of what its rig says; a track or a class.
-        seed: of all that its sensors leave to chance; ``None``: of the run's seed and its name.
+        name: unique name; also that of its dataset's folder.
+        rig: a rig's file, beside this one, or the rig itself; ``None`` for the twin's.
+        ride: carrier, instead of the rig's; a track or a class.
+        seed: random seed of its sensors; ``None`` to derive it from the run's seed and the name.
         clock: its clock.
-        pose_error: how wrong its reported pose is.
-        radio: how its frames reach the others.
+        pose_error: error of its reported pose.
+        radio: transmission of its frames.
     """
 
     name: Annotated[str, Field(description="a name, unique among the nodes")]
@@ -170,7 +170,7 @@ class _Nodes(Strict):
     @classmethod
     def _names_are_unique(cls, value: list[NodeSpec]) -> list[NodeSpec]:
         seen: dict[str, str] = {}
-        for one in value:  # Some file systems take no notice of case.
+        for one in value:  # some file systems ignore case
             other = seen.get(one.name.lower())
             if other is not None:
                 said = f"{other!r} and {one.name!r}" if other != one.name else f"{one.name!r} twice"
@@ -181,13 +181,13 @@ class _Nodes(Strict):
 
 @dataclass(frozen=True)
 class NodesFile:
-    """Nodes as they are asked for.
+    """Nodes of a file.
 
     Attributes:
-        file: where they are written.
-        nodes: in its order.
-        document: of the file, for errors.
-        rate_hz: frames per second of all; ``None``: as the rigs say.
+        file: the file.
+        nodes: the nodes, in the file's order.
+        document: the file's document, for errors.
+        rate_hz: frames per second of all nodes; ``None`` for the rigs' rates.
     """
 
     file: Path
@@ -196,7 +196,7 @@ class NodesFile:
     rate_hz: float | None = None
 
     def written(self) -> dict[str, Any]:
-        """Return the nodes as a file holds them, defaults filled in."""
+        """Return the nodes as stored in a file, defaults filled in."""
         rate = {} if self.rate_hz is None else {"rate_hz": self.rate_hz}
         nodes = [one.model_dump(exclude_none=True, by_alias=True) for one in self.nodes]
         return {**rate, "nodes": nodes}
@@ -207,17 +207,16 @@ class NodesFile:
         """Return the rig of a node, with its carrier, its clock and the nodes' rate.
 
         Args:
-            number: of the node.
-            frame: the site's, for sensors that are placed by latitude and longitude.
-            default: the rig's file of a node that names none.
+            number: index of the node.
+            frame: the site's frame, for sensors placed by latitude and longitude.
+            default: the rig's file for nodes that name none.
 
         Returns:
-            The rig; the file that it is written in; and the field there that holds it, empty where
-            the file is the rig.
+            The rig; its file; and the field that holds it, empty if the file is the rig.
 
         Raises:
-            InputError: the rig's file is missing or wrong, the rig stands and is to ride, or it
-                has a dataset for each sensor.
+            InputError: the rig's file is missing or wrong, a static rig has a carrier, or the rig
+                has a dataset per sensor.
         """
         node, field = self.nodes[number], f"nodes[{number}].rig"
         at: tuple[int | str, ...] = ("nodes", number)
@@ -250,7 +249,7 @@ class NodesFile:
         return spec.model_copy(update=changed), file, field
 
     def _by_its_clock(self, spec: RigSpec, node: NodeSpec, at: tuple[int | str, ...]) -> list[Any]:
-        """Return the sensors of a rig by the clock of its node."""
+        """Return the sensors of a rig with the clock of its node applied."""
         sensors = []
         for one in spec.sensors:
             ahead_s = one.clock_offset_s + node.clock.offset_s
@@ -270,7 +269,7 @@ def load_nodes(path: Path) -> NodesFile:
     """Read the nodes of a YAML file; their rigs are read when they are placed.
 
     Raises:
-        InputError: the file is missing or wrong; it names the file, the field and the line.
+        InputError: the file is missing or wrong; names file, field and line.
     """
     document = read_document(path, kind="nodes")
     found = document.validated(_Nodes)

@@ -22,11 +22,11 @@ from urbantwin.site.map_tiles import read_tiles
 __all__ = ["Orthophoto", "read_orthophoto"]
 
 _EXPECTED = "a GeoTIFF of red, green and blue (and opacity), 8 bits each, with a CRS"
-#: Cells of the grid, metres: as fine as the picture, within these.
+#: Limits of the grid's cell size, which otherwise is that of the picture, metres.
 FINEST_M, COARSEST_M = 0.05, 2.0
-#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are classified.
+#: Most cells of a grid: 50 MB of colours, and 1 GB during classification of materials.
 MOST_CELLS = 16_000_000
-#: Most pixels of a file that are read at once; of a finer one its overviews are.
+#: Most pixels of a file read at once; overviews of finer files are read instead.
 MOST_PIXELS = 64_000_000
 
 
@@ -37,11 +37,11 @@ class Orthophoto:
     Attributes:
         x0: west edge of the first column, metres; a multiple of ``cell_m``.
         y0: south edge of the first row, metres; a multiple of ``cell_m``.
-        cell_m: side of a cell.
+        cell_m: side of a cell, metres.
         rgb: (ny, nx, 3) uint8, sRGB; row 0 is the southernmost.
-        known: (ny, nx) whether there is a picture.
-        source_cell_m: side of the picture's own pixels (of the coarsest, if there are several).
-        notes: what each source gave, for the manifest.
+        known: (ny, nx) bool, whether a picture covers the cell.
+        source_cell_m: pixel size of the picture, of the coarsest of several, metres.
+        notes: notes on each source, for the manifest.
     """
 
     x0: float
@@ -70,17 +70,17 @@ def read_orthophoto(
     area: shapely.Polygon,
     environment: Mapping[str, str] | None = None,
 ) -> Orthophoto:
-    """Read pictures of an area, the earlier over the later.
+    """Read pictures of an area; earlier sources take precedence.
 
     Args:
         sources: at least one.
         frame: the site frame.
-        area: what is wanted, site frame; its bounds are read.
-        environment: where keys are; the process's own when not given.
+        area: the area, site frame, metres; its bounds are read.
+        environment: environment variables with keys; the process's own if not given.
 
     Raises:
-        InputError: a file that is not an image, has no CRS, is cut short or lies elsewhere; tiles
-            of which none can be read; a key that is not set.
+        InputError: a file is not an image, has no CRS, is truncated or elsewhere; no tile can be
+            read; or a key is not set.
     """
     from rasterio.enums import Resampling
     from rasterio.transform import Affine
@@ -125,7 +125,7 @@ def read_orthophoto(
             "pixel_m": round(raster.cell_m, 3),
             "covers": round(float(new.mean()), 4),
         }
-        # Many files, or an address, are identified by the pixels that they give.
+        # Many files, or an address, are identified by their pixels.
         if source.path is None:
             note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
         if raster.problems:
@@ -216,7 +216,7 @@ def _window(
 
 
 def _crs(raster: Any, source: ImagerySource, path: Path) -> Any:  # noqa: ANN401
-    """Return the file's CRS, or the one that the person gives."""
+    """Return the file's CRS, or the one given by the user."""
     import pyproj
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
@@ -247,7 +247,7 @@ def _pixels_of(
     frame: SiteFrame,
     bounds: tuple[float, float, float, float],
 ) -> NDArray[np.float64]:
-    """Return columns and rows (N, 2) along the border of bounds in the site frame."""
+    """Return columns and rows (N, 2) along the border of bounds given in the site frame."""
     from pyproj import CRS, Transformer
 
     outline = shapely.get_coordinates(

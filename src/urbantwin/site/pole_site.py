@@ -1,4 +1,4 @@
-"""Where a roadside sensor's pole could stand at a junction, from the map alone."""
+"""Possible positions of a roadside sensor's pole at a junction, from the map alone."""
 
 from __future__ import annotations
 
@@ -24,26 +24,27 @@ __all__ = [
     "nearest_place",
 ]
 
-#: The ground that a sensor at a junction is to see: this far around the anchor, metres.
+#: Radius around the anchor of the ground that a junction's sensor should see, metres.
 JUNCTION_M = 50.0
-#: Height of a sensor of which nothing more is known, metres, and how far it looks down, degrees.
+#: Default height of a sensor, metres, and its downward pitch, degrees.
 _HEIGHT_M, _PITCH_DEG = 5.5, 5.0
 
 #: Width of a lane with its share of the kerb strip, metres (a usual urban lane is 3.0-3.5 m).
 _LANE_M = 3.4
-#: A pole stands this far from the carriageway and from buildings at least, metres; where there is
-#: no such place, nearer to the carriageway, whose width is a guess.
+#: Clearances of a pole from the carriageway, in order of preference (the carriageway's width is a
+#: guess), and from buildings, metres.
 _KERB_CLEARANCES_M = (2.0, 1.0, 0.3)
 _WALL_CLEARANCE_M = 1.0
-#: Nobody walks against it: the middle of a footway is this far, metres.
+#: Clearance from the centre line of a footway, metres.
 _FOOTWAY_M = 1.2
 #: Kerbs are rounded where streets meet: corners closer than this to both streets are paved, metres.
 _CORNER_M = 6.0
-#: Nodes this close to the middle belong to the junction; stop lines are this far beyond, metres.
+#: Nodes this close to the centre belong to the junction; stop lines are this far beyond, metres.
 _CORE_M, _STOP_M = 25.0, 10.0
-#: Where poles are looked for: a grid of places so far from the middle, and beside a carriageway.
+#: Search for poles: range of distances from the centre, grid step, and largest distance from a
+#: carriageway, metres.
 _NEAREST_M, _FARTHEST_M, _GRID_M, _BESIDE_M = 10.0, 45.0, 1.5, 8.0
-#: What is farther than this from the anchor is not in the way, metres.
+#: Features farther than this from the anchor are ignored, metres.
 _AROUND_M = 110.0
 
 _RAILS = ("rail", "tram", "light_rail", "subway", "narrow_gauge")
@@ -52,15 +53,15 @@ _WALKED = ("footway", "pedestrian", "path", "cycleway", "steps")
 
 @dataclass(frozen=True)
 class PolePosition:
-    """Where a sensor hangs on a pole, site frame.
+    """Position of a sensor on a pole, site frame.
 
     Attributes:
         east_m: metres east of the anchor.
-        north_m: metres north of it.
-        yaw_deg: heading to the middle of the junction, counter-clockwise from east.
-        height_m: above the ground there.
-        pitch_deg: how far it looks down.
-        seen: share (0..1) of the junction that it sees; ``None``: not known.
+        north_m: metres north of the anchor.
+        yaw_deg: heading to the centre of the junction, degrees counter-clockwise from east.
+        height_m: height above the local ground, metres.
+        pitch_deg: downward pitch, degrees.
+        seen: visible fraction (0..1) of the junction; ``None`` if unknown.
     """
 
     east_m: float
@@ -73,15 +74,15 @@ class PolePosition:
 
 @dataclass(frozen=True)
 class PoleGround:
-    """The ground around a junction in plan, as far as a map tells: site frame, metres.
+    """Ground around a junction in plan, as mapped: site frame, metres.
 
     Attributes:
-        streets: the carriageways that are to be seen.
-        paved: where nothing may stand: these and other carriageways, service roads, tracks.
-        region: what will be built; no pole stands outside.
-        features: what is mapped around.
-        quarter: signs of east and north of the only quarter in which poles may stand, if there is
-            a place in it; ``None``: all around.
+        streets: carriageways that should be visible.
+        paved: areas without poles: these and other carriageways, service roads, tracks.
+        region: the region of the twin; no pole is placed outside.
+        features: mapped features around.
+        quarter: signs of east and north of the only quadrant for poles, if it has a possible
+            position; ``None`` for all quadrants.
     """
 
     streets: shapely.Geometry
@@ -97,9 +98,9 @@ class PoleGround:
         return shapely.intersection(shapely.intersection(self.streets, disc), self.region)
 
     def places(self) -> NDArray[np.float64]:
-        """Return (N, 2) where a pole could stand, at least one.
+        """Return the possible positions (N, 2) of a pole, at least one.
 
-        Beside a carriageway, in no building or water, and in nobody's way on a footway.
+        They are beside a carriageway, not in a building or water, and not on a footway.
         """
         steps = np.arange(-_FARTHEST_M, _FARTHEST_M + _GRID_M / 2, _GRID_M)
         places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -127,16 +128,16 @@ class PoleGround:
                 return np.asarray(places[beside])
         if self.quarter is not None:
             return replace(self, quarter=None).places()
-        # Everything around is paved or built over: beside the middle.
+        # If everything around is paved or built over, use a place beside the centre.
         return np.array([[_NEAREST_M, 0.0]])
 
 
-#: What chooses the place of a pole on the ground of a junction.
+#: Function that chooses a pole's position on the ground of a junction.
 PoleChoice = Callable[[PoleGround], PolePosition]
 
 
 def nearest_place(ground: PoleGround) -> PolePosition:
-    """Return the place nearest to the anchor, whatever can be seen from there."""
+    """Return the position nearest to the anchor, regardless of the view."""
     places = ground.places()
     east, north = places[int(np.argmin(np.round(np.linalg.norm(places, axis=1), 6)))]
     yaw = float(np.degrees(np.arctan2(-north, -east)))
@@ -144,7 +145,7 @@ def nearest_place(ground: PoleGround) -> PolePosition:
 
 
 def ground_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> PoleGround:
-    """Return the ground around the anchor; carriageways are taken as wide as their lanes."""
+    """Return the ground around the anchor; carriageways get the width of their lanes."""
     features = features_around(extract, frame)
     level = _level(features)
     streets: list[shapely.Geometry] = []
@@ -177,7 +178,7 @@ def _layer(tags: dict[str, str]) -> str:
 
 
 def _level(features: Sequence[OsmFeature]) -> str:
-    """Return the layer of the street that is nearest to the anchor."""
+    """Return the layer of the street nearest to the anchor."""
     middle = shapely.Point(0.0, 0.0)
     streets = [
         (round(shapely.distance(x.geometry, middle), 3), _layer(x.tags))
@@ -200,9 +201,9 @@ def _is_walked(item: OsmFeature) -> bool:
 
 
 def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) -> shapely.Geometry:
-    """Return the area between the stop lines: the hull of the pavement around the middle.
+    """Return the area between the stop lines: the hull of the pavement around the centre.
 
-    Between wide streets traffic turns across corners that no street's own width covers.
+    Between wide streets, traffic turns across corners outside of the streets' own widths.
     """
     streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
     nodes = [extract.nodes[node] for node in meeting_nodes(extract, streets)]

@@ -1,4 +1,4 @@
-"""The region of interest: a GeoJSON polygon in WGS84, brought to the site frame."""
+"""Region of interest: a GeoJSON polygon in WGS84, transformed to the site frame."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["FARTHEST_M", "circle", "polygon_from_geojson", "polygon_in_site", "read_geojson"]
 
-#: A region reaches no farther than this from the anchor: beyond it, single-precision rays lose
+#: Largest distance of a region's border from the anchor, metres: beyond, single-precision rays lose
 #: millimetres and the plane departs from the ellipsoid.
 FARTHEST_M = 2000.0
-#: Smaller than this, no junction fits in.
+#: Smallest area of a region with a junction, square metres.
 SMALLEST_M2 = 1000.0
-#: The anchor may stand this far outside a polygon.
+#: Largest distance of the anchor from a polygon, metres.
 FARTHEST_ANCHOR_M = 200.0
 
-#: Of a file; what is made of it in memory takes ten times as much.
+#: Largest file, bytes; it takes ten times as much memory.
 _MOST_BYTES = 400_000_000
 
 _EXPECTED = "a GeoJSON Polygon in longitude, latitude (WGS84)"
 
 
 def circle(radius_m: float) -> shapely.Polygon:
-    """Return a circle about the anchor, site frame, as a polygon of 64 sides."""
+    """Return a circle about the anchor, site frame, as a polygon with 64 sides."""
     return shapely.Point(0.0, 0.0).buffer(radius_m, quad_segs=16)
 
 
@@ -41,7 +41,7 @@ def read_geojson(path: Path) -> Mapping[str, Any]:
 
     Raises:
         InputError: the file is missing, is not JSON, holds something other than an object, or is
-            as large as no site's is.
+            too large.
     """
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -64,18 +64,18 @@ def read_geojson(path: Path) -> Mapping[str, Any]:
 def polygon_from_geojson(
     value: Mapping[str, Any], *, file: Path, place: str | None = None
 ) -> shapely.Polygon:
-    """Return the one polygon of a GeoJSON geometry, Feature or FeatureCollection.
+    """Return the only polygon of a GeoJSON geometry, Feature or FeatureCollection.
 
     Args:
-        value: the GeoJSON object; longitude first, as RFC 7946 has it.
-        file: where the polygon was written, for error messages.
-        place: where in that file.
+        value: the GeoJSON object; longitude first (RFC 7946).
+        file: file of the polygon, for error messages.
+        place: place in the file.
 
     Returns:
         The polygon in longitude, latitude (degrees, WGS84), without holes.
 
     Raises:
-        InputError: there is not exactly one polygon, it crosses itself, or has a hole.
+        InputError: not exactly one polygon, or it crosses itself or has a hole.
     """
 
     def error(problem: str, expected: str | None = _EXPECTED) -> InputError:
@@ -113,7 +113,7 @@ def polygon_in_site(
     """Return a polygon of longitude and latitude in the site frame, counter-clockwise.
 
     Raises:
-        InputError: it is too small, reaches too far, or is not where the anchor is.
+        InputError: it is too small, reaches too far, or is far from the anchor.
     """
     lonlat = shapely.get_coordinates(polygon)
     region = shapely.Polygon(frame.site_from_lonlat(_near(lonlat, frame)))
@@ -145,7 +145,7 @@ def _checked_ring(ring: NDArray[np.float64], error: Any) -> NDArray[np.float64]:
         raise error(f"has {len(np.unique(ring, axis=0))} different points", "at least three")
     if shapely.MultiPoint(ring).convex_hull.area < 1e-15:  # square degrees: a square millimetre
         raise error("has all its points on a line", "a polygon with an area")
-    # GeoJSON closes its rings; one that is left open is accepted too.
+    # GeoJSON rings are closed; open ones are accepted as well.
     shape = shapely.Polygon(ring)
     if not shape.is_valid:
         reason, _, where = shapely.is_valid_reason(shape).partition("[")
@@ -170,9 +170,9 @@ def _geometries(value: Mapping[str, Any]) -> Iterator[Any]:
 
 
 def _near(lonlat: NDArray[np.float64], frame: SiteFrame) -> NDArray[np.float64]:
-    """Return points no farther from the anchor than the plane's formulas hold (about 300 km).
+    """Return points limited to the distance at which the plane's formulas hold (about 300 km).
 
-    A polygon on another continent keeps its direction and stays far, which is all that counts.
+    A polygon on another continent keeps its direction and stays far away, which suffices.
     """
     east = wrapped(lonlat[:, 0] - frame.longitude, 360.0)
     offset = np.column_stack([east, lonlat[:, 1] - frame.latitude])

@@ -1,4 +1,4 @@
-"""The sensor rig of a site: its sensors, their poses, timing and faults."""
+"""Sensor rig of a site: sensors, poses, timing and faults."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ _MOST_CHANNELS = 65536
 
 
 class OutageSpec(Strict):
-    """Beams that report nothing for a time. A field that is left out does not restrict them.
+    """An outage: beams without returns for a time. Fields not given do not restrict it.
 
     Attributes:
-        sector_deg: two azimuths in the sensor's frame, degrees counter-clockwise from x: all beams
-            from the first counter-clockwise to the second; ``[150, -150]`` is 60 degrees behind.
-        channels: numbers as in ``ring``, from 0; a file may also give spans: ``["0-15", 20]``.
-        start_s: time of the motion from which on.
-        stop_s: up to which time, not included; ``None``: for good.
+        sector_deg: two azimuths in the sensor's frame, degrees counter-clockwise from x: beams from
+            the first counter-clockwise to the second; ``[150, -150]`` is 60 degrees at the rear.
+        channels: channel numbers as in ``ring``, from 0; a file may also give ranges:
+            ``["0-15", 20]``.
+        start_s: start, time of the motion, seconds.
+        stop_s: end, exclusive, seconds; ``None`` for no end.
     """
 
     sector_deg: Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
@@ -83,12 +84,12 @@ Rate = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 
 
 class SwaySpec(Strict):
-    """How the pole of a sensor sways in the wind.
+    """Sway of a sensor's pole in the wind.
 
     Attributes:
         rms_m: root mean square of the sensor's displacement in each horizontal direction, metres.
-        frequency_hz: of the pole's first mode.
-        damping: share of the critical damping: the smaller, the longer it swings on one note.
+        frequency_hz: frequency of the pole's first mode, hertz.
+        damping: fraction of the critical damping; smaller values give longer oscillation.
     """
 
     rms_m: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
@@ -97,14 +98,15 @@ class SwaySpec(Strict):
 
 
 class PoseErrorSpec(Strict):
-    """How wrong a sensor's pose is reported; the sensor itself stays where it is.
+    """Error of a sensor's reported pose; the sensor itself does not move.
 
     Attributes:
-        rms_m: root mean square of what wanders along east, north and up each, metres.
-        rms_deg: of what wanders about each of these axes, degrees.
-        memory_s: after so long what wanders has mostly forgotten where it was, seconds.
-        drift_m_per_min: how fast the place goes off, in a direction that the seed draws.
-        drift_deg_per_min: how fast the attitude does, about an axis that the seed draws.
+        rms_m: root mean square of the wandering position error along east, north and up each,
+            metres.
+        rms_deg: root mean square of the wandering rotation error about each of these axes, degrees.
+        memory_s: correlation time of the wandering errors, seconds.
+        drift_m_per_min: drift of the position, in a random direction, metres per minute.
+        drift_deg_per_min: drift of the attitude, about a random axis, degrees per minute.
     """
 
     rms_m: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 0.0
@@ -115,13 +117,13 @@ class PoseErrorSpec(Strict):
 
 
 class RideSpec(Strict):
-    """Which actor of the motion carries the rig: a track, or one of a class.
+    """Actor of the motion that carries the rig: a track, or one of a class.
 
     Attributes:
-        track: the actor's number in the motion.
-        actor_class: written ``class``: one of ``taxonomy.ACTOR_CLASSES``. Of this class, the actor
-            that is there the longest in the recorded span carries the rig; of several, the one
-            that is nearest to the anchor on average.
+        track: the actor's track number in the motion.
+        actor_class: written ``class``: one of ``taxonomy.ACTOR_CLASSES``. The actor of this class
+            that is present longest in the recorded span carries the rig; of several, the one
+            nearest to the anchor on average.
     """
 
     track: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
@@ -155,28 +157,29 @@ class _Named(Strict):
 
 
 class SensorSpec(SensorPlace, _Named):
-    """One sensor: its model, its pose, its time and its faults.
+    """A sensor: model, pose, timing and faults.
 
     Attributes:
-        name: unique in the rig; names columns and files.
-        model: a name of the sensor catalogue or the path of a sensor's file; checked where the
-            rig is placed.
-        columns: columns per turn; ``None`` takes the model's default.
-        proposed: whether nobody chose its place: a build moves it to where it sees more.
-        effects: its imperfections, on unless turned off.
-        returns: which echoes of a beam it reports; ``None``: the strongest, where the model does.
-        rate_hz: turns per second; ``None``: the rig's frames per second.
-        phase_deg: encoder angle at the frames' times, degrees the way the sensor turns.
-        phase_lock: keeps that phase; without it the turn starts anywhere and drifts with its clock.
-        clock_offset_s: what its clock is ahead of true time at the motion's start.
-        clock_drift_ppm: how much too fast its clock runs, millionths.
+        name: name, unique in the rig; used for columns and files.
+        model: name in the sensor catalogue, or path of a sensor's file; checked when the rig is
+            placed.
+        columns: columns per turn; ``None`` for the model's default.
+        proposed: whether its position is a proposal, which a build may improve.
+        effects: its measurement effects, on unless turned off.
+        returns: reported echoes of a beam; ``None`` for the strongest, if the model offers it.
+        rate_hz: turns per second; ``None`` for the rig's frame rate.
+        phase_deg: encoder angle at the frames' times, degrees in the direction of rotation.
+        phase_lock: whether that phase is kept; otherwise turns start at any phase and drift with
+            its clock.
+        clock_offset_s: offset of its clock ahead of true time at the motion's start, seconds.
+        clock_drift_ppm: excess rate of its clock, ppm.
         time_jitter_s: standard deviation of a turn's start, seconds.
-        latency_s: from a turn's end to when it is at hand.
-        dropped_frames: share of frames that never arrive.
-        outages: when beams of it report nothing.
-        calibration: how this unit differs from the datasheet.
-        sway: of its own pole; ``None``: the rig's.
-        pose_error: how wrong its pose is reported; ``None``: it is right.
+        latency_s: latency from a turn's end to its arrival, seconds.
+        dropped_frames: fraction of lost frames.
+        outages: outages of its beams.
+        calibration: deviations of this unit from the datasheet.
+        sway: sway of its own pole; ``None`` for the rig's.
+        pose_error: error of its reported pose; ``None`` for none.
     """
 
     proposed: bool | None = None
@@ -208,28 +211,27 @@ def _stands_where_the_rig_does(sensor: SensorSpec, info: ValidationInfo) -> Sens
 
 
 class RigSpec(Strict):
-    """The sensors that record together, and the frame their points are given in.
+    """The sensors that record together, and the frame of their points.
 
     Attributes:
-        rate_hz: frames per second, of all sensors.
-        window_s: a frame holds the turns that arrive in so many seconds from its time on; ``None``:
-            until the next frame's.
-        frames_by: what decides which frame a turn is in: when it arrives, or what its sensor's
-            clock says of its begin.
-        frame: of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its place
-            and heading, gravity-aligned) or ``site``.
-        fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
-        label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
-            in reach does.
-        boxes: ``track``: labels have one size for a whole track; ``tight``: each is the bounds of
-            the mesh at its moment; ``kitti``, ``tumtraf``: one size for a whole track, as
-            that data set's annotators draw it.
-        conditions: the weather and the sun.
-        reflectivity: times the table of materials, by name.
-        sway: how the sensors' poles sway in the wind.
-        ride: the actor that carries the rig; ``None``: it stands.
-        deskew: whether the points of a rig that rides are moved to where they would have been
-            measured at the frame's time.
+        rate_hz: frames per second, for all sensors.
+        window_s: a frame holds the turns that arrive within this time from its own time on,
+            seconds; ``None`` for the time until the next frame.
+        frames_by: assigns turns to frames by their ``arrival``, or by their start on the sensor's
+            ``clock``.
+        frame: frame of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its
+            position and heading, gravity-aligned) or ``site``.
+        fused: all sensors' points in one frame; ``False`` for a dataset per sensor.
+        label_range_m: actors farther than this from every sensor in plan do not count, metres;
+            ``None`` for the sensors' range.
+        boxes: ``track``: one box size per track; ``tight``: bounds of the mesh at each time;
+            ``kitti``, ``tumtraf``: one size per track, as annotators of that dataset draw it.
+        conditions: weather and sun.
+        reflectivity: factors on the table of materials, by name.
+        sway: sway of the sensors' poles in the wind.
+        ride: the actor that carries the rig; ``None`` for a static rig.
+        deskew: whether the points of a rig mounted on a vehicle are motion-compensated to the
+            frame's time.
         sensors: at least one.
     """
 
@@ -274,7 +276,7 @@ class RigSpec(Strict):
         return value
 
     def standing(self) -> list[tuple[str, float, float]]:
-        """Return name, east and north of the sensors that stand on the site, metres."""
+        """Return name, east and north (metres) of the static sensors."""
         return [
             (one.name, one.east_m, one.north_m)
             for one in self.sensors
@@ -282,12 +284,12 @@ class RigSpec(Strict):
         ]
 
     def written(self) -> dict[str, Any]:
-        """Return the rig as a file holds it, defaults filled in; it loads as the same rig."""
+        """Return the rig as stored in a file, defaults filled in; it loads as the same rig."""
         return self.model_dump(exclude_none=True, by_alias=True)
 
 
 def rig_spec_from(document: Document, frame: SiteFrame | None = None) -> RigSpec:
-    """Return the rig that a document holds; see `load_rig_spec`."""
+    """Return the rig of a document; see `load_rig_spec`."""
     return document.validated(RigSpec, context={"frame": frame})
 
 
@@ -296,9 +298,9 @@ def load_rig_spec(path: Path, frame: SiteFrame | None = None) -> RigSpec:
 
     Args:
         path: the file.
-        frame: the site's frame, needed where a sensor is placed by latitude and longitude.
+        frame: the site's frame, needed for sensors placed by latitude and longitude.
 
     Raises:
-        InputError: the file is missing or wrong; it names the file, the field and the line.
+        InputError: the file is missing or wrong; names file, field and line.
     """
     return rig_spec_from(read_document(path, kind="a rig"), frame)

@@ -1,4 +1,4 @@
-"""Changes to a rig for one recording: its weather, its effects, its carrier."""
+"""Changes to a rig for one recording: weather, effects, carrier."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _ASKED = Path("command line")
 
 @dataclass(frozen=True)
 class RigChanges:
-    """What is to be other than the rig's file says; ``None`` leaves it.
+    """Changes to a rig; ``None`` keeps the rig's value.
 
     Attributes:
-        effects: names of effects that are turned on, ``no-NAME`` for off, ``all`` or ``none`` for
-            every one of them, with commas, applied from left to right to every sensor.
+        effects: effects to turn on, ``no-NAME`` for off, ``all`` or ``none``, separated by commas,
+            applied from left to right to every sensor.
         weather: see `Conditions`.
         visibility_m: see `Conditions`.
         wet_ground: see `Conditions`.
         sun_elevation_deg: see `Conditions`.
         sun_azimuth_deg: see `Conditions`.
-        ride: the track or the class of the actor that carries a rig that rides.
-        fused: one dataset of all sensors, or one for each.
+        ride: track or class of the actor that carries a vehicle-mounted rig.
+        fused: one dataset of all sensors, or one per sensor.
     """
 
     effects: str | None = None
@@ -43,10 +43,11 @@ class RigChanges:
     fused: bool | None = None
 
     def applied_to(self, spec: RigSpec) -> RigSpec:
-        """Return the rig with the changes.
+        """Return the rig with the changes applied.
 
         Raises:
-            InputError: there is no such effect, weather or class; the rig does not ride.
+            InputError: an effect, weather or class is unknown, or the rig is not mounted on a
+                vehicle.
         """
         changed: dict[str, Any] = {"conditions": self._conditions(spec.conditions)}
         if self.effects is not None:
@@ -74,7 +75,7 @@ class RigChanges:
 
 
 def _effects(text: str, given: Effects) -> Effects:
-    """Return effects after a list of changes such as ``none,noise`` or ``no-sun``."""
+    """Return effects after changes such as ``none,noise`` or ``no-sun``."""
     values = given.model_dump()
     for item in text.split(","):
         word = item.strip()

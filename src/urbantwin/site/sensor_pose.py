@@ -1,4 +1,4 @@
-"""Position and attitude of a sensor, in all the forms that a file may give them."""
+"""Position and attitude of a sensor, in all forms allowed in files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from urbantwin.site.yaml_document import wrong
 
 __all__ = ["FARTHEST_M", "SensorPlace"]
 
-#: Farther from the anchor than this, single precision loses the millimetre that rays need.
+#: Largest distance from the anchor, metres; beyond, single precision loses the millimetre that rays
+#: need.
 FARTHEST_M = 2000.0
 
 Offset = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
-#: On a carrier: no vehicle is longer than a road train.
+#: Position on a carrier, metres; road trains are the longest vehicles.
 OnCarrier = Annotated[float, Field(ge=-60.0, le=60.0, allow_inf_nan=False)]
 Tip = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
 
@@ -29,16 +30,16 @@ class SensorPlace(Strict):
     """Position and attitude of a sensor.
 
     On the site, a file gives ``east_m`` and ``north_m``, or ``latitude`` and ``longitude``; and one
-    of ``height_m``, ``up_m`` and ``altitude_m``. On a rig that rides, it gives ``forward_m`` and
-    ``left_m``, and one of ``height_m`` and ``above_roof_m``. The heading is ``yaw_deg`` or
-    ``heading_deg``, the tilt ``pitch_deg`` or ``tilt_deg``. Here, place and attitude are always
-    in metres of the site or of the carrier, and as yaw and pitch.
+    of ``height_m``, ``up_m`` and ``altitude_m``. On a rig mounted on a vehicle, it gives
+    ``forward_m`` and ``left_m``, and one of ``height_m`` and ``above_roof_m``. The heading is
+    ``yaw_deg`` or ``heading_deg``, the tilt ``pitch_deg`` or ``tilt_deg``. The attributes are
+    always in metres of the site or of the carrier, and as yaw and pitch.
 
     Attributes:
         east_m: metres east of the anchor.
         north_m: metres north of the anchor.
-        forward_m: metres ahead of the middle of the vehicle that carries the sensor.
-        left_m: metres to the left of it.
+        forward_m: metres ahead of the centre of the vehicle that carries the sensor.
+        left_m: metres to the left of that centre.
         height_m: metres of the sensor's origin above the ground under it.
         up_m: metres above the anchor's ground: z of the site frame.
         altitude_m: metres above the zero of the DEM's heights (the sea).
@@ -70,7 +71,7 @@ class SensorPlace(Strict):
 
     @property
     def rides(self) -> bool:
-        """Whether the place is one on a vehicle."""
+        """Whether the position is on a vehicle."""
         return self.forward_m is not None
 
     @model_validator(mode="before")
@@ -119,7 +120,7 @@ class SensorPlace(Strict):
 
 
 def _attitude(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields with yaw and pitch in place of heading and tilt."""
+    """Return the fields with heading and tilt converted to yaw and pitch."""
     for ours, theirs, most in (("yaw_deg", "heading_deg", 360.0), ("pitch_deg", "tilt_deg", 90.0)):
         if theirs not in given:
             continue
@@ -135,13 +136,13 @@ def _attitude(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _place(given: dict[str, Any], frame: SiteFrame | None) -> dict[str, Any]:
-    """Return the fields with the place in the site frame, of latitude and longitude."""
+    """Return the fields with latitude and longitude converted to the site frame."""
     if {"east_m", "north_m", *_RIDES} & set(given):
         raise wrong("is placed twice", "east_m and north_m, or latitude and longitude")
     lonlat = [_number(given, "longitude", 180.0), _number(given, "latitude", 90.0)]
     if frame is None:
         raise wrong("is placed by latitude and longitude without a site", "east_m and north_m")
-    # Far from its meridian the plane's formulas fail; nothing out there is a rig of this site.
+    # Far from its meridian the projection's formulas fail; no sensor of this site is there.
     if np.abs(np.subtract(lonlat, [frame.longitude, frame.latitude])).max() > 1.0:
         raise wrong("latitude and longitude are more than 100 km away", "a place on the site")
     east, north = frame.site_from_lonlat([lonlat])[0]

@@ -1,4 +1,4 @@
-"""Signal programs as people write them in ``site.yaml``, checked without the map."""
+"""Signal programs of ``site.yaml``, checked without the map."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class PhaseSpec(_Strict):
     """A phase in words.
 
     Attributes:
-        green: who has green: arms of the junction that traffic comes from (``north``), travel
-            directions (``southbound``), names of streets, lanes (``lane 123_0``) or links
+        green: movements with green: arms of the junction that traffic comes from (``north``),
+            travel directions (``southbound``), names of streets, lanes (``lane 123_0``) or links
             (``link 4``); each may be followed by ``left``, ``through``, ``right``, ``u-turn``.
-        seconds: how long the green lasts; without it, what ``cycle`` leaves is shared out.
-        walk: arms whose crossings have green; without it, those that nobody crosses straight on.
-        yellow: seconds after it; without it, by the speed limit.
-        all_red: seconds after the yellow; without it, by the way to be cleared.
+        seconds: duration of the green, seconds; if not given, the rest of ``cycle`` is distributed.
+        walk: arms whose crossings have green; if not given, those not crossed by through traffic.
+        yellow: duration of the yellow, seconds; if not given, from the speed limit.
+        all_red: all-red time after the yellow, seconds; if not given, from the clearance distance.
     """
 
     green: list[str | int]
@@ -45,13 +45,13 @@ class PhaseSpec(_Strict):
 
 
 class StateSpec(_Strict):
-    """A phase as SUMO writes it: seconds, and one letter per link.
+    """A phase in SUMO's notation: duration, and one letter per link.
 
     Attributes:
-        seconds: how long it lasts; where traffic extends it, usually.
+        seconds: duration, seconds; the typical one if traffic-actuated.
         state: the letters.
-        at_least: where traffic extends it, how long it lasts at the least, seconds.
-        at_most: and at the most.
+        at_least: minimum duration if traffic-actuated, seconds.
+        at_most: maximum duration if traffic-actuated, seconds.
     """
 
     seconds: Annotated[Time, Field(gt=0.0)]
@@ -73,7 +73,7 @@ class StateSpec(_Strict):
 
     @property
     def lasts(self) -> tuple[float, float]:
-        """How long it lasts at the least and at the most, seconds."""
+        """Minimum and maximum duration, seconds."""
         if self.at_least is None or self.at_most is None:
             return self.seconds, self.seconds
         return self.at_least, self.at_most
@@ -87,16 +87,16 @@ class StateSpec(_Strict):
 
 
 class SignalSpec(_Strict):
-    """The program of one junction's signals.
+    """The signal program of a junction.
 
     Attributes:
-        junction: which one: its id or its program's in ``roads.json``, the names of its streets
+        junction: junction: its id or its program's in ``roads.json``, the names of its streets
             (``First Street / Second Street``), or a place nearby.
-        cycle: seconds that the program lasts; without it, the sum of the phases.
-        offset: seconds after the clock's zero at which the first phase begins.
+        cycle: cycle time, seconds; if not given, the sum of the phases.
+        offset: start of the first phase after the clock's zero, seconds.
         phases: the program in words; or
         states: the program letter by letter.
-        minimum_green: seconds that no green is shorter than (RiLSA 2015, 2.7: 5 s).
+        minimum_green: shortest green, seconds (RiLSA 2015, 2.7: 5 s).
     """
 
     junction: str | int | dict[str, Any] = Field(
@@ -132,14 +132,14 @@ class SignalSpec(_Strict):
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """The latitude and longitude that ``junction`` gives, degrees, if it does."""
+        """Latitude and longitude given by ``junction``, degrees, if any."""
         if not isinstance(self.junction, dict):
             return None
         return float(self.junction["latitude"]), float(self.junction["longitude"])
 
     @property
     def streets(self) -> tuple[str, ...]:
-        """The streets that ``junction`` names, if it names any."""
+        """Streets named by ``junction``, if any."""
         if not isinstance(self.junction, str):
             return ()
         parts = re.split(r"\s*(?:/|&|\bx\b|×|\band\b)\s*", self.junction)
@@ -148,7 +148,7 @@ class SignalSpec(_Strict):
 
 @dataclass(frozen=True)
 class SignalPlan:
-    """A program and where in its file it was written."""
+    """A program, with its place in its file."""
 
     spec: SignalSpec
     document: Document
@@ -157,5 +157,5 @@ class SignalPlan:
     def error(
         self, problem: str, location: Sequence[int | str] = (), expected: str | None = None
     ) -> InputError:
-        """Return the error to raise for a value of the program."""
+        """Return the error for a value of the program."""
         return self.document.error(problem, ("signals", self.number, *location), expected)

@@ -1,4 +1,4 @@
-"""``site.yaml``: what a person says about a place, checked and with every default filled in."""
+"""``site.yaml``: the user's description of a place, checked and with all defaults filled in."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from urbantwin.site.yaml_document import Document, must_exist, read_document, wr
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
-#: The file of a person's own street objects, beside the site.
+#: File name of the user's own street objects, beside the site.
 STREET_OBJECTS = "street_objects.yaml"
 
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
@@ -151,35 +151,35 @@ class _SiteFile(_Strict):
 
 @dataclass(frozen=True)
 class Site:
-    """A site that passed every check that needs no reading of the map.
+    """A site that passed all checks except those that need the map.
 
     Attributes:
         file: the ``site.yaml`` that it was read from.
-        name: what the site is called.
+        name: name of the site.
         latitude: of the anchor, degrees, WGS84.
         longitude: of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
-        radius_m: the region's radius where it is a circle.
-        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads, a sketch,
-            or a recording of the place and no map at all: then there are no roads.
+        radius_m: radius of a circular region, metres.
+        osm: the OpenStreetMap extract; ``None`` only with a map of the roads, a sketch, or a
+            recording of the place without any map, which then has no roads.
         dem: the elevation model, if there is one.
-        driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
-            country.
-        traffic: how much traffic, for how long.
+        driving_side: ``left``, ``right``, or ``auto`` (that of the map of the roads, else of the
+            country).
+        traffic: volumes and duration of the traffic.
         rig: the sensors.
-        rig_file: the file that the rig was written in.
-        signals: programs of signals that are set instead of assumed.
-        closed_loop: whether outer roads beyond the region lead every way out back to a way in, so
+        rig_file: file with the rig.
+        signals: given signal programs, used instead of assumed ones.
+        closed_loop: whether outer roads beyond the region connect every exit with an entrance, so
             that the same vehicles circulate.
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
-        anchor_m: that map's own x, y of the anchor, where it has no georeference.
-        geometry: meshes, 3D Tiles and point clouds that the scene is made from.
+        anchor_m: the anchor's x, y in that map, if it has no georeference.
+        geometry: meshes, 3D Tiles and point clouds for the scene.
         imagery: aerial imagery, from which the ground's materials are classified.
-        outline: the region's ring as it was given, longitude and latitude; empty for a circle.
-        clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
-        sketch: a sketch by hand that stands for the extract.
-        corrections: what a person corrected of the map and the twin.
-        street_objects: kinds of street objects that a person described.
+        outline: the region's given ring, longitude and latitude, degrees; empty for a circle.
+        clutter: objects beside the streets: ``typical``, ``mapped`` or ``none``.
+        sketch: a hand-drawn sketch, used instead of the extract.
+        corrections: the user's corrections of the map and the twin.
+        street_objects: the user's own kinds of street objects.
         buildings: footprints with heights, which complete those of the extract.
     """
 
@@ -214,13 +214,13 @@ class Site:
         return SiteFrame(self.latitude, self.longitude)
 
     def resolved(self) -> dict[str, Any]:
-        """Return the site as a twin keeps it: defaults filled in, file names without folders.
+        """Return the site as stored in a twin: defaults filled in, file names without folders.
 
         Written as YAML beside its input files, it loads as the same site.
         """
         region: dict[str, Any] = {"radius_m": self.radius_m}
         if self.radius_m is None:
-            # As given: transformed there and back, it would not be the same to the last bit.
+            # As given: transforming there and back would change the last bits.
             ring = [list(point) for point in self.outline]
             region = {"polygon": {"type": "Polygon", "coordinates": [ring]}}
         value: dict[str, Any] = {
@@ -246,7 +246,7 @@ class Site:
 
     @property
     def own_assets(self) -> list[tuple[OwnAssetSpec, Path]]:
-        """The meshes that join the catalogue of actors, with their files."""
+        """Meshes added to the catalogue of actors, with their files."""
         return [(one, self.file.parent / one.file) for one in self.traffic.assets]
 
     def _traffic(self) -> dict[str, Any]:
@@ -289,12 +289,12 @@ class Site:
         return {"signals": plans} if plans else {}
 
     def _maps(self) -> dict[str, InputFile]:
-        """Return the files that the site names by a field of their own."""
+        """Return the files named by fields of their own."""
         kinds = ("osm", "sketch", "roads", "dem", "corrections", "street_objects", "buildings")
         return {kind: getattr(self, kind) for kind in kinds if getattr(self, kind)}
 
     def files(self) -> list[Path]:
-        """Return every file and folder that the site names, and its own."""
+        """Return all files and folders that the site names, including its own file."""
         given: list[Path | None] = [file.path for file in self._maps().values()]
         given += [source.path for source in self.geometry]
         given += [picture.path for picture in self.imagery]
@@ -302,13 +302,13 @@ class Site:
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
     def inputs(self) -> list[dict[str, str]]:
-        """Return what the site is made from: kind, name, sha256, licence and attribution."""
+        """Return the site's inputs: kind, name, sha256, licence and attribution."""
         sources = [
             {
-                # Of frames of real sensors the kind is known before they are read.
+                # The kind "recording" is known before the frames are read.
                 "kind": "recording" if getattr(source.spec, "kind", "") == "recording" else kind,
                 "name": source.name,
-                # Of folders and addresses: every file that was read is in geometry.json.
+                # The checksums of folders and addresses are in geometry.json.
                 "sha256": sha256_of(source.path) if source.path and source.path.is_file() else "",
                 "licence": source.spec.licence,
                 "attribution": source.spec.attribution,
@@ -351,8 +351,8 @@ def load_site(path: Path) -> Site:
         path: the file, or the folder that it is in.
 
     Raises:
-        InputError: the file is missing or something in it is wrong; it names the file, the field
-            and the line. What only the map can tell is left to `check_extract`.
+        InputError: the file is missing or wrong; names file, field and line. Checks against the map
+            are in `check_extract`.
     """
     if path.is_dir() and (path / "site.yaml").is_file():
         path = path / "site.yaml"
@@ -460,7 +460,7 @@ def check_extract(site: Site, extract: Extract) -> None:
 def _region(
     document: Document, raw: _Region, frame: SiteFrame
 ) -> tuple[shapely.Polygon, tuple[tuple[float, float], ...]]:
-    """Return the region in the site frame, and the ring that a polygon was given as."""
+    """Return the region in the site frame, and the given ring of a polygon."""
     if raw.radius_m is not None:
         return circle(raw.radius_m), ()
     file, place = document.file, None
@@ -479,7 +479,7 @@ def _region(
 def _beside(
     document: Document, raw: _SiteFile, field: str, name: str, kind: str
 ) -> InputFile | None:
-    """Return the file that a field names, else the one of a usual name beside the site."""
+    """Return the file named by a field, or else the file with the default name beside the site."""
     given = getattr(raw, field)
     if given is not None:
         return _input_file(document, field, given, kind)

@@ -15,7 +15,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES, COMPANIONS
 
 __all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "checked_time_of_day", "load_traffic_changes"]
 
-#: A moderately busy urban junction in the middle of the day, all approaches together.
+#: Assumption: a moderately busy urban junction at midday, actors per hour over all approaches.
 DEFAULT_PER_HOUR: dict[str, float] = {
     "car": 1080.0,
     "truck": 60.0,
@@ -25,8 +25,8 @@ DEFAULT_PER_HOUR: dict[str, float] = {
     "pedestrian": 400.0,
     "van": 120.0,
 }
-#: Share of parking spaces that are taken by day: below the 85 % at which a street counts as full
-#: and drivers begin to search (Shoup, The High Cost of Free Parking, 2005, chapter 12).
+#: Fraction of occupied parking spaces by day: below the 85 % at which a street counts as full and
+#: drivers begin to search (Shoup, The High Cost of Free Parking, 2005, chapter 12).
 USUALLY_PARKED = 0.7
 
 
@@ -41,17 +41,17 @@ PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
 SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
-#: Shares may be 1 together to within this.
+#: Tolerance of shares that must sum to 1.
 _ROUNDED = 0.01
 
 
 def _id(value: Any) -> Any:  # noqa: ANN401
-    """Return an id that YAML takes for a number as text."""
+    """Return an id as text, also if YAML reads it as a number."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _time_of_day(value: object) -> object:
-    """Return a time as ``07:15``: YAML takes 10:30 for a number of minutes."""
+    """Return a time as ``07:15``; YAML reads 10:30 as a number of minutes."""
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1440:
         return f"{value // 60:02}:{value % 60:02}"
     if not isinstance(value, str) or not re.fullmatch(r"([01]?\d|2[0-3]):[0-5]\d", value):
@@ -63,7 +63,7 @@ TimeOfDay = Annotated[str, BeforeValidator(_time_of_day)]
 
 
 class SizeSpec(Strict):
-    """Factors of the catalogue's length, width and height."""
+    """Factors on the catalogue's length, width and height."""
 
     length: SizeFactor = 1.0
     width: SizeFactor = 1.0
@@ -71,26 +71,26 @@ class SizeSpec(Strict):
 
 
 class CountSpec(Strict):
-    """What was counted of one way through a junction, on one road, or on one crossing.
+    """A traffic count of a turn at a junction, a road, or a crossing.
 
     Attributes:
-        junction: where: its id, or its streets (``First Street / Second Street``); without it the
-            main junction.
-        approach: where it comes from: the id of a road, an arm of the junction (``north``), or the
-            name of a street that has one approach.
-        turn: where it goes: ``left``, ``through``, ``right``, ``u-turn``, or the id of a road, an
-            arm, or a street's name.
+        junction: junction: its id, or its streets (``First Street / Second Street``); the main
+            junction if not given.
+        approach: origin of the turn: the id of a road, an arm of the junction (``north``), or the
+            name of a street with one approach.
+        turn: destination of the turn: ``left``, ``through``, ``right``, ``u-turn``, or the id of a
+            road, an arm, or a street's name.
         road: instead of approach and turn, a cross-section: the id of a road or of one of its
-            lanes, or the name of a street that has one direction; all lanes together.
-        crossing: or who crosses on foot, or by bicycle: a crossing's id, or the arm of the junction
-            that it crosses.
-        actor_class: of which class; without it, the motor traffic, shared out as ``per_hour`` is.
-        begin: when the first quarter of an hour begins, ``07:15``; with ``traffic.time_of_day`` the
+            lanes, or the name of a street with one direction; all lanes together.
+        crossing: instead, a crossing for pedestrians or bicycles: its id, or the arm of the
+            junction that it crosses.
+        actor_class: counted class; if not given, the motor traffic, distributed as in ``per_hour``.
+        begin: start of the first quarter of an hour, ``07:15``; with ``traffic.time_of_day`` the
             motion begins with the quarter of that time.
-        per_hour: how many in an hour; or
-        per_quarter: how many in each quarter of an hour from the motion's start on; the last one
-            holds from then on, and the first one before.
-        row: where it was written, for errors.
+        per_hour: count per hour; or
+        per_quarter: count in each quarter of an hour from the motion's start; the last value holds
+            afterwards, the first one before.
+        row: place in the source file, for errors.
     """
 
     junction: str = ""
@@ -120,14 +120,14 @@ class CountSpec(Strict):
 
 
 class ArrivalSpec(Strict):
-    """Platoons from a signal upstream, by an approach that was counted.
+    """Platoons from a signal upstream, on a counted approach.
 
     Attributes:
         approach: id of the road.
-        cycle_s: the cycle in which they come, seconds.
-        shares: of who comes, how many would reach the approach's end in each equal part of the
-            cycle if nobody held them up; relative numbers. The first part begins when the warm-up
-            does, as a signal's program without an offset.
+        cycle_s: cycle of the platoons, seconds.
+        shares: relative numbers of vehicles that would reach the approach's end, unimpeded, in each
+            equal part of the cycle. The first part begins with the warm-up, like a signal program
+            without an offset.
     """
 
     approach: str
@@ -139,21 +139,22 @@ class ArrivalSpec(Strict):
 
 
 class DriverSpec(Strict):
-    """How the drivers of a class drive, where it is not as usual.
+    """Driving behaviour of a class; values that are not given are the default.
 
     Attributes:
-        speed_factor: mean of the desired speed as a share of the limit.
+        speed_factor: mean desired speed as a fraction of the limit.
         speed_spread: its standard deviation.
-        headway_s: time that they keep to who is ahead, seconds.
-        queue_headway_s: the same of who stands, which comes to ``headway_s`` as it drives.
-        standing_gap_m: mean of the distance that they keep when they stand, metres.
-        standing_gap_spread_m: its standard deviation from driver to driver.
-        acceleration: most that they speed up with, m/s2.
-        acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
-        sideways_acceleration: what they accept in bends, m/s2, as sharp as the map has them.
-        critical_gap_s: shortest gap in the other traffic that they take, seconds.
-        lane_offset_m: where in the lane they would ride: so far from its middle towards the middle
-            of the street, metres; towards the kerb below 0.
+        headway_s: time headway to the leader, seconds.
+        queue_headway_s: time headway of a stopped vehicle, which changes to ``headway_s`` while it
+            drives, seconds.
+        standing_gap_m: mean gap to the leader at a stop, metres.
+        standing_gap_spread_m: its standard deviation between drivers, metres.
+        acceleration: maximum acceleration, m/s2.
+        acceleration_at_10: maximum acceleration at 10 m/s; it decreases linearly with speed, m/s2.
+        sideways_acceleration: accepted lateral acceleration in bends of the mapped radius, m/s2.
+        critical_gap_s: shortest accepted gap in conflicting traffic, seconds.
+        lane_offset_m: preferred lateral position: offset from the lane's centre towards the
+            street's centre, metres; negative towards the kerb.
     """
 
     speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
@@ -170,11 +171,11 @@ class DriverSpec(Strict):
 
 
 class LaneUseSpec(Strict):
-    """By which lanes of an approach those leave it who go the same way.
+    """Distribution over the lanes of an approach for one destination.
 
     Attributes:
-        turn: id of the road that they go to.
-        shares: id of a lane of the approach -> share of them, 1 together.
+        turn: id of the destination road.
+        shares: id of a lane of the approach -> share of the vehicles; sums to 1.
     """
 
     turn: str
@@ -194,13 +195,12 @@ class LaneUseSpec(Strict):
 
 
 class ApproachSpec(Strict):
-    """How motor traffic uses an approach, where it is not as usual.
+    """Use of an approach by motor traffic; values that are not given are the default.
 
     Attributes:
         approach: id of the road.
-        queue_headway_s: time that motor traffic which stands there keeps to who is ahead, in place
-            of its class's, seconds.
-        lanes: by which lanes who leaves.
+        queue_headway_s: time headway of stopped motor vehicles, instead of the class's, seconds.
+        lanes: distribution over the lanes, by destination.
     """
 
     approach: str
@@ -214,23 +214,23 @@ class ApproachSpec(Strict):
 
 
 class ParkedSpec(Strict):
-    """Which share of the parking spaces is taken, 0..1, along streets and in car parks."""
+    """Fraction of occupied parking spaces, 0..1, along streets and in car parks."""
 
     street: Share = USUALLY_PARKED
     car_park: Share = USUALLY_PARKED
 
 
 class OwnAssetSpec(Strict):
-    """A mesh that joins the catalogue of actors.
+    """A mesh added to the catalogue of actors.
 
     Attributes:
-        file: glTF, relative to ``site.yaml``.
-        actor_class: written ``class``: what its boxes are labelled with.
-        scale: metres of one of its units.
-        forward: its axis that points ahead; found from its shape if not given.
-        share: which share of the actors of its class it is.
-        licence: on what terms it may be used.
-        attribution: who made it.
+        file: glTF file, relative to ``site.yaml``.
+        actor_class: written ``class``: label of its boxes.
+        scale: length of its unit, metres.
+        forward: its forward axis; found from its shape if not given.
+        share: its share of the actors of its class.
+        licence: licence of the mesh.
+        attribution: author.
     """
 
     file: Annotated[str, Field(min_length=1)]
@@ -243,41 +243,40 @@ class OwnAssetSpec(Strict):
 
     @property
     def name(self) -> str:
-        """What the asset is called: ``own-`` and the file's name in letters, digits and dashes."""
+        """Name of the asset: ``own-`` and the file's name in letters, digits and dashes."""
         return "own-" + re.sub("[^a-z0-9]+", "-", Path(self.file).stem.lower()).strip("-")
 
 
 class TrafficSpec(Strict):
-    """How much traffic, for how long.
+    """Volumes and duration of the traffic.
 
     Attributes:
-        per_hour: actors that come into the region per hour, by class, over all streets together. A
-            class that is not named has none.
-        guessed: whether these are guesses: no more motor vehicles come then than the signals' lanes
-            have green for.
+        per_hour: actors that enter the region per hour, by class, over all streets. Classes not
+            named have none.
+        guessed: whether these are guesses; then motor vehicles are limited to the capacity of the
+            signals' green times.
         duration_s: length of the motion, seconds.
-        warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
-        step_s: time between two steps of the simulation, seconds.
-        seed: of every random choice; the same seed gives the same traffic.
-        size: by class, how large its actors are against the catalogue's.
-        counts: what was counted, way by way. Classes that are counted come as the counts say, pass
-            through and leave, and ``per_hour`` says nothing of them.
-        arrivals: by approach, in which part of a cycle upstream who is counted comes; evenly where
-            nothing is said.
-        counted_set_out: ``evenly``, one in each equal part of the time, way by way and class by
-            class; or ``at_random``, as who knows nothing of the others. As many come either way.
-        time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
-            from then on; guessed volumes, which are those of midday, are scaled by the hour.
-        drivers: by class, how its drivers drive.
-        approaches: how single approaches are used: by which lanes, with which headway.
-        in_groups: share of people on foot who walk with others, 0..0.95; the default is that of a
+        warmup_s: simulated time before the motion starts, which fills the streets, seconds.
+        step_s: time step of the simulation, seconds.
+        seed: random seed; the same seed gives the same traffic.
+        size: factors on the catalogue's sizes, by class.
+        counts: traffic counts. Counted classes enter as the counts say, pass through and leave, and
+            their ``per_hour`` has no effect.
+        arrivals: platoons by approach, for counted traffic; uniform arrivals if not given.
+        counted_set_out: ``evenly``, one in each equal part of the time, per count and class; or
+            ``at_random``, independently of each other. The numbers are the same.
+        time_of_day: start of the motion, ``08:00``. Counts with a start are used from then on;
+            guessed volumes, which are those of midday, are scaled by the hour.
+        drivers: driving behaviour by class.
+        approaches: use of single approaches: lanes and headway.
+        in_groups: fraction of pedestrians who walk in groups, 0..0.95; the default is that of a
             street on a weekday (Moussaid et al., PLOS ONE 5, 2010; on a Saturday 0.67).
-        passengers_per_halt: how many people get on, and off, at a halt of a bus on average, in a
-            closed loop. London: 2.34e9 journeys and 490e6 km a year (Transport for London, 2012),
-            with a stop every 400 m.
-        parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
+        passengers_per_halt: mean number of people who board, and alight, at a bus stop, in a closed
+            loop. London: 2.34e9 journeys and 490e6 km a year (Transport for London, 2012), with a
+            stop every 400 m.
+        parked: fraction of occupied parking spaces, 0..1: of all, or by ``street`` and
             ``car_park``.
-        assets: meshes that join the catalogue.
+        assets: meshes added to the catalogue.
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
@@ -327,7 +326,7 @@ def checked_time_of_day(time: str) -> str:
     """Return a time of day as ``08:00``.
 
     Raises:
-        InputError: it is none.
+        InputError: the text is not a time of day.
     """
     try:
         return str(_time_of_day(time))
@@ -338,10 +337,10 @@ def checked_time_of_day(time: str) -> str:
 
 
 def load_traffic_changes(path: Path) -> dict[str, Any]:
-    """Read a file of fields of ``traffic:``, and return those that it has, checked.
+    """Read a file of fields of ``traffic:``, and return the given fields, checked.
 
     Raises:
-        InputError: the file is missing or wrong; it names the file, the field and the line.
+        InputError: the file is missing or wrong; names file, field and line.
     """
     document = read_document(path, kind="traffic")
     found = document.validated(TrafficSpec)

@@ -1,4 +1,4 @@
-"""What a map tells of the traffic of a place: streets that lead in, bus lines, who walks there."""
+"""Traffic estimates from a map: entering streets, bus and tram lines, pedestrians."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from urbantwin.site.usual_traffic import TRAM_LINE_PER_HOUR, usual_per_hour
 
 __all__ = ["lanes_leading_in", "per_hour_around", "walkers_around"]
 
-#: A street of these classes that ends where nothing leads on is cut by the extract's end; of other
-#: classes only near the end of what is mapped: they may be cul-de-sacs.
+#: Streets of these classes that end without continuation are cut by the extract's border; of other
+#: classes only near the border, since they may be cul-de-sacs.
 THROUGH = frozenset("motorway trunk primary secondary tertiary".split())
-#: So near to the end of what is mapped a street's end is the map's, metres.
+#: Largest distance of a cut street end from the border of the mapped area, metres.
 RIM_M = 40.0
-#: What is so far around sends people into a place, metres.
+#: Distance around a region from which features attract pedestrians, metres.
 AROUND_M = 50.0
-#: Walks to something and away again, per hour of midday. Assumed.
+#: Walks to and from a feature, per hour at midday. Assumed.
 VISITS = {"shop": 12.0, "office": 8.0, "tourism": 10.0, "leisure": 5.0}
 VISITS_AMENITY = {
     "restaurant": 20.0, "cafe": 20.0, "fast_food": 25.0, "bar": 10.0, "pub": 10.0, "bank": 15.0,
@@ -34,17 +34,17 @@ VISITS_AMENITY = {
     "kindergarten": 15.0, "bus_station": 200.0,
 }  # fmt: skip
 VISITS_STATION, VISITS_ENTRANCE, VISITS_TRAM, VISITS_BUS = 300.0, 200.0, 40.0, 15.0
-#: Walks per hour of those who live in 100 m2 of floor: 2.3 people, 0.8 walks a day each, 6 % of
-#: them in an hour of midday.
+#: Walks per hour of the residents of 100 m2 of floor, an estimate: 2.3 people, 0.8 walks a day
+#: each, 6 % of them in an hour at midday.
 WALKS_OF_100_M2 = 0.11
-#: Floors of a building that does not say.
+#: Floors of a building without a number of levels.
 FLOORS = 2.0
-#: Somebody walks everywhere in a town; no junction's corners hold more, per hour.
+#: Limits of pedestrians per hour at a junction in a town.
 FEWEST, MOST = 40.0, 1200.0
 
 
 def per_hour_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> dict[str, int]:
-    """Return a guess of how many come into a region per hour, by class of actors."""
+    """Return a guess of the actors that enter a region per hour, by class."""
     features = extract.features(frame, region.buffer(AROUND_M))
     lanes = lanes_leading_in(extract, frame, region)
     stops = sum(feature.tags.get("highway") == "bus_stop" for feature in features)
@@ -61,10 +61,10 @@ def per_hour_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon)
 def lanes_leading_in(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon
 ) -> dict[str, float]:
-    """Return how many lanes lead into a region, by road class.
+    """Return the number of lanes that lead into a region, by road class.
 
-    A street leads in where it crosses the border, and where the extract ends before that. One that
-    is closed to motor traffic does not.
+    A street leads in where it crosses the border, and where the extract ends before that. Streets
+    closed to motor traffic do not count.
     """
     streets = [
         way for way in extract.highways() if way.tags["highway"] in STREETS and is_driven(way.tags)
@@ -89,13 +89,13 @@ def lanes_leading_in(
             through = kind.removesuffix("_link") in THROUGH
             lost = node not in (way.nodes[0], way.nodes[-1])
             places += through or lost or shapely.distance(rim, end) < RIM_M
-        # One-way streets lead in at about every other place where they cross the border.
+        # One-way streets lead in at about every second crossing of the border.
         found[kind] += places * way_lanes(way) / 2
     return {kind: count for kind, count in sorted(found.items()) if count}
 
 
 def walkers_around(features: list[OsmFeature]) -> float:
-    """Return how many walk past per hour, from what stands around."""
+    """Return the pedestrians per hour, from the features around."""
     walks = sum(_walks_to(feature) for feature in features)
     return min(max(walks, FEWEST), MOST)
 
@@ -121,7 +121,7 @@ def _walks_to(feature: OsmFeature) -> float:
 
 
 def _bus_lines(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> int:
-    """Return how many mapped lines run through a region, each direction by itself."""
+    """Return the number of mapped bus lines through a region, per direction."""
     near = {
         way.id
         for way in extract.highways()
@@ -137,9 +137,9 @@ def _bus_lines(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> i
 
 
 def _trams(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> float:
-    """Return how many trams an hour run on rails through a region, each direction by itself.
+    """Return the number of trams per hour on rails through a region, per direction.
 
-    A line's ``interval`` counts; rails in the open without any mapped line have two directions.
+    Uses the lines' ``interval``; rails at ground level without a mapped line have two directions.
     """
     near = {
         way.id
@@ -164,7 +164,7 @@ def _trams(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> float
 
 
 def _interval_min(text: str) -> float:
-    """Return minutes between two departures: ``10``, ``00:10`` or ``00:10:00``, else the usual."""
+    """Return minutes between departures: ``10``, ``00:10`` or ``00:10:00``, else the default."""
     parts = [finite_number(part) for part in text.split(":")]
     known = [part for part in parts if part is not None]
     minutes = 0.0

@@ -1,8 +1,8 @@
-"""Decompresses a map from standard input to standard output: run as a script, never imported.
+"""Decompress a map from standard input to standard output; run as a script, never imported.
 
-The reader of maps holds Python's lock while it waits for bytes, so they come from a process of
-their own. How far that has come, its parent knows from the position of the file that both have
-open. Decompression stops where the output exceeds its limit.
+The map reader holds Python's lock while it waits for bytes, so decompression runs in a separate
+process. The parent sees its progress by the position of the shared file. Decompression stops at an
+output limit.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ import sys
 import zlib
 from typing import IO, cast
 
-#: Exit codes: the file holds more than it may; it is truncated or damaged.
+#: Exit codes: output limit exceeded; file truncated or damaged.
 TOO_MUCH, DAMAGED = 3, 4
-#: Up to here nothing is too much, bytes.
+#: Output below this never exceeds the limit, bytes.
 _SMALL = 64 << 20
 _CHUNK = 1 << 20
 
 
 def main(packing: str, most: int, ratio: float) -> int:
-    """Unpack until the end or a limit.
+    """Decompress until the end or a limit.
 
     Args:
-        packing: ``gz``, ``bz2`` or nothing.
-        most: bytes that may come out.
-        ratio: how many times the bytes that went in may come out.
+        packing: ``gz``, ``bz2`` or empty.
+        most: largest output, bytes.
+        ratio: largest ratio of output to input bytes.
     """
     source: IO[bytes] = os.fdopen(0, "rb", buffering=1 << 16)
     stream = source
@@ -56,5 +56,5 @@ def _write(chunk: bytes) -> None:
 
 
 if __name__ == "__main__":
-    # Not sys.exit: nothing of the buffers of the streams is to be flushed or closed.
+    # Not sys.exit, which would flush and close the streams.
     os._exit(main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))

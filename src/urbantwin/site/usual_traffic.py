@@ -1,6 +1,6 @@
-"""How much traffic a place usually has at midday: by road class, lanes, country and surroundings.
+"""Typical traffic of a place at midday, by road class, lanes, country and surroundings.
 
-Guesses for a first ``site.yaml``, where nobody has counted.
+Guesses for an initial ``site.yaml`` without counts.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LANE_PER_HOUR = {
     "unclassified": 40.0, "road": 40.0, "residential": 25.0, "living_street": 12.0,
     "pedestrian": 12.0, "busway": 10.0, "service": 5.0, "track": 2.5, "steps": 8.0,
 }  # fmt: skip
-#: What is not in the table.
+#: Vehicles per hour and lane of other road classes.
 OTHER_PER_HOUR = 40.0
 
 #: Share of motorcycles among motor vehicles: countries where it is a tenth or more, to 5 %, after
@@ -56,7 +56,7 @@ BICYCLES = {
     "CZ": 0.04, "SI": 0.04, "FR": 0.03, "AR": 0.03,
 }  # fmt: skip
 BICYCLES_ELSEWHERE = 0.02
-#: Share of all trips that is made by motor vehicle, about, where cyclists are counted against it.
+#: Approximate fraction of all trips made by motor vehicle, to which cyclists are related.
 MOTOR_TRIPS = 0.5
 #: Trucks among motor vehicles of four wheels and more, in towns. Assumed.
 TRUCKS = 0.04
@@ -72,21 +72,21 @@ LINE_PER_HOUR = 4.0
 #: Trams per hour on each line that is mapped, one direction: one every ten minutes, as most
 #: networks run at midday on working days, where the line's ``interval`` says nothing.
 TRAM_LINE_PER_HOUR = 6.0
-#: The same at each stop, where stops are mapped and lines are not.
+#: Buses per hour at each stop, if stops are mapped and lines are not.
 STOP_PER_HOUR = 3.0
-#: One signalised junction carries no more, and a place has some, cars per hour: of streams that
-#: cross, about 1,500 in all a lane (Highway Capacity Manual 2010, chapter 31, quick estimation), on
-#: two lanes each.
+#: Limits of a place, cars per hour: the capacity of a signalised junction is, for conflicting
+#: streams, about 1,500 in all per lane (Highway Capacity Manual 2010, chapter 31, quick
+#: estimation), with two lanes each.
 MOST, LEAST = 3000.0, 60.0
 
 
 @dataclass(frozen=True)
 class CountryTraffic:
-    """What drives in a country.
+    """Composition of a country's traffic.
 
     Attributes:
-        motorcycles: their share of motor vehicles.
-        bicycles: cyclists for each motor vehicle.
+        motorcycles: fraction of motorcycles among motor vehicles.
+        bicycles: bicycles per motor vehicle.
     """
 
     motorcycles: float
@@ -94,7 +94,7 @@ class CountryTraffic:
 
 
 def country_traffic(country: str) -> CountryTraffic:
-    """Return what drives in a country (ISO 3166-1 alpha-2; empty if unknown)."""
+    """Return the traffic composition of a country (ISO 3166-1 alpha-2; empty if unknown)."""
     bicycles = BICYCLES.get(country, BICYCLES_ELSEWHERE) / MOTOR_TRIPS
     return CountryTraffic(MOTORCYCLES.get(country, MOTORCYCLES_ELSEWHERE), bicycles)
 
@@ -108,21 +108,21 @@ def usual_per_hour(
     trams: float = 0.0,
     walkers: float = 0.0,
 ) -> dict[str, int]:
-    """Return how many come into a place per hour, by class of actors.
+    """Return the actors that enter a place per hour, by class.
 
     Args:
-        lanes: by road class, how many lanes lead in.
+        lanes: number of lanes that lead in, by road class.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        bus_lines: lines that are mapped there, each direction by itself.
-        bus_stops: stops that are mapped there.
-        trams: trams per hour on the lines that are mapped there, each direction by itself.
-        walkers: people on foot per hour.
+        bus_lines: mapped bus lines, per direction.
+        bus_stops: mapped bus stops.
+        trams: trams per hour on the mapped lines, over both directions.
+        walkers: pedestrians per hour.
     """
     room = sum(LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) * count for kind, count in lanes.items())
     cars = float(np.clip(room, LEAST, MOST))
     usual = country_traffic(country)
     share = usual.motorcycles
-    # As much room as so many cars would take.
+    # Number of motor vehicles that use the same road space as the cars.
     motor = cars / (1.0 - share + share * MOTORCYCLE_IN_CARS)
     buses = bus_lines * LINE_PER_HOUR or bus_stops * STOP_PER_HOUR
     found = {
@@ -140,6 +140,6 @@ def usual_per_hour(
 
 
 def _rounded(count: float) -> int:
-    """Return a count as somebody says it who guesses."""
+    """Return a count rounded to the precision of a guess."""
     step = 10 if count >= 100 else 5 if count >= 20 else 1
     return round(count / step) * step

@@ -1,4 +1,4 @@
-"""Origins: which servers ``site.yaml`` allows to be asked over HTTP."""
+"""Origins: servers that ``site.yaml`` permits for HTTP requests."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def _one_origin(text: str) -> str:
     return text
 
 
-#: ``https://host`` or ``http://host:8080``: a further server that may be asked.
+#: ``https://host`` or ``http://host:8080``: a further permitted server.
 OriginText = Annotated[str, AfterValidator(_one_origin)]
 
 
 def check_origins(url: str | None, origins: list[str], name: str) -> None:
-    """Check that origins fit the address whose files they give.
+    """Check that origins fit their address.
 
     Args:
-        url: the address, or ``None`` where a source is a file.
+        url: the address, or ``None`` for a source that is a file.
         origins: as `OriginText`.
-        name: of the field that holds the address.
+        name: field of the address.
 
     Raises:
-        PydanticCustomError: there is no address, or they are less safe than it.
+        PydanticCustomError: origins without an address, or less secure than it.
     """
     if url is None:
         if origins:

@@ -1,4 +1,4 @@
-"""YAML files that people write: read strictly, with every error reported in one line."""
+"""YAML files of users, read strictly, with one-line errors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Location = Sequence[int | str]
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, which also refuses a key that is written twice in one mapping."""
+    """Safe loader that rejects duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
@@ -44,7 +44,7 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-# YAML 1.1, which PyYAML follows, takes "1e3" for text; YAML 1.2 and every reader take it for 1000.
+# PyYAML follows YAML 1.1, which reads "1e3" as text; in YAML 1.2 it is 1000.
 _StrictLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
@@ -54,13 +54,13 @@ _StrictLoader.add_implicit_resolver(
 
 @dataclass(frozen=True)
 class Document:
-    """A mapping read from a file, or a part of one, that knows where each value stands.
+    """A mapping read from a file, or a part of it, with the positions of its values.
 
     Args:
         file: the file, for error messages.
         value: the mapping.
-        root: the YAML node of ``value``, or ``None`` where it was not read from YAML.
-        prefix: where in the file ``value`` stands: ``("rig",)`` for a site's inline rig.
+        root: the YAML node of ``value``, or ``None`` if not read from YAML.
+        prefix: location of ``value`` in the file: ``("rig",)`` for a site's inline rig.
     """
 
     file: Path
@@ -69,7 +69,7 @@ class Document:
     prefix: tuple[int | str, ...] = ()
 
     def part(self, *location: int | str) -> Document:
-        """Return the mapping at a location as a document of its own."""
+        """Return the mapping at a location as a document."""
         value: Any = self.value
         root = self.root
         for step in location:
@@ -94,16 +94,16 @@ class Document:
         """Return the mapping as a ``model``.
 
         Raises:
-            InputError: a field is unknown, missing or wrong; the first such field is named.
+            InputError: a field is unknown, missing or wrong; names the first.
         """
         try:
             return model.model_validate(dict(self.value), context=dict(context or {}), strict=True)
         except ValidationError as error:
             details = error.errors(include_url=False)
-        # A misspelt field is reported twice, as unknown and as missing; the former says more.
+        # A misspelt field is reported as unknown and as missing; the former is more helpful.
         first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
         place = self._written(first)
-        # Of a field with alternatives, the one that validated furthest was meant.
+        # Of alternatives of a field, report the one that validated furthest.
         for item in details:
             at = self._written(item)
             further = len(at) > len(place) or (
@@ -117,7 +117,7 @@ class Document:
     def _written(self, item: ErrorDetails) -> tuple[int | str, ...]:
         """Return an error's location without the names of alternatives: ``str``, ``literal[...]``.
 
-        The file does not contain those steps.
+        The file does not contain these steps.
         """
         here: Any = self.value
         steps: list[int | str] = []
@@ -133,13 +133,13 @@ class Document:
         return tuple(steps)
 
     def _node(self, location: Location) -> yaml.Node | None:
-        """Return the node to point at for ``location``: its key, or the deepest one above it."""
+        """Return the node of a location: its key, or the deepest existing one above it."""
         at = below = self.root
         for step in location:
             key, value = _entry(below, step)
             if key is None:
                 break
-            # A block's value starts on the line after its key, which is the line to name.
+            # Use the key's line: a block's value starts on the next line.
             at, below = key, value
         return at
 
@@ -156,7 +156,7 @@ def _entry(node: yaml.Node | None, step: int | str) -> tuple[yaml.Node | None, y
 
 
 def wrong(problem: str, expected: str) -> PydanticCustomError:
-    """Return the error of a validator that tells what is wrong and what was expected."""
+    """Return a validator's error with problem and expectation."""
     escaped = problem.replace("{", "(").replace("}", ")")
     return PydanticCustomError("wrong", escaped, {"expected": expected})
 
@@ -177,11 +177,11 @@ def read_document(path: Path, *, kind: str) -> Document:
 
     Args:
         path: the file.
-        kind: what it should be, for error messages: ``"a site"``.
+        kind: expected kind, for error messages: ``"a site"``.
 
     Raises:
-        InputError: the file is missing, is not text, is not YAML, gives a key twice, or
-            holds something other than a mapping.
+        InputError: the file is missing, is not text, is not YAML, gives a key twice, or holds
+            something other than a mapping.
     """
     expected = f"{kind} as YAML"
     try:
@@ -221,7 +221,7 @@ def read_document(path: Path, *, kind: str) -> Document:
 
 
 def _model_at(model: type[BaseModel], location: Location) -> type[BaseModel] | None:
-    """Return the model that stands at ``location`` in ``model``."""
+    """Return the model at a location below ``model``."""
     here: type[BaseModel] | None = model
     for step in location:
         if here is not None and isinstance(step, str) and step in here.model_fields:
@@ -240,13 +240,13 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Return what ``name`` was probably meant to be, or everything that it could have been."""
+    """Return the most similar known name, or all known names."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"{close[0]!r}" if close else "one of " + ", ".join(known)
 
 
 def _names(model: type[BaseModel] | None) -> list[str]:
-    """Return the names of a model's fields, those that only files use included."""
+    """Return the names of a model's fields, including those used in files only."""
     if model is None:
         return []
     return [*model.model_fields, *getattr(model, "also_written_as", ())]
@@ -273,7 +273,7 @@ _BOUNDS = {
 
 
 def _in_words(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]:
-    """Return what is wrong and what was expected, of one of pydantic's errors about ``model``."""
+    """Return problem and expectation of one of pydantic's errors about ``model``."""
     kind, context = error["type"], error.get("ctx", {})
     problem, expected = f"is {_shown(error['input'])}", None
     if kind == "wrong":
@@ -300,7 +300,7 @@ def _in_words(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | N
 
 
 def _shown(value: object) -> str:
-    """Return a value as a person wrote it, or near enough, and never long."""
+    """Return a value as the user wrote it, approximately and shortened."""
     if isinstance(value, Mapping | list):
         return "a mapping" if isinstance(value, Mapping) else "a list"
     if value is None:
@@ -317,10 +317,10 @@ def must_exist(
     *,
     folders: bool = False,
 ) -> None:
-    """Check that a file that a document names is there.
+    """Check that a file named in a document exists.
 
     Raises:
-        InputError: it is not, or is a folder where none is allowed.
+        InputError: it does not, or is a folder where none is allowed.
     """
     problem = not_there(path, folders=folders)
     if problem is not None:
@@ -328,10 +328,10 @@ def must_exist(
 
 
 def not_there(path: Path, *, folders: bool = False) -> str | None:
-    """Return why a path names no file (with ``folders``, no folder either); ``None`` if it does."""
+    """Return why a path is not a file (with ``folders``, nor a folder); ``None`` if it is."""
     try:
         found, folder = path.exists(), path.is_dir()
-    except (OSError, ValueError):  # a name too long, or with a null byte
+    except (OSError, ValueError):  # name too long, or with a null byte
         found, folder = False, False
     if not found:
         return f"{str(path)!r} is not found"

@@ -1,4 +1,4 @@
-"""Corrections that a person draws: a twin mended without editing the map."""
+"""Drawn corrections of a twin, without editing the map."""
 
 from urbantwin.site.corrections.elements import REMOVED, Outcome, known_element, with_elements
 from urbantwin.site.corrections.kinds import (

@@ -1,4 +1,4 @@
-"""Elements of the map whose tags are overridden, or that are not there."""
+"""Corrections of map elements: overridden tags, and removal."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["REMOVED", "Outcome", "known_element", "with_elements"]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a correction.
+    """Outcome of a correction.
 
     Attributes:
-        correction: which one.
-        applied: whether anything is different because of it.
-        told: what is different, or why nothing is.
-        at: where on the plan, site frame.
+        correction: the correction.
+        applied: whether it changed anything.
+        told: the change, or why there is none.
+        at: affected geometry in plan, site frame.
     """
 
     correction: Correction
@@ -33,11 +33,11 @@ class Outcome:
 
     @property
     def shapes(self) -> Sequence[shapely.Geometry]:
-        """Return where it is shown: where it was done, else where it was drawn."""
+        """Return the geometry to show: where it was applied, or else where it was drawn."""
         return self.at or self.correction.shapes
 
 
-#: Tag of what a person removed where something else is seeded beside it: it keeps its place free.
+#: Tag of a removed object, which keeps its place free of seeded objects.
 REMOVED = "urbantwin:removed"
 _PLACE_KEEPERS = (("highway", "street_lamp"), ("natural", "tree"))
 
@@ -48,16 +48,16 @@ def with_elements(
     frame: SiteFrame,
     region: shapely.Polygon,
 ) -> tuple[Extract, list[Outcome]]:
-    """Return the map with tags overridden and elements removed, and what became of each.
+    """Return the map with tags overridden and elements removed, and the outcomes.
 
     Args:
         extract: the map.
-        corrections: those of other kinds are left alone.
+        corrections: corrections; other kinds are ignored.
         frame: the site frame.
         region: the region, site frame.
 
     Raises:
-        InputError: an element is not in the map.
+        InputError: an element is missing in the map.
     """
     edited = replace(
         extract,
@@ -74,7 +74,7 @@ def with_elements(
 
 
 def known_element(extract: Extract, element: Element, correction: Correction) -> None:
-    """Refuse a correction of an element that the map does not have.
+    """Check that the map has the element of a correction.
 
     Raises:
         InputError: it does not.
@@ -101,7 +101,7 @@ def _edited(
     frame: SiteFrame,
     region: shapely.Polygon,
 ) -> Outcome:
-    """Edit one element in place."""
+    """Apply a correction to an element in place."""
     element = asked.element
     shape = _shape(edited, element, frame)
     at = () if shape is None else (shape,)
@@ -125,7 +125,7 @@ def _edited(
 
 
 def _called(tags: Mapping[str, str]) -> str:
-    """Return what an element is, by its most telling tag."""
+    """Return an element's most descriptive tag."""
     keys = ("highway", "building", "barrier", "natural", "man_made", "power", "type")
     key = next((key for key in keys if key in tags), min(tags))
     return f"{key}={tags[key]}"
@@ -150,7 +150,7 @@ def _set_tags(edited: Extract, element: Element, tags: dict[str, str]) -> None:
 
 
 def _shape(extract: Extract, element: Element, frame: SiteFrame) -> shapely.Geometry | None:
-    """Return where an element lies; of a relation, where its ways and nodes do."""
+    """Return an element's geometry; for a relation that of its ways and nodes."""
     if element.kind == "node":
         return shapely.Point(frame.site_from_lonlat([extract.nodes[element.id]])[0])
     if element.kind == "way":

@@ -1,4 +1,4 @@
-"""What a correction may be: the properties of every action, and what it is drawn as."""
+"""Kinds of corrections: the properties of every action, and its geometry types."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ __all__ = [
     "SetTags",
 ]
 
-#: ``way/123``, ``w123``; or the address of its page, or of it in an editor, in OpenStreetMap.
+#: ``way/123``, ``w123``; or the address of its page, or of an editor, at OpenStreetMap.
 _ELEMENT = re.compile(r"(n|w|r|node|way|relation)[/ ]?(-?\d{1,18})")
 _ADDRESS = re.compile(
     r"https?://(?:www\.)?openstreetmap\.org/(?:edit\?(?:[^#\s]*&)?)?"
     r"(node|way|relation)[/=](\d{1,18})(?:[/?&#]\S*)?"
 )
 _NAMES = {"n": "node", "w": "way", "r": "relation"}
-#: Most of what a tag holds (OSM API 0.6), characters.
+#: Most characters of a tag's value (OSM API 0.6).
 _LONGEST_TAG = 255
-#: Kinds of poles: the tags that they have on a map, and heights that are drawn, metres.
+#: Kinds of poles: their map tags, and the range of heights, metres.
 KINDS_OF_POLES: Mapping[str, tuple[Mapping[str, str], tuple[float, float]]] = {
     "pole": ({"man_made": "pole"}, (1.0, 40.0)),
     "lamp": ({"highway": "street_lamp"}, (2.0, 40.0)),
@@ -46,7 +46,7 @@ KINDS_OF_POLES: Mapping[str, tuple[Mapping[str, str], tuple[float, float]]] = {
     "bollard": ({"barrier": "bollard"}, (0.3, 1.5)),
 }
 _WALLS = Literal["wall", "fence", "hedge", "guard_rail"]
-#: Materials that a wall or a fence can be of.
+#: Allowed materials of a wall or a fence.
 _MATERIALS = {
     "wall": ("concrete", "stone", "brick", "plaster", "wood", "metal", "glass"),
     "fence": ("wood", "metal"),
@@ -60,7 +60,7 @@ class Element(NamedTuple):
     id: int
 
     def __str__(self) -> str:
-        """Return it as OpenStreetMap writes it: ``way/123``."""
+        """Return the element in OpenStreetMap's notation: ``way/123``."""
         return f"{self.kind}/{self.id}"
 
 
@@ -73,7 +73,7 @@ def _element(value: Any) -> Any:  # noqa: ANN401
 
 
 def _tags(value: Any) -> Any:  # noqa: ANN401
-    if isinstance(value, str):  # tables of attributes hold text only
+    if isinstance(value, str):  # attribute tables of GIS hold text only
         try:
             value = parse_json(value)
         except NotJsonError:
@@ -100,7 +100,7 @@ LaneKind = Literal["driving", "bus", "bicycle", "parking", "shoulder", "sidewalk
 
 
 class Asked(BaseModel):
-    """One action; a subclass has its properties and says what it is drawn as."""
+    """An action; subclasses define its properties and geometry types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -110,17 +110,17 @@ class Asked(BaseModel):
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have; none: it need not be drawn."""
+        """Return the allowed types of geometry; empty if no geometry is needed."""
         return ()
 
     @property
     def must_be_drawn(self) -> bool:
-        """Return whether it says nothing without a geometry."""
+        """Return whether a geometry is required."""
         return True
 
 
 class SetTags(Asked):
-    """Tags of an element overridden; a tag of ``None`` is dropped."""
+    """Overridden tags of an element; ``None`` removes a tag."""
 
     element: ElementField
     tags: Annotated[dict[str, str | None], BeforeValidator(_tags)] = Field(
@@ -129,19 +129,19 @@ class SetTags(Asked):
 
     @property
     def must_be_drawn(self) -> bool:
-        """Return whether it says nothing without a geometry."""
+        """Return whether a geometry is required."""
         return False
 
 
 class AddPole(Asked):
-    """A pole that stands where a point is."""
+    """A pole at a point."""
 
     kind: Literal["pole", "lamp", "utility", "sign", "bollard"] = "pole"
     height_m: Metres | None = None
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("Point",)
 
     @model_validator(mode="after")
@@ -154,7 +154,7 @@ class AddPole(Asked):
         return self
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the correction as map tags."""
         return {**KINDS_OF_POLES[self.kind][0], **_height(self.height_m)}
 
 
@@ -168,7 +168,7 @@ class AddWall(Asked):
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("LineString",)
 
     @model_validator(mode="after")
@@ -182,7 +182,7 @@ class AddWall(Asked):
         return self
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the correction as map tags."""
         tags = {"barrier": self.kind, **_height(self.height_m)}
         if self.thickness_m is not None:
             tags["width"] = f"{self.thickness_m:.10g}"
@@ -190,7 +190,7 @@ class AddWall(Asked):
 
 
 class AddTree(Asked):
-    """A tree that stands where a point is."""
+    """A tree at a point."""
 
     height_m: Annotated[float, BeforeValidator(number_of), Field(ge=1.5, le=80)] | None = None
     crown_m: Annotated[float, BeforeValidator(number_of), Field(ge=0.5, le=35)] | None = None
@@ -198,11 +198,11 @@ class AddTree(Asked):
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("Point",)
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the correction as map tags."""
         tags = {"natural": "tree", **_height(self.height_m)}
         if self.crown_m is not None:
             tags["diameter_crown"] = f"{self.crown_m:.10g}"
@@ -210,7 +210,7 @@ class AddTree(Asked):
 
 
 class _Lane(Asked):
-    """A lane of a side of a street: all along a way, or along what is drawn."""
+    """A lane on one side of a street: along a whole way, or along a drawn line."""
 
     element: ElementField | None = None
     side: Side = Field(description="left or right, as seen along the line, else along the way")
@@ -218,12 +218,12 @@ class _Lane(Asked):
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("LineString",)
 
     @property
     def must_be_drawn(self) -> bool:
-        """Return whether it says nothing without a geometry."""
+        """Return whether a geometry is required."""
         return self.element is None
 
     @model_validator(mode="after")
@@ -234,7 +234,7 @@ class _Lane(Asked):
 
 
 class AddLane(_Lane):
-    """A lane more, at the outer side of those that are there."""
+    """An additional lane, at the outer side of the existing ones."""
 
     width_m: Annotated[float, BeforeValidator(number_of), Field(gt=0, le=15)] | None = None
 
@@ -249,7 +249,7 @@ class AddLane(_Lane):
         return self
 
 
-#: Widths of lanes that are built as they are said, metres.
+#: Widths of lanes that can be built, metres.
 LANE_WIDTHS_M = {
     "driving": (2.0, 8.0),
     "bus": (2.0, 8.0),
@@ -261,42 +261,42 @@ LANE_WIDTHS_M = {
 
 
 class RemoveLane(_Lane):
-    """The outermost lane of a kind that is not there."""
+    """Removal of the outermost lane of a kind."""
 
 
 class RemoveElement(Asked):
-    """An element of the map that is not there, whatever it is."""
+    """Removal of an element of the map."""
 
     element: ElementField
 
     @property
     def must_be_drawn(self) -> bool:
-        """Return whether it says nothing without a geometry."""
+        """Return whether a geometry is required."""
         return False
 
 
 class RemoveThing(Asked):
-    """Trees, poles or walls that are not there: the nearest to a point, or all in an area."""
+    """Removal of trees, poles or walls: the nearest to a point, or all in an area."""
 
     what: Literal["tree", "pole", "wall"]
     radius_m: Annotated[float, BeforeValidator(number_of), Field(gt=0, le=100)] | None = None
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("Point", "Polygon")
 
 
 class MoveCurb(Asked):
-    """A line that is where the curb of a street is."""
+    """The true position of a street's curb, as a line."""
 
     @property
     def drawn_as(self) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("LineString",)
 
 
-#: Every action and what it is done to; the empty text where nothing need be said.
+#: Class of each action and object; the empty text for actions without an object.
 ACTIONS: Mapping[str, Mapping[str, type[Asked]]] = {
     "tag": {"": SetTags},
     "add": {"pole": AddPole, "wall": AddWall, "tree": AddTree, "lane": AddLane},

@@ -1,4 +1,4 @@
-"""A correction file: GeoJSON as editors write it, every feature checked."""
+"""Reading of a correction file: GeoJSON of editors, with every feature checked."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from urbantwin.site.yaml_document import Document, nearest
 
 __all__ = ["CORRECTIONS", "Correction", "read_corrections"]
 
-#: The file that is looked for beside a site.
+#: Default file name beside a site.
 CORRECTIONS = "corrections.geojson"
 _EXPECTED = "a FeatureCollection of corrections (docs/howto/corrections.md)"
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One correction.
+    """A correction.
 
     Attributes:
-        number: which of the file's features it is, from 1, as on the plan.
-        asked: what is to be done.
-        shapes: what was drawn, site frame; none where nothing need be drawn.
-        file: the file that it stands in.
+        number: number of the feature in the file, from 1, as on the plan.
+        asked: the requested action.
+        shapes: drawn geometry, site frame; empty if none is needed.
+        file: the file.
     """
 
     number: int
@@ -41,11 +41,11 @@ class Correction:
 
     @property
     def place(self) -> str:
-        """Return where it stands in its file, for messages: ``feature 3 (add pole)``."""
+        """Return its place in the file, for messages: ``feature 3 (add pole)``."""
         return _place(self.number, self.asked.action, self.asked.what)
 
     def error(self, problem: str, expected: str | None = None) -> InputError:
-        """Return the error to raise for it."""
+        """Return an error about the correction."""
         return InputError(problem, file=self.file, place=self.place, expected=expected)
 
 
@@ -56,10 +56,10 @@ def read_corrections(path: Path, frame: SiteFrame, region: shapely.Polygon) -> l
         path: GeoJSON: a FeatureCollection whose features have the property ``action``. Coordinates
             are as in a sketch: degrees, or metres of the site frame (``"crs": "site"``).
         frame: the site frame.
-        region: the region, site frame: what is drawn touches it.
+        region: the region, site frame; drawn geometry must touch it.
 
     Raises:
-        InputError: something in it is wrong; the first such feature is named by its number.
+        InputError: a feature is wrong; names the number of the first.
     """
     value = read_geojson(path)
     features = value.get("features")
@@ -105,7 +105,7 @@ def _correction(
         things = [one for one in known if one]
         raise plain.error(problem, ("what",), nearest(what, things) if things else "nothing")
     place = _place(number, action, what)
-    # An element says by itself what it is, except of its lanes.
+    # An element determines its kind itself, except for its lanes.
     model = known["" if action == "remove" and what != "lane" and "element" in given else what]
     asked = Document(path, given, None, (place,)).validated(model)
     return Correction(number, asked, _shapes(path, place, value, asked, to_metres, region), path)
@@ -119,7 +119,7 @@ def _shapes(
     to_metres: ToSite,
     region: shapely.Polygon,
 ) -> tuple[shapely.Geometry, ...]:
-    """Return what is drawn of a correction, which touches the region."""
+    """Return the drawn geometry of a correction, which must touch the region."""
 
     def error(problem: str, expected: str) -> InputError:
         return InputError(problem, file=path, place=place, expected=expected)
@@ -132,7 +132,7 @@ def _shapes(
     if not isinstance(geometry, Mapping):
         raise error("has a geometry that is none", "a GeoJSON geometry, or null")
     if not asked.drawn_as:
-        return ()  # drawn to remind a person of where it is: the element says that
+        return ()  # drawn as a reminder only; the element is decisive
     shapes = tuple(shapes_in_site(path, place, geometry, asked.drawn_as, to_metres))
     for shape in shapes:
         gap = shapely.distance(shape, region)
@@ -145,7 +145,7 @@ def _shapes(
 
 
 def _check_reach(asked: RemoveThing, shapes: Sequence[shapely.Geometry], error: Any) -> None:  # noqa: ANN401
-    """Refuse a radius about an area, and a wall at a point without one."""
+    """Reject a radius with an area, and a wall at a point without radius."""
     points = [shape.geom_type == "Point" for shape in shapes]
     if asked.radius_m is not None and not all(points):
         raise error("has radius_m, and is drawn as an area", "one of the two")

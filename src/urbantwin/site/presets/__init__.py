@@ -1,4 +1,4 @@
-"""Places at which roadside datasets were recorded: what is published of each, and what is not."""
+"""Presets: places of roadside datasets, with their published facts and gaps."""
 
 from typing import TYPE_CHECKING
 

@@ -1,7 +1,7 @@
-"""The form of a preset's file: a place, its traffic, and its rig as a ``site.yaml`` has it.
+"""Format of a preset's file: a place, its traffic, and its rig as in ``site.yaml``.
 
-The files stand in this folder, one for each place; the sources of values are comments in them. They
-hold no data of a recording, only what its makers published of the place and the sensors.
+There is one file per place in this folder; comments in it give the sources of values. The files
+contain no data of a recording, only published facts about the place and the sensors.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["Preset", "PresetPlace", "PresetTraffic", "preset", "preset_names"]
 
 
 class PresetPlace(Strict):
-    """Where a place is.
+    """Position of a place.
 
     Attributes:
-        latitude: of the anchor, degrees, WGS84.
-        longitude: of the anchor, degrees, WGS84.
-        within_m: how far the true place may be from there, metres.
-        streets: of each street that meets there the beginnings of the names that it may have; the
-            anchor is where they meet in an extract, within ``within_m``.
+        latitude: latitude of the anchor, degrees, WGS84.
+        longitude: longitude of the anchor, degrees, WGS84.
+        within_m: uncertainty of the position, metres.
+        streets: possible beginnings of the name of each street at the junction; the anchor is where
+            they meet in an extract, within ``within_m``.
     """
 
     latitude: Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
@@ -45,8 +45,8 @@ class PresetTraffic(Strict):
 
     Attributes:
         per_hour: vehicles and pedestrians per hour, by class.
-        boxes_per_frame: mean number of boxes of a class in a frame, where nobody counted.
-        source: where the numbers are from.
+        boxes_per_frame: mean number of boxes of a class per frame, if there is no count.
+        source: source of the numbers.
     """
 
     per_hour: dict[str, Annotated[int, Field(ge=0)]] | None = None
@@ -63,17 +63,18 @@ class PresetTraffic(Strict):
 
 
 class PresetSensor(Strict):
-    """What `Preset` reads of a sensor; its other fields are those of a ``site.yaml``.
+    """Fields of a sensor used by `Preset`; further fields are those of ``site.yaml``.
 
-    A sensor has a place and angles, or a pole is proposed for it (``corner``), or it hangs on the
-    pole of another one (``beside``, ``offset_m``: metres east, north and up from that one).
+    A sensor has a position and angles, or a pole is proposed for it (``corner``), or it is mounted
+    on the pole of another sensor (``beside``, ``offset_m``: metres east, north and up from that
+    one).
 
     Attributes:
-        name: unique in the preset.
-        model: of the catalogue.
+        name: name, unique in the preset.
+        model: model of the catalogue.
         columns: firings per turn.
-        corner: the quarter around the anchor; ``opposite`` to the pole before it.
-        beside: name of a sensor before it.
+        corner: quadrant around the anchor, or ``opposite`` to the previous pole.
+        beside: name of a previous sensor.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -88,12 +89,12 @@ class PresetSensor(Strict):
 
     @property
     def is_placed(self) -> bool:
-        """Whether its place is published, and not proposed."""
+        """Whether its position is published, not proposed."""
         return self.corner is None and self.beside is None
 
 
 class PresetRig(Strict):
-    """What `Preset` reads of the rig."""
+    """Fields of the rig used by `Preset`."""
 
     rate_hz: Annotated[float, Field(gt=0, le=100)]
     frame: str
@@ -108,16 +109,16 @@ class Preset(Strict):
         name: its name on the command line.
         title: streets and town.
         country: code of ISO 3166.
-        recording: the dataset, and who made it.
-        licence: of the recording; nothing of it is here.
-        homepage: of the recording.
-        place: where it is; ``None`` where that is not published.
-        radius_m: of the region.
-        traffic: as far as it was measured.
-        unknown: what is not published, in sentences.
+        recording: the dataset, and its authors.
+        licence: licence of the recording, of which no data are included.
+        homepage: web page of the recording.
+        place: its position; ``None`` if not published.
+        radius_m: radius of the region, metres.
+        traffic: measured traffic.
+        unknown: unpublished facts, in sentences.
         rig: the sensors.
         sources: lines of comment about the sources of the place.
-        rig_text: the mapping ``rig`` with its comments, as the file has it.
+        rig_text: the mapping ``rig`` with its comments, as in the file.
     """
 
     name: str
@@ -157,10 +158,10 @@ def _files() -> Mapping[str, Path]:
 
 @cache
 def preset(name: str) -> Preset:
-    """Return the preset of a name; case, blanks and underscores do not matter.
+    """Return the preset with a name; case, blanks and underscores are ignored.
 
     Raises:
-        InputError: there is none; the error names the nearest.
+        InputError: the preset is unknown; names the most similar one.
     """
     plain = name.strip().lower().replace("_", "-").replace(" ", "-")
     if plain not in _files():

@@ -1,4 +1,4 @@
-"""A first ``site.yaml`` for a place at which a dataset was recorded."""
+"""Initial ``site.yaml`` of a place where a dataset was recorded."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ __all__ = [
     "where_extracts_are",
 ]
 
-#: Mean speed within view of a junction, waiting included, m/s. Assumed: an actor of half the speed
-#: is in view twice as long, so that half as many an hour make as many boxes.
+#: Assumed mean speed within view of a junction, waiting included, m/s: an actor of half the speed
+#: is in view twice as long, so half as many per hour give as many boxes.
 _SPEED_MPS = {"pedestrian": 1.3, "bicycle": 4.0}
 _MOTOR_MPS = 6.0
 #: Classes of motor traffic.
@@ -46,7 +46,7 @@ _MOTOR = ("car", "van", "truck", "bus", "motorcycle")
 _QUARTERS = {
     "north-east": (1, 1), "north-west": (-1, 1), "south-west": (-1, -1), "south-east": (1, -1),
 }  # fmt: skip
-#: Carriageways of two streets that come so near to each other meet, metres.
+#: Largest distance of two streets' carriageways that count as meeting, metres.
 _MEET_M = 20.0
 #: Tags that name a street.
 _NAMES = ("name", "name:en", "int_name", "official_name", "alt_name", "old_name", "name:zh")
@@ -69,24 +69,24 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
 ) -> Path:
     """Write the ``site.yaml`` of a preset for an OpenStreetMap extract and return its path.
 
-    Sensors whose place is published stand there; poles of the others are proposed.
+    Sensors with a published position are placed there; poles of the others are proposed.
 
     Args:
-        folder: where to write; made if it is not there.
+        folder: folder to write, created if missing.
         osm: the extract.
-        preset: which place.
-        latitude: of the anchor, instead of the preset's.
-        longitude: of the anchor, instead of the preset's.
-        at_junction: take the busiest signalised junction of the map instead of the preset's place.
-        region: a GeoJSON polygon, instead of the preset's circle.
-        radius_m: of a circle, instead of the preset's.
-        force: replace a ``site.yaml`` that is there.
-        choose_pole: where a sensor of unknown place stands on the ground of the junction.
-        fetched: inputs that were fetched for the place, the extract among them.
+        preset: the preset.
+        latitude: latitude of the anchor, instead of the preset's, degrees.
+        longitude: longitude of the anchor, instead of the preset's, degrees.
+        at_junction: use the busiest signalised junction of the map instead of the preset's place.
+        region: GeoJSON polygon, instead of the preset's circle.
+        radius_m: radius of the circle, instead of the preset's, metres.
+        force: replace an existing ``site.yaml``.
+        choose_pole: chooses the position of a sensor without a published one.
+        fetched: inputs fetched for the place, including the extract.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
-        InputError: the place is not published and none is given, or as `init_site`.
+        InputError: the place is neither published nor given, or as for `init_site`.
     """
     tell = progress or untold
     why = "As given."
@@ -117,10 +117,10 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
 def check_place(
     preset: Preset, latitude: float | None, longitude: float | None, *, at_junction: bool = False
 ) -> None:
-    """Check that a person's place is that of the preset, if that is published.
+    """Check that a given place is that of the preset, if that is published.
 
     Raises:
-        InputError: it is another one.
+        InputError: it is another place.
     """
     place = preset.place
     if place is None:
@@ -141,7 +141,7 @@ def check_place(
 def place_of_preset(
     preset: Preset, osm: Path, *, progress: Progress | None = None
 ) -> tuple[float, float, str]:
-    """Return latitude and longitude of a preset's anchor on a map, and why it is there.
+    """Return latitude and longitude of a preset's anchor on a map, and the reason.
 
     Raises:
         InputError: the place is not published.
@@ -170,7 +170,7 @@ def place_of_preset(
 
 
 def needs_extract(preset: Preset) -> InputError:
-    """Return what to tell who gave a preset without a map."""
+    """Return the error for a preset without a map."""
     return InputError(
         "needs a map of the place",
         place=f"--preset {preset.name}",
@@ -179,7 +179,7 @@ def needs_extract(preset: Preset) -> InputError:
 
 
 def where_extracts_are(preset: Preset) -> str:
-    """Return the option that takes an extract of a preset's place, and where to get one."""
+    """Return advice about the option for an extract of a preset's place, and where to get one."""
     place = preset.place
     get = "its own junction's: https://www.openstreetmap.org/export"
     if place is not None:
@@ -227,7 +227,7 @@ def _furnished(
 
 
 def _rig(preset: Preset, ground: PoleGround, choose_pole: PoleChoice) -> str:
-    """Return the text of the preset's rig with a place for every sensor."""
+    """Return the text of the preset's rig with a position for every sensor."""
     parts = re.split(r"(?m)^(?=    - name: )", preset.rig_text)
     poles: dict[str, PolePosition] = {}
     quarter: tuple[int, int] | None = None
@@ -274,11 +274,11 @@ def _rig(preset: Preset, ground: PoleGround, choose_pole: PoleChoice) -> str:
 def per_hour_of_presence(
     boxes_per_frame: Mapping[str, float], guess: Mapping[str, int]
 ) -> dict[str, int]:
-    """Return actors per hour by class: as many motor vehicles as guessed, in the measured shares.
+    """Return actors per hour by class: the guessed motor traffic, split by measured shares.
 
     Args:
         boxes_per_frame: mean number of boxes of each class in a frame.
-        guess: per hour, of the map alone; classes that were not measured keep it.
+        guess: actors per hour, guessed from the map; classes without measurement keep it.
     """
     motor = sum(guess.get(name, 0) for name in _MOTOR)
     seen = sum(boxes_per_frame.get(name, 0.0) for name in _MOTOR)
@@ -299,16 +299,16 @@ def per_hour_of_presence(
 def street_corner(
     extract: Extract, site: SiteFrame, streets: Sequence[Sequence[str]], within_m: float
 ) -> tuple[float, float] | None:
-    """Return latitude and longitude of the middle of where named streets meet.
+    """Return latitude and longitude of the centre of the place where named streets meet.
 
     Args:
         extract: the map.
-        site: its origin is where the streets are said to meet, about.
-        streets: of each street, the beginnings of names that it may have.
-        within_m: how far from the origin they may meet, metres.
+        site: frame with its origin at about the streets' meeting place.
+        streets: possible beginnings of the name of each street.
+        within_m: largest distance of the meeting place from the origin, metres.
 
     Returns:
-        ``None`` where a street is missing, or they do not meet so near.
+        ``None`` if a street is missing, or the streets do not meet within the distance.
     """
     lines = [_lines(extract, site, names, within_m) for names in streets]
     if len(lines) < 2 or not all(lines):
@@ -318,12 +318,12 @@ def street_corner(
     for other in rest:
         near = near.buffer(_MEET_M).intersection(other)
         crossed = crossed.intersection(other)
-    # Of streets that lie on two levels, or end before each other, there is no point in common.
+    # Streets on two levels, or that end before each other, have no common point.
     meeting = near if crossed.is_empty else crossed
     parts = [part for part in shapely.get_parts(meeting) if not part.is_empty]
     if not parts:
         return None
-    # Where two carriageways cross two others there are several: those around the nearest are one.
+    # Dual carriageways cross at several points: those around the nearest one are merged.
     middles = np.array([shapely.get_coordinates(part.centroid)[0] for part in parts])
     nearest = middles[np.argmin(np.linalg.norm(middles, axis=1))]
     middle = middles[np.linalg.norm(middles - nearest, axis=1) <= 2 * _MEET_M].mean(axis=0)
@@ -354,6 +354,6 @@ def _is_named(way: Way, wanted: Sequence[str]) -> bool:
 
 
 def _plain(name: str) -> str:
-    """Return a name without case, accents, dots and blanks."""
+    """Return a name in lower case, without accents, dots and blanks."""
     letters = unicodedata.normalize("NFKD", name).casefold()
     return re.sub(r"[\s.\-'’]|[\u0300-\u036f]", "", letters)

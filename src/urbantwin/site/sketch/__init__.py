@@ -1,4 +1,4 @@
-"""A sketch by hand of streets and what stands beside them, for a place without a map."""
+"""Hand-drawn sketches of streets and objects, for a place without a map."""
 
 from urbantwin.site.sketch.kinds import KINDS
 from urbantwin.site.sketch.read import read_sketch

@@ -1,4 +1,4 @@
-"""A sketch's file: GeoJSON as editors write it, with every feature in the site frame."""
+"""Sketch file: GeoJSON of editors, with every feature in the site frame."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from urbantwin.site.yaml_document import Document, nearest
 
 __all__ = ["Feature", "read_drawing"]
 
-#: Tags that a feature of any kind may have besides: ``osm:parking:right``.
+#: Prefix of additional tags of a feature of any kind: ``osm:parking:right``.
 AS_TAG = "osm:"
 
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """Something drawn.
+    """A drawn feature.
 
     Attributes:
-        number: which of the file's features it is, from 0.
-        drawn: its properties; ``None`` for tags of a map.
-        further: tags that it has besides.
+        number: index of the feature in the file, from 0.
+        drawn: its properties; ``None`` for plain map tags.
+        further: additional tags.
         geometry: a Point, LineString or Polygon, site frame.
-        place: where it stands in the file, for error messages.
+        place: place in the file, for error messages.
     """
 
     number: int
@@ -42,7 +42,7 @@ class Feature:
 
     @property
     def tags(self) -> dict[str, str]:
-        """The tags that it has on a map."""
+        """Its map tags."""
         return {**(self.drawn.tags() if self.drawn is not None else {}), **self.further}
 
 
@@ -51,11 +51,11 @@ def read_drawing(path: Path, frame: SiteFrame) -> list[Feature]:
 
     Args:
         path: GeoJSON: a FeatureCollection whose features have the property ``kind``. Its ``crs`` is
-            ``site`` (metres in the site frame), one that editors write, or missing: degrees.
+            ``site`` (metres in the site frame), a CRS written by editors, or missing (degrees).
         frame: the site frame.
 
     Raises:
-        InputError: something in it is wrong; the first such feature is named.
+        InputError: a feature is wrong; names the first.
     """
     value = read_geojson(path)
     features = value.get("features")

@@ -1,6 +1,6 @@
-"""What can be drawn in a sketch: the properties of every kind, and the tags that they become.
+"""Kinds of features in a sketch: their properties, and the tags that they are converted to.
 
-The tags are OpenStreetMap's, so that everything made from a map can be made from a sketch.
+The tags are OpenStreetMap's, so that sketches and maps are processed alike.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ __all__ = [
     "Turn",
 ]
 
-#: Width of a lane where none is drawn, and of one of a cycle track, metres.
+#: Default widths of a lane and of a cycle track's lane, metres.
 LANE_M, CYCLE_LANE_M = 3.25, 1.5
-#: The least that a lane may be drawn wide, and of a cycle track, metres.
+#: Smallest widths of a lane and of a cycle track's lane, metres.
 NARROWEST_M, NARROWEST_CYCLE_M = 2.0, 1.0
 POINTS_LINES_AREAS = ("Point", "LineString", "Polygon")
 #: Arrows on a lane (OSM wiki, "Key:turn").
@@ -43,7 +43,7 @@ STREETS = (
 
 
 class Drawn(BaseModel):
-    """One kind of thing; a subclass has its properties and says what it is drawn as."""
+    """A kind of feature; subclasses define its properties and geometry types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -52,12 +52,12 @@ class Drawn(BaseModel):
 
     @classmethod
     def drawn_as(cls) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("LineString",)
 
     @abstractmethod
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the feature as map tags."""
 
 
 def _each(text: str, lanes: int, what: str) -> list[str]:
@@ -68,7 +68,7 @@ def _each(text: str, lanes: int, what: str) -> list[str]:
 
 
 class Street(Drawn):
-    """A carriageway along its middle: the way that it is driven, if it is driven one way."""
+    """A carriageway along its centre line, in driving direction if one-way."""
 
     lanes: Count = 1
     lanes_back: Count = 0
@@ -99,12 +99,12 @@ class Street(Drawn):
 
     @property
     def is_cycle_track(self) -> bool:
-        """Whether it is for bicycles alone."""
+        """Whether it is for bicycles only."""
         return self.road_class == CYCLE_TRACK
 
     @property
     def half_width_m(self) -> float:
-        """Half of what its lanes take, metres."""
+        """Half the width of its lanes, metres."""
         text, usual = self.lane_width_m, CYCLE_LANE_M if self.is_cycle_track else LANE_M
         if "|" in text:
             wide = sum(float(part) for part in text.split("|"))
@@ -113,7 +113,7 @@ class Street(Drawn):
         return (wide + self.lanes_back * float(self.lane_width_back_m or usual)) / 2
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the feature as map tags."""
         tags = {"highway": self.road_class, "lanes": str(self.lanes + self.lanes_back)}
         least = NARROWEST_CYCLE_M if self.is_cycle_track else NARROWEST_M
         if not self.lanes_back:
@@ -148,9 +148,9 @@ class Street(Drawn):
 
 
 def _lane_tags(lanes: int, width: str, turns: str, way: str, least: float) -> dict[str, str]:
-    """Return the tags of the lanes of one direction, from left to right as they are driven.
+    """Return the tags of the lanes of one direction, from left to right in driving direction.
 
-    ``least``: how narrow a lane may be, metres.
+    ``least``: smallest width of a lane, metres.
     """
     tags = {}
     if width:
@@ -174,9 +174,9 @@ def _is_lane_width(text: str, least: float) -> bool:
 
 
 class Turn(Street):
-    """A way through a junction, from the end of one street to the start of another.
+    """A path through a junction, from the end of a street to the start of another.
 
-    It meets other lines at its ends alone, so that nobody turns where two of them cross.
+    It connects with other lines at its ends only, so that no turn arises where two of them cross.
     """
 
     @model_validator(mode="after")
@@ -186,30 +186,30 @@ class Turn(Street):
         return self
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map (OSM wiki, "Tag:junction=yes")."""
+        """Return the feature as map tags (OSM wiki, "Tag:junction=yes")."""
         return super().tags() | {"junction": "yes", "sidewalk": "no"}
 
 
 class StopLine(Drawn):
-    """Where the lanes of a street stop: a line across them, or a point on the street."""
+    """Stop line of a street's lanes: a line across them, or a point on the street."""
 
     signals: Truth = True
     sign: Literal["stop", "give_way"] | None = None
 
     @classmethod
     def drawn_as(cls) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("LineString", "Point")
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map's node, without the way that it is for."""
+        """Return the tags of a map node, without direction."""
         if self.sign is not None:
             return {"highway": self.sign}
         return {"highway": "traffic_signals"} if self.signals else {}
 
 
 class Crossing(Drawn):
-    """Where people cross: a line as they walk, over every street that it lies across."""
+    """A crossing: a line along the walking direction, over all streets that it crosses."""
 
     signals: Truth = False
     markings: Literal["zebra", "lines", "dashes", "dots", "none"] | None = None
@@ -217,7 +217,7 @@ class Crossing(Drawn):
     island: Truth = False
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map's node."""
+        """Return the tags of a map node."""
         kind = "traffic_signals" if self.signals else "marked"
         tags = {"highway": "crossing", "crossing": kind}
         if self.markings is not None:
@@ -230,32 +230,32 @@ class Crossing(Drawn):
 
 
 class Junction(Drawn):
-    """An area in which streets meet as one junction."""
+    """An area in which streets form one junction."""
 
     signals: Truth = False
 
     @classmethod
     def drawn_as(cls) -> tuple[str, ...]:
-        """Return the types of geometry that it may have."""
+        """Return the allowed types of geometry."""
         return ("Polygon",)
 
     def tags(self) -> dict[str, str]:
-        """Return the tags of every node in it where streets meet."""
+        """Return the tags of every node in the area where streets meet."""
         return {"highway": "traffic_signals"} if self.signals else {}
 
 
 class Footway(Drawn):
-    """A way for people on foot."""
+    """A path for pedestrians."""
 
     width_m: Metres | None = None
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the feature as map tags."""
         wide = {"width": f"{self.width_m:g}"} if self.width_m is not None else {}
         return {"highway": "footway", **wide}
 
 
-#: Tags of things that have a height and nothing else to say, and what they are drawn as.
+#: Tags of simple objects, which have a height only, and their types of geometry.
 THINGS: Mapping[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "building": (("Polygon",), {"building": "yes"}),
     "wall": (("LineString",), {"barrier": "wall"}),
@@ -272,14 +272,14 @@ THINGS: Mapping[str, tuple[tuple[str, ...], dict[str, str]]] = {
 
 
 class Thing(Drawn):
-    """What stands beside streets, or covers the ground."""
+    """An object beside streets, or a ground cover."""
 
     height_m: Metres | None = None
     material: Text | None = None
     surface: Text | None = None
 
     def tags(self) -> dict[str, str]:
-        """Return it as tags of a map."""
+        """Return the feature as map tags."""
         tags = dict(THINGS[self.kind][1])
         if self.height_m is not None:
             tags["height"] = f"{self.height_m:g}"
@@ -287,7 +287,7 @@ class Thing(Drawn):
         return tags | {key: value for key, value in optional.items() if value}
 
 
-#: Every kind that a feature may be of, and what its properties are read as; ``osm``: tags.
+#: Class that parses the properties of each kind of feature; ``osm``: plain tags.
 KINDS: Mapping[str, type[Drawn] | None] = {
     "street": Street,
     "turn": Turn,

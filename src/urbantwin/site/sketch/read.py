@@ -1,4 +1,4 @@
-"""A sketch as the map that it stands for: nodes, ways and tags, in the form of an extract."""
+"""Conversion of a sketch into a map extract: nodes, ways and tags."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from urbantwin.site.sketch.turns import (
 
 __all__ = ["read_sketch"]
 
-#: A stop line lies on the lanes of its street, or so much beside them, metres.
+#: Largest distance of a stop line from the lanes of its street, metres.
 BESIDE_M = 2.0
 
 
 def read_sketch(path: Path, frame: SiteFrame) -> Extract:
     """Read a sketch as a map.
 
-    Streets meet where their lines cross, or end on each other. Stop lines and crossings become
-    nodes of the streets that they lie on.
+    Streets connect where their lines cross, or end on each other. Stop lines and crossings become
+    nodes of their streets.
 
     Args:
         path: the sketch, GeoJSON.
         frame: the site frame.
 
     Raises:
-        InputError: something in it is wrong; the first such feature is named.
+        InputError: a feature is wrong; names the first.
     """
     features = read_drawing(path, frame)
     streets = [one for one in features if isinstance(one.drawn, Street)]
@@ -95,7 +95,7 @@ class _Map:
     def of(
         self, features: Sequence[Feature], network: Joined, crossed: Mapping[int, Sequence[Place]]
     ) -> Extract:
-        """Return everything drawn as a map; ``crossed``: where each crossing meets streets."""
+        """Return all features as a map; ``crossed``: positions of each crossing on streets."""
         lines = iter(network.lines)
         for one in features:
             if isinstance(one.drawn, Street):
@@ -123,7 +123,7 @@ class _Map:
         )
 
     def _crossing(self, one: Feature, streets: Sequence[Place]) -> None:
-        """Draw where people walk, with a node on every street."""
+        """Add the walking path of a crossing, with a node on every street."""
         line = one.geometry
         drawn = [place_of(point) for point in shapely.get_coordinates(line)]
         order = {at: line.project(shapely.Point(at)) for at in dict.fromkeys([*drawn, *streets])}
@@ -132,7 +132,7 @@ class _Map:
         self._way(nodes, {"highway": "footway", "footway": "crossing", **tags})
 
     def _shared(self, point: NDArray[np.float64]) -> int:
-        """Return the node there, the same for all that pass."""
+        """Return the node at a point, shared by all lines through it."""
         place = place_of(point)
         if place not in self._id:
             self._id[place] = self._node(place)
@@ -156,14 +156,14 @@ def _stop_line(
     network: Joined,
     meeting: Sequence[Place],
 ) -> tuple[Place, dict[str, str]]:
-    """Put a stop line on the street that it lies on; return where, and what it is there."""
+    """Insert a stop line into its street; return its position and tags."""
     middle = one.geometry.interpolate(0.5, normalized=True) if one.geometry.length else one.geometry
     gaps = [
         shapely.LineString(line).distance(middle) - street.drawn.half_width_m
         for line, street in zip(network.lines, streets, strict=True)
         if isinstance(street.drawn, Street)
     ]
-    # Within the lanes of several: the one that it is squarest to, then the nearest.
+    # Within the lanes of several streets, choose the most perpendicular one, then the nearest.
     on = [k for k, gap in enumerate(gaps) if gap <= BESIDE_M and not _is_turn(streets[k])]
     if not on:
         near = f"{max(min(gaps), 0.0):.1f} m from the lanes of the nearest street"
@@ -182,7 +182,7 @@ def _stop_line(
 
 
 def _along(line: NDArray[np.float64], across: shapely.Geometry) -> float:
-    """Return how much a line runs along a street there: 0 square to it, in tenths."""
+    """Return how parallel a line is to a street: 0 (perpendicular) to 1, rounded to tenths."""
     points = shapely.get_coordinates(across)
     if len(points) < 2:
         return 0.0
@@ -198,7 +198,7 @@ def _along(line: NDArray[np.float64], across: shapely.Geometry) -> float:
 
 
 def _leads_to(line: NDArray[np.float64], at: Place, meeting: Sequence[Place]) -> bool:
-    """Whether the nearest junction along a street lies ahead of a place on it."""
+    """Return whether the nearest junction along a street is ahead of a place on it."""
     corners = [place_of(point) for point in line]
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -214,7 +214,7 @@ def _is_turn(one: Feature) -> bool:
 
 
 def _crossed(one: Feature, streets: Sequence[Feature], network: Joined) -> list[Place]:
-    """Put a crossing on every street that it lies across; return where."""
+    """Insert a crossing into every street that it crosses; return the positions."""
     found = []
     for k, line in enumerate(network.lines):
         if _is_turn(streets[k]):

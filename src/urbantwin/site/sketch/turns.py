@@ -1,4 +1,4 @@
-"""Turns that are drawn through junctions: whether somebody could drive them as they are drawn."""
+"""Turns drawn through junctions in a sketch, with checks that they can be driven."""
 
 from __future__ import annotations
 
@@ -17,28 +17,24 @@ from urbantwin.site.sketch.kinds import Street, Turn
 
 __all__ = ["FOLLOWED", "Joined", "attached", "check_turns", "is_followed", "joined", "line_text"]
 
-#: Ends this near to another line, or its end, were meant to meet it, metres.
+#: An end this close to another line or its end is connected to it, metres.
 SNAP_M = 1.5
-#: What is put on a line this near to one of its corners is put on that corner, metres.
+#: A point inserted on a line this close to a corner is moved to the corner, metres.
 CORNER_M = 0.3
-#: Places this near are one, metres.
+#: Points this close are equal, metres.
 SAME_M = 0.01
 
 Place = tuple[float, float]
 
 
 class Joined:
-    """Lines whose corners are shared where they meet.
-
-    Attributes:
-        lines: the lines (N, 2), with a corner wherever two meet.
-    """
+    """Lines with shared corners where they meet."""
 
     def __init__(self, lines: Sequence[NDArray[np.float64]]) -> None:
         self.lines = [np.array(line, dtype=np.float64) for line in lines]
 
     def meeting(self) -> list[Place]:
-        """Return the corners from where one can go on in three directions or more."""
+        """Return the corners from which lines lead in at least three directions."""
         beside: dict[Place, set[Place]] = defaultdict(set)
         for line in self.lines:
             corners = [place_of(point) for point in line]
@@ -48,14 +44,14 @@ class Joined:
         return [place for place, others in beside.items() if len(others) > 2]
 
     def put(self, number: int, at: NDArray[np.float64]) -> Place:
-        """Put a corner on the line ``number`` where it is nearest to a place; return it."""
+        """Insert a corner on the line ``number`` at the point nearest to a place; return it."""
         line = shapely.LineString(self.lines[number])
         station = float(line.project(shapely.Point(at)))
         near = shapely.get_coordinates(line.interpolate(station))[0]
         return self.insert(number, near)
 
     def insert(self, number: int, at: NDArray[np.float64], *, exact: bool = False) -> Place:
-        """Put a corner on the line ``number``; ``exact``: a corner near it moves there."""
+        """Insert a corner on the line ``number``; ``exact``: move a nearby corner to it."""
         line = self.lines[number]
         gap = np.linalg.norm(line - at, axis=1)
         k = int(gap.argmin())
@@ -72,19 +68,19 @@ class Joined:
 
 
 def place_of(point: NDArray[np.float64]) -> Place:
-    """Return a place as what tells it from others: to the centimetre."""
+    """Return a point rounded to centimetres, as a key."""
     return round(float(point[0]), 2), round(float(point[1]), 2)
 
 
 def joined(
     lines: Sequence[NDArray[np.float64]], layers: Sequence[int], through: Sequence[bool]
 ) -> Joined:
-    """Return lines that meet where they cross, and where an end lies on another line.
+    """Return lines connected where they cross, and where an end lies on another line.
 
     Args:
         lines: (N, 2) each.
-        layers: of each line; those of different layers meet at their ends alone.
-        through: which lines meet others at their own ends alone.
+        layers: layer of each line; lines of different layers connect at their ends only.
+        through: whether a line connects with others at its own ends only.
     """
     network = Joined([np.round(line, 2) for line in lines])
     groups = _joined_ends(network)
@@ -98,7 +94,7 @@ def joined(
 
 
 def _joined_ends(network: Joined) -> list[list[tuple[int, int]]]:
-    """Move ends that are near each other to one place; return them (line, 0 or -1) by place."""
+    """Move ends close to each other to one place; return them (line, 0 or -1) by place."""
     ends = [(k, at) for k in range(len(network.lines)) for at in (0, -1)]
     places = np.array([network.lines[k][at] for k, at in ends]).reshape(-1, 2)
     group = list(range(len(ends)))
@@ -126,7 +122,7 @@ def _end_on_lines(
     layers: Sequence[int],
     through: Sequence[bool],
 ) -> None:
-    """Move ends that lie near another line onto it."""
+    """Move ends close to another line onto it."""
     for ends in groups:
         own = {k for k, _ in ends}
         end = network.lines[ends[0][0]][ends[0][1]].copy()
@@ -146,7 +142,7 @@ def _end_on_lines(
 
 
 def _cross(network: Joined, layers: Sequence[int], through: Sequence[bool]) -> None:
-    """Put a shared corner wherever two lines cross."""
+    """Insert a shared corner wherever two lines cross."""
     for i, j in combinations(range(len(network.lines)), 2):
         if layers[i] != layers[j] or through[i] or through[j]:
             continue
@@ -158,26 +154,26 @@ def _cross(network: Joined, layers: Sequence[int], through: Sequence[bool]) -> N
                     network.insert(k, xy, exact=True)
 
 
-#: Tag of a way through a junction whose traffic keeps to a line: its value, as `line_text` has it.
+#: Tag of a way through a junction with a prescribed path; its value is that of `line_text`.
 FOLLOWED = "urbantwin:followed"
-#: Nobody drives more tightly than this, metres: so turns the middle of the rear axle of a car with
-#: a turning circle of 9 m and a wheelbase of 2.5 m (cars have 9 to 12 m between kerbs).
+#: Smallest radius that can be driven, metres: that of the rear axle's centre of a car with a
+#: turning circle of 9 m and a wheelbase of 2.5 m (cars have 9 to 12 m between kerbs).
 TIGHTEST_M = 3.0
-#: How far a way may leave the line that was drawn for it, metres.
+#: Largest distance of a path from the line drawn for it, metres.
 NEAR_M = 0.5
-#: So much of the streets before and behind tells how a turn begins and ends, metres.
+#: Length of the streets before and behind that determines how a turn begins and ends, metres.
 LEAD_M = 8.0
 
 Error = Callable[[Feature, str, str | None], InputError]
 
 
 def is_followed(one: Feature) -> bool:
-    """Whether traffic keeps to a line as it is drawn: a turn with points between its ends."""
+    """Return whether traffic follows a line as drawn: a turn with points between its ends."""
     return isinstance(one.drawn, Turn) and len(shapely.get_coordinates(one.geometry)) > 2
 
 
 def line_text(one: Feature) -> str:
-    """Return the points of a feature as SUMO writes them: ``x,y x,y``, metres, site frame."""
+    """Return the points of a feature in SUMO's notation: ``x,y x,y``, metres, site frame."""
     points = shapely.get_coordinates(one.geometry)
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
 
@@ -185,8 +181,8 @@ def line_text(one: Feature) -> str:
 def attached(streets: Sequence[Feature]) -> list[NDArray[np.float64]]:
     """Return the lines of streets and turns (N, 2) each, turns from street to street.
 
-    A turn may begin and end anywhere across the lanes of a street's end: its line is the middle of
-    the lanes that turn. In the network of lines it begins and ends at the street's own middle.
+    A turn may begin and end anywhere across the lanes of a street's end: its line is the centre of
+    the turning lanes. In the network of lines it begins and ends at the street's centre line.
     """
     lines = [shapely.get_coordinates(one.geometry) for one in streets]
     found = [line.copy() for line in lines]
@@ -204,7 +200,7 @@ def _attached(
     *,
     leaving: bool,
 ) -> NDArray[np.float64]:
-    """Return the end of the street whose lanes end at a turn's end, else that end itself."""
+    """Return the end of the street whose lanes end at a turn's end, or else the turn's end."""
     best: list[tuple[bool, float, int, int]] = []
     for k, (one, line) in enumerate(zip(streets, lines, strict=True)):
         street = one.drawn
@@ -225,16 +221,16 @@ def _attached(
 
 
 def check_turns(streets: Sequence[Feature], network: Joined, error: Error) -> None:
-    """Refuse turns that nobody could drive as they are drawn.
+    """Check that turns can be driven as drawn.
 
     Args:
-        streets: the features that are streets and turns.
-        network: their lines, which meet.
-        error: makes the error of a feature: what is wrong with it, and what is expected.
+        streets: the streets and turns.
+        network: their connected lines.
+        error: function that makes the error of a feature, from problem and expectation.
 
     Raises:
         InputError: a turn does not lead from the end of a street to the start of another, is drawn
-            twice, crosses itself, or bends more tightly than cars turn.
+            twice, crosses itself, or is tighter than cars can turn.
     """
     ends = _Ends(streets, network)
     known: dict[tuple[Place, Place], Feature] = {}
@@ -266,9 +262,9 @@ def _check_bends(
     after: NDArray[np.float64],
     error: Error,
 ) -> None:
-    """Refuse a turn that nobody drives, between the points (N, 2) before it and after it."""
+    """Check the curvature of a turn between the points (N, 2) before it and after it."""
     line = shapely.get_coordinates(one.geometry)
-    # Lanes beside the middle of a street lead where the street does.
+    # Lanes beside a street's centre line are parallel to it.
     lead, tail = before[:-1] + line[0] - before[-1], after[1:] + line[-1] - after[0]
     whole = np.vstack([lead, line, tail])
     radius, (x, y) = tightest_bend(smoothed(whole, NEAR_M, step_m=0.5))
@@ -282,17 +278,17 @@ def _check_bends(
 
 
 class _Ends:
-    """What leads to places, and away from them."""
+    """Streets and turns that lead to places, and away from them."""
 
     def __init__(self, streets: Sequence[Feature], network: Joined) -> None:
         self._streets, self._network = streets, network
 
     def before(self, at: Place, turn: int) -> list[NDArray[np.float64]]:
-        """Return what is driven towards a place, as points (N, 2) that end there."""
+        """Return the lines (N, 2) driven towards a place; they end there."""
         return self._driven(at, turn, towards=True)
 
     def after(self, at: Place, turn: int) -> list[NDArray[np.float64]]:
-        """Return what is driven away from a place, as points (N, 2) that begin there."""
+        """Return the lines (N, 2) driven away from a place; they begin there."""
         return [points[::-1] for points in self._driven(at, turn, towards=False)]
 
     def _driven(self, at: Place, turn: int, *, towards: bool) -> list[NDArray[np.float64]]:
@@ -304,7 +300,7 @@ class _Ends:
             if k == turn or at not in corners:
                 continue
             here = corners.index(at)
-            # Driven as drawn, what leads to a place lies before it on the line.
+            # A line driven in its drawn direction reaches the place from the points before it.
             ways = [line[: here + 1] if towards else line[here:][::-1]]
             if street.lanes_back:
                 ways.append(line[here:][::-1] if towards else line[: here + 1])
@@ -312,7 +308,7 @@ class _Ends:
         return found
 
     def missing(self, what: str, at: Place) -> tuple[str, str]:
-        """Return what is wrong where no street leads to the start of a turn, or from its end."""
+        """Return problem and expectation for a turn that starts or ends at no street."""
         kind, end = ("end", -1) if what == "begins" else ("start", 0)
         places = []
         for line, one in zip(self._network.lines, self._streets, strict=True):
@@ -329,7 +325,7 @@ class _Ends:
 
 
 def _last(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what a line (N, 2) has within `LEAD_M` of its last point."""
+    """Return the part of a line (N, 2) within `LEAD_M` of its last point."""
     along = stations_of_points(points[::-1])[::-1]
     k = int(np.searchsorted(-along, -LEAD_M, side="right"))
     if k == 0:
