@@ -18,7 +18,7 @@ from urbantwin.site import grid_step_m
 __all__ = ["Elevation", "ElevationPatch", "merged_elevation"]
 
 _EXPECTED = "a twin's grid of heights"
-#: The arrays in the file, in metres: places and heights within what the Earth has.
+#: Arrays in the file, metres, limited to positions and heights on Earth.
 _FORM = {
     "raw": ArrayOf("f8", ("rows", "columns"), least=-20_000, most=20_000),
     "place": ArrayOf("f8", ("P",), least=-1e7, most=1e7),
@@ -27,14 +27,15 @@ _FORM = {
 
 @dataclass(frozen=True, eq=False)
 class Elevation:
-    """Heights above the anchor's ground.
+    """Heights relative to the anchor's ground.
 
     Attributes:
-        west, south: position of the first cell's centre, site frame, metres.
+        west: x of the first cell's centre, site frame, metres.
+        south: y of the first cell's centre, site frame, metres.
         step: cell size, metres.
         raw: (rows from south to north, columns from west to east) float64, metres.
-        source_step: cell size of the model that the grid was resampled from, metres; 0 where the
-            grid is the source.
+        source_step: cell size of the source model of a resampled grid, metres; 0 if the grid is the
+            source.
     """
 
     west: float
@@ -45,12 +46,12 @@ class Elevation:
 
     @property
     def detail(self) -> float:
-        """Size of the smallest things that the heights can show, metres."""
+        """Size of the smallest features that the heights resolve, metres."""
         return max(self.step, self.source_step)
 
     @classmethod
     def flat(cls) -> Elevation:
-        """Return a level plain at the anchor's height."""
+        """Return a horizontal plane at the anchor's height."""
         return cls(-1.0, -1.0, 1.0, np.zeros((3, 3)))
 
     @property
@@ -59,7 +60,7 @@ class Elevation:
         return bool(np.ptp(self.raw) == 0)
 
     def raw_at(self, xy: ArrayLike) -> NDArray[np.float64]:
-        """Return bare-earth heights (N,) at (N, 2) points, bilinear; the border's value beyond."""
+        """Return bare-earth heights (N,) at points (N, 2), bilinear; clamped at the border."""
         points = np.asarray(xy, np.float64).reshape(-1, 2)
         rows = (points[:, 1] - self.south) / self.step
         columns = (points[:, 0] - self.west) / self.step
@@ -75,14 +76,14 @@ class Elevation:
 
     @classmethod
     def load(cls, path: Path) -> Elevation:
-        """Read what ``save`` wrote.
+        """Read a file written by ``save``.
 
         Raises:
             InputError: missing, damaged, or no grid of heights.
         """
         data = read_arrays(path, _EXPECTED, _FORM)
         place = data["place"].tolist()
-        # Older grids do not say what they were resampled from.
+        # Grids of earlier versions lack the cell size of their source.
         if len(place) not in (3, 4) or place[2] <= 0 or min(place[3:], default=0) < 0:
             problem = "is not the place of a grid"
             raise InputError(problem, file=path, place="place", expected=_EXPECTED)
@@ -94,15 +95,16 @@ class Elevation:
 
 @dataclass(frozen=True, eq=False)
 class ElevationPatch:
-    """Heights of the bare earth on a grid, where a source has them.
+    """Bare-earth heights of one source on a grid.
 
     Attributes:
-        west, south: position of the first node, site frame, metres.
-        step: between nodes, metres.
+        west: x of the first node, site frame, metres.
+        south: y of the first node, site frame, metres.
+        step: distance between nodes, metres.
         heights: (rows from south to north, columns from west to east) float64 metres above the
-            anchor's ground; nan where the source has none.
-        detail_m: size of the smallest things that the source shows, metres (point spacing, cell).
-        name: of the source.
+            anchor's ground; nan if unknown.
+        detail_m: size of the smallest features of the source, metres (point spacing, cell).
+        name: name of the source.
     """
 
     west: float
@@ -113,10 +115,10 @@ class ElevationPatch:
     name: str
 
 
-#: Over this distance from its border a finer source takes over from a coarser one, metres: a step
-#: between two surveys would become a cliff.
+#: Width along its border in which a finer source is blended into a coarser one, metres, to avoid a
+#: step between two surveys.
 BLEND_M = 4.0
-#: Nodes beyond the region that bilinear interpolation may need.
+#: Number of nodes beyond the region for bilinear interpolation.
 PAD = 2
 
 
@@ -125,13 +127,13 @@ def merged_elevation(
 ) -> tuple[Elevation, dict[str, float]]:
     """Merge the bare earth of several sources into one grid that covers a region.
 
-    Where two sources overlap, the finer one counts, blended into the coarser one within ``BLEND_M``
-    of its border. Holes that no source covers (the ground under buildings) are filled from their
-    rims (GDAL's inverse-distance fill), and what lies beyond all sources takes the nearest height.
+    Where two sources overlap, the finer one is used, blended into the coarser one within
+    ``BLEND_M`` of its border. Holes without a source (the ground under buildings) are filled from
+    their rims (GDAL's inverse-distance fill), and cells beyond all sources get the nearest height.
 
     Args:
         patches: at least one; heights above the anchor's ground.
-        region: what must be covered, site frame, metres.
+        region: area to cover, site frame, metres.
 
     Returns:
         the elevation, and each source's share of the region in its order of use.
@@ -172,7 +174,7 @@ def merged_elevation(
 def _resampled(
     patch: ElevationPatch, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights of a patch at points, bilinear; nan where one of the four nodes has none."""
+    """Return a patch's heights at points, bilinear; nan if one of the four nodes has none."""
     where = [(y - patch.south) / patch.step, (x - patch.west) / patch.step]
     rows, columns = patch.heights.shape
     slack = 1e-9
@@ -191,7 +193,7 @@ def _filled(heights: NDArray[np.float64]) -> NDArray[np.float64]:
         return heights
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
     nearest = heights[rows, columns]
-    # GDAL computes in single precision: centred, so that heights keep their millimetres.
+    # Centred, since GDAL computes in single precision, so that heights keep their millimetres.
     middle = float(np.mean(heights[known]))
     from rasterio.fill import fillnodata
 

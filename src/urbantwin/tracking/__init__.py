@@ -1,4 +1,4 @@
-"""Who is who in detections of frame after frame: Kalman filters and assignment."""
+"""Tracking of detections over frames: Kalman filters and assignment."""
 
 from urbantwin.tracking.linking import Linking
 from urbantwin.tracking.tracker import tracked

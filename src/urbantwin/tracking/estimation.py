@@ -1,4 +1,4 @@
-"""Where tracked road users were: their detections filtered, and smoothed by what came later."""
+"""State estimation of tracked road users: filtering, and smoothing with later detections."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from urbantwin.tracking.road_user import RoadUser
 
 __all__ = ["Estimate", "estimates", "fronted"]
 
-#: Who came farther than this goes ahead, metres; who is faster than this does, m/s.
+#: Distance travelled, metres, and speed, m/s, from which motion determines the front.
 _GONE_M, _GOES_M_S = 2.0, 0.5
-#: Who came no farther than this may have gone backwards, if so many of its detections say so.
+#: Distance up to which a track may be reversing, metres, if this share of its detections says so.
 _BACKS_M, _AGREE = 12.0, 0.75
 
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ class Estimate:
     """One track, at every frame from its first to its last.
 
     Attributes:
-        frame: (K,) numbers of frames, one after the other.
+        frame: (K,) consecutive numbers of frames.
         state: (K, 4) x, y, height of the underside, yaw.
         velocity: (K, 2) m/s in x and y.
     """
@@ -45,20 +45,21 @@ def estimates(
     *,
     smooth: bool,
 ) -> list[Estimate]:
-    """Return where tracks of one group were.
+    """Return the estimated states of the tracks of one group.
 
     Args:
-        frames: of each track, the frames in which it was seen, ascending.
-        seen: of each track, what was seen then: x, y, height of the underside, yaw (n, 4).
-        user: how they move.
+        frames: for each track, the frames of its detections, ascending.
+        seen: for each track, its detections: x, y, height of the underside, yaw (n, 4).
+        user: their motion model.
         time_s: (all frames,) seconds.
-        smooth: whether what came later tells, too; else every state is of the past alone.
+        smooth: whether later detections are used, too; else states depend on the past alone.
     """
     if not frames:
         return []
     first = np.array([one[0] for one in frames])
     long = np.array([one[-1] - one[0] + 1 for one in frames])
-    # The longest first: those that go on at a step are the first rows of all arrays.
+    # The longest first, so that the tracks that continue at a step are the first rows of all
+    # arrays.
     order = np.argsort(-long, kind="stable")
     first, long = first[order], long[order]
     look = np.full((len(order), long[0], SEEN), np.nan)
@@ -99,18 +100,19 @@ def estimates(
 def fronted(
     one: Estimate, frame: NDArray[np.int64], yaw: Floats, weight: Floats, user: RoadUser
 ) -> Floats:
-    """Return headings (K,) with their fronts ahead; filters follow axes, which have none.
+    """Return headings (K,) with the front ahead; the filters estimate axes without a front.
 
-    What moves on wheels has one front all its way: the end with which it goes, but detections
-    that agree against it where it came a few metres only, as in and out of parking places; of what
-    stands, the end that most of them say. People turn round: where they walk they look ahead.
+    A wheeled road user has one front for its whole track: the end in the direction of motion.
+    Exceptions are consistent detections against it on a path of a few metres, as at parking spaces;
+    and static ones, for which the majority of detections decides. Pedestrians turn round: while
+    walking they face the direction of motion.
 
     Args:
         one: the track.
-        frame: (n,) in which it was seen.
-        yaw: (n,) as detected.
-        weight: (n,) of each.
-        user: how it moves.
+        frame: (n,) frames of its detections.
+        yaw: (n,) detected headings.
+        weight: (n,) weights of the detections.
+        user: its motion model.
     """
     axis = one.state[:, 3]
     facing = np.cos(yaw - axis[frame - one.frame[0]])

@@ -1,11 +1,12 @@
-"""Kalman filters of many road users at once: predicted, corrected, smoothed.
+"""Kalman filters of many road users at once: prediction, correction, smoothing.
 
-A state is x, y, z, yaw and two rates. People: the velocity in x and y, constant but for what it
-wanders (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking and
-Navigation", 2001, chapter 6.2). All others: the speed along the heading and the rate of turn,
-linearised where they are ("constant turn rate and velocity", R. Schubert, E. Richter, G. Wanielik,
-"Comparison and evaluation of advanced motion models for vehicle tracking", FUSION 2008); the rate
-of turn fades, as nobody turns for long. Smoothing is that of H. E. Rauch, F. Tung and C. T.
+A state is x, y, z, yaw and two rates. Pedestrians: the velocity in x and y, constant except for
+process noise (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking
+and Navigation", 2001, chapter 6.2). All others: the speed along the heading and the yaw rate,
+linearised at the state ("constant turn rate and velocity", R. Schubert, E. Richter, G. Wanielik,
+"Comparison and evaluation of advanced motion models for vehicle tracking", FUSION 2008).
+
+The yaw rate decays, since turns are short. Smoothing follows H. E. Rauch, F. Tung and C. T.
 Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal 3(8), 1965.
 """
 
@@ -19,22 +20,22 @@ from urbantwin.tracking.road_user import RoadUser
 
 __all__ = ["SEEN", "STATE", "begun", "corrected", "innovation", "measured", "predicted", "smoothed"]
 
-#: Numbers of a state, and those of it that a detection tells: x, y, z, yaw.
+#: Size of a state, and of its measured part: x, y, z, yaw.
 STATE, SEEN = 6, 4
-#: A rate of turn fades to a third in so long, seconds.
+#: Time constant of the decay of the yaw rate, seconds.
 _TURNS_S = 2.0
-#: Heights wander by so much, metres per root second.
+#: Random walk of heights, metres per root second.
 _CLIMBS_M = 0.3
-#: An axis that is off by more than this, or twice what is known, is taken for an error, radians.
+#: Error of a detected axis above which it is an outlier, radians; or twice the standard deviation.
 _ASKEW = 0.6
-#: Half a turn: a detection's axis is measured, not its front.
+#: Half a turn: a detection measures the axis, not the front.
 _HALF = np.pi
 
 Floats = NDArray[np.float64]
 
 
 def begun(seen: Floats, user: RoadUser) -> tuple[Floats, Floats]:
-    """Return states (T, 6) and covariances (T, 6, 6) after one detection (T, 4) of each."""
+    """Return states (T, 6) and covariances (T, 6, 6) after one detection (T, 4) each."""
     state = np.zeros((len(seen), STATE))
     state[:, :SEEN] = seen
     spread = [user.place_m, user.place_m, user.height_m, max(user.yaw, 0.5)]
@@ -43,20 +44,20 @@ def begun(seen: Floats, user: RoadUser) -> tuple[Floats, Floats]:
 
 
 def measured(user: RoadUser) -> Floats:
-    """Return the variances (4,) of what detections tell: x, y, z, yaw."""
+    """Return the variances (4,) of detections: x, y, z, yaw."""
     return np.square([user.place_m, user.place_m, user.height_m, user.yaw])
 
 
 def predicted(
     state: Floats, covariance: Floats, seconds: Floats, user: RoadUser
 ) -> tuple[Floats, Floats, Floats]:
-    """Return states and covariances after a time, and the Jacobians (T, 6, 6) of the way there.
+    """Return predicted states and covariances, and the Jacobians (T, 6, 6) of the transition.
 
     Args:
         state: (T, 6).
         covariance: (T, 6, 6).
-        seconds: (T,) how much later, above zero.
-        user: who moves.
+        seconds: (T,) time step, above zero.
+        user: the motion model.
     """
     after, jacobian = state.copy(), np.tile(np.eye(STATE), (len(state), 1, 1))
     noise = np.zeros_like(jacobian)
@@ -99,7 +100,7 @@ def _wander(
     seconds: Floats,
     density: float,
 ) -> None:
-    """Add a rate that wanders (white noise of its derivative), and the way that comes of it."""
+    """Add the noise of a rate with white-noise derivative, and of the positions that follow it."""
     for i, one in enumerate(places):
         noise[:, one, rate] += density * seconds**2 / 2 * way[:, i]
         noise[:, rate, one] += density * seconds**2 / 2 * way[:, i]
@@ -109,7 +110,7 @@ def _wander(
 
 
 def innovation(state: Floats, seen: Floats) -> Floats:
-    """Return what detections (..., 4) tell beside states (..., 6): yaw within a quarter turn."""
+    """Return detections (..., 4) minus states (..., 6): yaw within a quarter turn."""
     off = seen - state[..., :SEEN]
     off[..., 3] = wrapped(off[..., 3], _HALF)
     return np.asarray(off)
@@ -118,9 +119,9 @@ def innovation(state: Floats, seen: Floats) -> Floats:
 def corrected(
     state: Floats, covariance: Floats, seen: Floats, user: RoadUser
 ) -> tuple[Floats, Floats]:
-    """Return states and covariances with one detection (T, 4) of each taken in."""
+    """Return states and covariances updated by one detection (T, 4) each."""
     if not user.turns:
-        # Who walks looks where it goes: its course is as good as a second look at its axis.
+        # A pedestrian faces its direction of motion, which is a second measurement of its axis.
         state, covariance = _faced(state, covariance)
     off = innovation(state, seen)
     noise = np.tile(measured(user), (len(state), 1))
@@ -135,7 +136,7 @@ def corrected(
 
 
 def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """Return people's states with their axes drawn to where they go, as far as that is known."""
+    """Return pedestrians' states with axes corrected by the direction of motion."""
     pace = np.hypot(state[:, 4], state[:, 5])
     course = np.arctan2(state[:, 5], state[:, 4])
     spread = np.sqrt(np.maximum(covariance[:, 4, 4], covariance[:, 5, 5]))
@@ -150,13 +151,13 @@ def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
 def smoothed(
     state: Floats, covariance: Floats, later: Floats, foreseen: tuple[Floats, Floats, Floats]
 ) -> Floats:
-    """Return states (T, 6) at a moment with what came later in mind.
+    """Return smoothed states (T, 6) at a time.
 
     Args:
-        state: (T, 6) with all up to this moment in mind.
-        covariance: (T, 6, 6) of it.
-        later: (T, 6) smoothed states of the next moment.
-        foreseen: what `predicted` said of the next moment.
+        state: (T, 6) filtered states at this time.
+        covariance: (T, 6, 6) covariances of the filtered states.
+        later: (T, 6) smoothed states of the next time.
+        foreseen: result of `predicted` for the next time.
     """
     expected, spread, jacobian = foreseen
     gain = np.linalg.solve(spread, jacobian @ covariance).transpose(0, 2, 1)

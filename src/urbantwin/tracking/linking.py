@@ -1,10 +1,10 @@
-"""Which detections are of the same road user: frame after frame, at the greatest likelihood.
+"""Association of detections to tracks, frame by frame, by likelihood.
 
-As S. Weng et al., "3D Multi-Object Tracking: A Baseline and New Evaluation Metrics", IROS 2020,
-with likelihoods in place of overlaps, so that frames may be far apart; detections with low scores
-go on with tracks that are sure, and begin none (Y. Zhang et al., "ByteTrack: Multi-Object Tracking
-by Associating Every Detection Box", ECCV 2022). Whether there is somebody at all is the belief
-that scores add up to (N. Benbarka, J. Schröder, A. Zell, "Score refinement for confidence-based 3D
+Like S. Weng et al., "3D Multi-Object Tracking: A Baseline and New Evaluation Metrics", IROS 2020,
+but with likelihoods instead of overlaps, so that frames may be far apart. Detections with low
+scores continue confirmed tracks, but begin none (Y. Zhang et al., "ByteTrack: Multi-Object Tracking
+by Associating Every Detection Box", ECCV 2022). Tracks are confirmed by the probability accumulated
+from scores (N. Benbarka, J. Schröder, A. Zell, "Score refinement for confidence-based 3D
 multi-object tracking", IROS 2021).
 """
 
@@ -23,19 +23,19 @@ from urbantwin.tracking.road_user import RoadUser
 
 __all__ = ["Linking", "linked"]
 
-#: A detection within five standard deviations may be the track's.
+#: Squared Mahalanobis distance of the gate: five standard deviations.
 _GATE = 25.0
-#: What a pair may cost in all: of place, axis, size, class, and how little is known.
+#: Maximum total cost of a pair: position, axis, size, class, and uncertainty.
 _DEAREST = 32.0
-#: A size is detected to within this, logarithm of length and width; another class costs so much.
+#: Standard deviation of detected sizes, logarithm of length and width; cost of another class.
 _SIZE, _CLASS = 0.25, 4.0
-#: A detection says by no more than this of its score that there is somebody.
+#: Factor on a detection's score as probability of an object.
 _TRUST = 0.75
-#: Belief in somebody who is not seen falls to a third in so long, seconds.
+#: Time constant of the decay of the probability without detections, seconds.
 _FORGETS_S = 0.7
-#: From so much belief on a track is somebody; until then it may be out of sight so long, seconds.
+#: Probability from which a track is confirmed; maximum gap of unconfirmed tracks, seconds.
 _SURE, _UNSURE_S = 0.9, 0.35
-#: Metres by which everybody may leap: errors of both detections.
+#: Distance that every object may jump, metres: errors of both detections.
 _LEAP_M = 1.5
 
 Floats = NDArray[np.float64]
@@ -44,12 +44,12 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Linking:
-    """How detections are linked.
+    """Parameters of the association.
 
     Attributes:
-        birth: a detection with such a score may begin a track.
-        lowest: one with a lower score is none.
-        gap_s: so long a track may be out of sight, seconds.
+        birth: least score of a detection that begins a track.
+        lowest: least score of a detection that is used at all.
+        gap_s: maximum time without detections, seconds.
     """
 
     birth: float = 0.3
@@ -58,7 +58,7 @@ class Linking:
 
 
 class _Live:
-    """Tracks of one group that may go on, a row each."""
+    """Active tracks of one group, a row each."""
 
     def __init__(self, user: RoadUser) -> None:
         self.user = user
@@ -73,13 +73,13 @@ class _Live:
         self.number = np.zeros(0, np.int64)
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
-        """Drop all others."""
+        """Keep the selected tracks."""
         for name, values in vars(self).items():
             if name != "user":
                 setattr(self, name, values[kept])
 
     def predict(self, seconds: float) -> None:
-        """Go on to the next frame."""
+        """Predict to the next frame."""
         if len(self.number):
             later = np.full(len(self.number), seconds)
             self.state, self.covariance, _ = predicted(
@@ -105,7 +105,7 @@ class _Live:
     def go_on(
         self, mine: Rows, seen: Floats, size: Floats, score: Floats, kind: Rows, time_s: float
     ) -> None:
-        """Take a detection into each of some tracks."""
+        """Update each of some tracks by a detection."""
         self.state[mine], self.covariance[mine] = corrected(
             self.state[mine], self.covariance[mine], seen, self.user
         )
@@ -123,14 +123,14 @@ def linked(
     how: Linking,
     tell: Callable[[float], None] = lambda share: None,
 ) -> list[Rows]:
-    """Return the rows of each track in the order of its frames; tracks by their first row.
+    """Return the rows of each track in the order of its frames; tracks sorted by their first row.
 
     Args:
-        found: detections in a frame of reference that does not move.
-        users: how each of them (N,) moves.
-        time_s: (frames,) of every frame, ascending.
+        found: detections in a fixed frame of reference.
+        users: motion model of each detection (N,).
+        time_s: (frames,) time of every frame, ascending.
         how: scores and gaps.
-        tell: is told the share that is done.
+        tell: called with the fraction done.
     """
     group = np.array([user.name for user in users], dtype=object)
     names = {user.name: user for user in users}
@@ -193,25 +193,25 @@ def _linked_group(
 
 
 def _of(found: Detections, rows: Rows, kind: Rows) -> tuple[Floats, Floats, Floats, Rows]:
-    """Return what is measured (n, 4), sizes (n, 3), scores (n,) and classes (n,) of rows."""
+    """Return measurements (n, 4), sizes (n, 3), scores (n,) and classes (n,) of rows."""
     box = found.box[rows]
     return underside(box), box[:, 3:6], found.score[rows], kind[rows]
 
 
 def underside(box: Floats) -> Floats:
-    """Return x, y, the height of the underside, and yaw (n, 4) of boxes (n, 7)."""
+    """Return x, y, height of the underside, and yaw (n, 4) of boxes (n, 7)."""
     return np.column_stack([box[:, :2], box[:, 2] - box[:, 5] / 2, box[:, 6]])
 
 
 def _taken(live: _Live, box: Floats) -> NDArray[np.bool_]:
-    """Return which boxes (n, 7) have their middle where somebody is thought to be."""
+    """Return which boxes (n, 7) have their centre in an existing track."""
     away = np.linalg.norm(box[:, None, :2] - live.state[None, :, :2], axis=2)
     narrow = np.minimum(box[:, None, 3:5], live.size[None, :, :2]).min(axis=2)
     return np.asarray((away < narrow / 2).any(axis=1))
 
 
 def _one_each(found: Detections, rows: Rows, user: RoadUser) -> Rows:
-    """Return rows of a frame without those whose middle a better one's holds."""
+    """Return rows of a frame without those whose centre is in a box with a higher score."""
     rows = rows[np.argsort(-found.score[rows], kind="stable")]
     box = found.box[rows]
     away = np.linalg.norm(box[:, None, :2] - box[None, :, :2], axis=2)
@@ -226,7 +226,7 @@ def _one_each(found: Detections, rows: Rows, user: RoadUser) -> Rows:
 def _pairs(
     live: _Live, tracks: Rows, found: Detections, rows: Rows, kind: Rows, now: float
 ) -> tuple[Rows, Rows]:
-    """Return which of some tracks go on with which of some detections."""
+    """Return the assignment of some tracks to some detections."""
     if not len(tracks) or not len(rows):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     seen, size, _, kinds = _of(found, rows, kind)
@@ -239,7 +239,7 @@ def _pairs(
     grown = np.log(size[None, :, :2] / live.size[tracks][:, None, :2]) / _SIZE
     other = _CLASS * (live.kind[tracks][:, None] != kinds[None])
     unknown = np.log(np.linalg.det(spread[:, :2, :2]) / (noise[0] * noise[1]))
-    # What no other track would want is not dear for being vague alone.
+    # Uncertainty adds to the cost, but by a limited amount: an uncontested pair stays possible.
     cost = far + askew / 2 + np.minimum((grown**2).sum(axis=-1), 9.0) / 2 + other
     cost = cost + np.minimum(unknown, 8.0)[:, None] / 2
     leap = np.linalg.norm(live.last_xy[tracks][:, None] - seen[None, :, :2], axis=2)

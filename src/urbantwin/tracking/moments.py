@@ -1,4 +1,4 @@
-"""When and where each frame of detections was taken."""
+"""Times and poses of the frames of detections."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from urbantwin.progress import Progress, each, untold
 
 __all__ = ["moments", "poses_of"]
 
-#: A sensor that came no farther and turned no more than this stands: metres, and of a matrix.
+#: Maximum motion of a stationary sensor: metres, and elements of its rotation matrix.
 _STANDS_M, _STANDS = 1e-3, 1e-6
 
 
 def moments(
     found: Detections, file: Path, *, rate: float | None = None, frames: Path | None = None
 ) -> NDArray[np.float64]:
-    """Return when each frame was taken (frames,), seconds, ascending.
+    """Return the time of each frame (frames,), seconds, ascending.
 
     Args:
         found: the detections.
-        file: they were read from, for errors.
-        rate: frames per second, where it is told: the frames follow each other by it.
-        frames: the recording; a dataset of ours says when its frames are.
+        file: their file, for errors.
+        rate: frame rate, Hz; ``None``: from the detections or the recording.
+        frames: the recording; UrbanTwin datasets contain the times of frames.
 
     Raises:
-        InputError: nothing says it, or time does not go on; or there are no two frames.
+        InputError: times are unknown or do not ascend, or there are fewer than two frames.
     """
     count = len(found.frames)
     if count < 2:
@@ -74,10 +74,10 @@ def _of_dataset(found: Detections, frames: Path) -> NDArray[np.float64] | None:
 
 
 def poses_of(found: Detections, frames: Path, tell: Progress = untold) -> Sequence[Pose] | None:
-    """Return where each frame's points are in the world; None where the sensor stands.
+    """Return the pose of each frame's points in the world; ``None`` for a stationary sensor.
 
     Raises:
-        InputError: it is no recording, or lacks a frame, or does not say where one is.
+        InputError: it is no recording, lacks a frame, or the pose of a frame is unknown.
     """
     recording = open_recording(frames)
     number = {name: k for k, name in enumerate(recording.names)}

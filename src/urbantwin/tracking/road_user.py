@@ -1,8 +1,8 @@
-"""How road users move, and how well detectors place them: what the filters are told.
+"""Motion models of road users, and measurement errors of detectors, for the filters.
 
-The values are round numbers of what people on foot, riders and drivers do in towns (accelerations
-of everyday driving stay below 3 m/s2, braking hard below 6), and of what detectors of LiDAR err
-by. They are not fitted to any recording.
+The values are round numbers for pedestrians, riders and drivers in towns (everyday accelerations
+stay below 3 m/s2, hard braking below 6), and for errors of LiDAR detectors. They are not fitted to
+any recording.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ __all__ = ["GROUPS", "RoadUser", "group_of"]
 
 @dataclass(frozen=True)
 class RoadUser:
-    """Road users that move alike; a detection never changes from one group to another.
+    """A group of road users with the same motion model; detections never change between groups.
 
     Attributes:
-        name: of the group.
-        classes: of actors (``taxonomy.ACTOR_CLASSES``).
-        turns: whether it moves along its heading only, as wheels do; people step to any side.
-        place_m: error of a detected centre in plan, standard deviation, metres.
-        height_m: error of a detected underside, metres.
-        yaw: error of a detected axis, radians.
-        accelerates: how fast the speed wanders, (m/s)2 per second.
-        swerves: how fast the rate of turn wanders, (rad/s)2 per second; of people the heading
+        name: name of the group.
+        classes: classes of actors (``taxonomy.ACTOR_CLASSES``).
+        turns: whether it moves only along its heading, as wheels do; pedestrians step to any side.
+        place_m: standard deviation of a detected centre in plan, metres.
+        height_m: standard deviation of a detected underside, metres.
+        yaw: standard deviation of a detected axis, radians.
+        accelerates: noise density of the speed, (m/s)2 per second.
+        swerves: noise density of the yaw rate, (rad/s)2 per second; for pedestrians of the heading
             itself, rad2 per second.
-        slips_m: how fast the centre wanders across the heading, metres per root second: a
-            vehicle's centre is ahead of its rear axle, which alone follows the heading.
-        speed_m_s: standard deviation of a speed of which nothing is known yet.
-        fastest_m_s: nobody is faster.
+        slips_m: random walk of the centre across the heading, metres per root second: a vehicle's
+            centre is ahead of its rear axle, which alone follows the heading.
+        speed_m_s: standard deviation of an unknown speed, m/s.
+        fastest_m_s: maximum speed, m/s.
     """
 
     name: str
@@ -72,5 +72,5 @@ _GROUP_OF = {name: group for group in GROUPS for name in group.classes}
 
 
 def group_of(actor_class: str) -> RoadUser:
-    """Return how actors of a class move; of one that is in no table, as vehicles."""
+    """Return the motion model of a class; that of vehicles for unknown classes."""
     return _GROUP_OF.get(actor_class, GROUPS[2])

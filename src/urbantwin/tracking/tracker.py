@@ -1,4 +1,4 @@
-"""Detections of frame after frame as tracks: linked, filtered, each of one class and size."""
+"""Tracks from detections: association, filtering, and one class and size per track."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def rejoined_rows(
     users: Sequence[RoadUser],
     time_s: NDArray[np.float64],
 ) -> list[NDArray[np.int64]]:
-    """Return the rows of tracks, those of one road user together (`traffic.recorded.rejoined`).
+    """Return the rows of tracks with those of one road user joined (`traffic.recorded.rejoined`).
 
     Args:
-        found: detections in a frame of reference that does not move.
-        tracks: rows of each.
-        users: how each detection (N,) moves: only those that move alike are joined.
+        found: detections in a fixed frame of reference.
+        tracks: rows of each track.
+        users: motion model of each detection (N,): only tracks of one model are joined.
         time_s: (frames,) seconds.
     """
     as_recorded = [
@@ -50,7 +50,7 @@ def rejoined_rows(
     return sorted(joined, key=lambda rows: int(rows[0]))
 
 
-#: A box where nobody was detected has so much of its track's score.
+#: Factor on its track's score of a box without a detection.
 _FILLED = 0.5
 
 Floats = NDArray[np.float64]
@@ -66,20 +66,20 @@ def tracked(
     smooth: bool = False,
     tell: Progress = untold,
 ) -> Detections:
-    """Return the tracks of detections: boxes by frame, gaps filled.
+    """Return the tracks of detections: boxes by frame, with gaps filled.
 
-    The score of a track is the mean of its detections', of n of them times n / (n + 1), and half of
-    that where it is filled. Its class is the one that has most of the scores, and its size the
-    median of that class's, weighted by scores. What is in no track is left out.
+    The score of a track with n detections is their mean times n / (n + 1), and half of that where
+    it is filled. Its class is the one with the largest sum of scores, and its size the weighted
+    median of that class's detections. Detections in no track are left out.
 
     Args:
-        found: what a detector said.
-        time_s: (frames,) when each frame was taken, seconds, ascending.
-        poses: where the frame of the boxes is in the world, for every frame, where the sensor
-            rides; else it stands.
-        how: scores and gaps.
-        smooth: use what came later, too: tracks that are broken are joined, and smoothed.
-        tell: is told how far it is.
+        found: the detections.
+        time_s: (frames,) times of the frames, seconds, ascending.
+        poses: pose of the boxes' frame in the world for every frame of a moving sensor; ``None``
+            for a stationary one.
+        how: parameters of the association.
+        smooth: use later detections, too: broken tracks are joined, and states smoothed.
+        tell: called with the fraction done and what is being done.
     """
     still = _moved(found, poses)
     users = [group_of(name) for name in still.class_names]
@@ -150,7 +150,7 @@ def _body(found: Detections, rows: Rows) -> tuple[str, Floats]:
     for name, weight in zip(names, score.tolist(), strict=True):
         votes[name] += weight
         alike[detected_class(name) or name] += weight
-    # First the detector's class, then which of its members.
+    # First the detector's class, then its most frequent member.
     kind = max(alike, key=lambda one: alike[one])
     members = {one: weight for one, weight in votes.items() if (detected_class(one) or one) == kind}
     name = max(members, key=lambda one: members[one])
@@ -167,7 +167,7 @@ def _median(values: Floats, weight: Floats) -> float:
 
 
 def _moved(found: Detections, poses: Sequence[Pose] | None) -> Detections:
-    """Return boxes in the frame of reference that each frame's pose leads to; they stay upright."""
+    """Return boxes transformed by each frame's pose; they stay upright."""
     if poses is None:
         return found
     box = found.box.copy()

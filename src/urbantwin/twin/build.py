@@ -57,18 +57,19 @@ from urbantwin.twin.twin import Twin, anchor_height_m, load_twin
 
 __all__ = ["build_twin"]
 
-#: Pictures of the ground are read this far beyond the region, metres.
+#: Margin around the region in which imagery of the ground is read, metres.
 PICTURE_MARGIN_M = 25.0
 
-#: Maps above this size take a while to read, bytes; the share of the time that reading takes.
+#: Size from which maps take long to read, bytes; share of the time for reading such maps, and
+#: others.
 LARGE_MAP, LARGE_READ, SMALL_READ = 32 << 20, 0.4, 0.02
-#: Shares of the time after that which are over when a part is done, of a district.
+#: Progress after each part, measured for a district.
 ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN, STANDING = 0.14, 0.2, 0.78, 0.84, 0.87
-#: Share of the whole after which the twin is there and pictures of it are drawn.
+#: Progress after which the twin is complete and its pictures are drawn.
 BUILT = 0.8
 
 
-def build_twin(  # noqa: PLR0915 - stage by stage
+def build_twin(  # noqa: PLR0915 - one step per stage
     site: Site,
     out: Path,
     progress: Progress | None = None,
@@ -78,18 +79,18 @@ def build_twin(  # noqa: PLR0915 - stage by stage
     stand: Stand | None = None,
     also: Callable[[Twin, Progress], None] | None = None,
 ) -> Twin:
-    """Build a site's twin and write it to a folder, whole or not at all.
+    """Build a site's twin and write it to a folder, atomically.
 
     Args:
         site: the checked site.
-        out: the folder to write; an older twin there is replaced.
-        progress: called with the share done (0..1) and the current task.
-        watch: called with the imported geometry, for pictures of how it was placed and cleaned.
-        refuse: given what is known of the scene about the sensors before it is built, and the
-            height of the anchor's ground in the DEM's datum: for what need not wait.
-        stand: stands the site's rig on the scene.
-        also: given the whole twin before it appears, for what is to be checked of it and what else
-            belongs into its folder: pictures.
+        out: the folder to write; an earlier twin there is replaced.
+        progress: called with the fraction done (0..1) and the current task.
+        watch: called with the imported geometry, for pictures of its placement and cleaning.
+        refuse: called before the scene is built, with the known surroundings of the sensors and the
+            height of the anchor's ground in the DEM's datum, for early errors.
+        stand: places the site's rig in the scene.
+        also: called with the complete twin before the folder appears, for checks and further files
+            such as pictures.
 
     Raises:
         InputError: the map, the DEM or the region cannot be used.
@@ -110,7 +111,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         open_at_times = []
     features = _features(site, extract)
     photo = _photo(site)
-    # Imported geometry takes as long as all the rest.
+    # Imported geometry takes as long as everything else.
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
         tell(0.0, "ground")
@@ -192,7 +193,8 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         )
         material.surface.save(folder / "surface_material.npz")
         tell(STANDING, "standing the sensors")
-        # The scene keeps clear of where sensors were proposed: who makes it again needs that.
+        # The scene avoids the proposed positions of sensors, so the unplaced site is needed to
+        # reproduce it.
         asked, stood = site, StandingRig(site.rig)
         if stand is not None:
             stood = stand(
@@ -258,7 +260,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
 
 
 def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> None:
-    """Write the site and its rig as they were resolved, and ``twin.json``."""
+    """Write the resolved site and rig, and ``twin.json``."""
     _write_yaml(folder / "site.yaml", {**site.resolved(), "rig": "rig.yaml"})
     _write_yaml(folder / "rig.yaml", copy_sensor_files(site.rig, site.rig_file, folder))
     write_json(
@@ -281,7 +283,7 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
-    """Read the map around the region; return it with the progress of the stages that follow."""
+    """Read the map around the region; return it with the progress of the later stages."""
     tell(0.0, "reading the map")
     if site.sketch is not None:
         return read_sketch(site.sketch.path, site.frame), tell
@@ -294,7 +296,7 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
 
 
 def _completed(site: Site, extract: Extract | None) -> tuple[Extract | None, dict[str, str | int]]:
-    """Return the map with what the site's file of buildings knows, and what that was."""
+    """Return the map completed by the site's file of buildings, and notes about it."""
     if extract is None or site.buildings is None:
         return extract, {}
     footprints = read_buildings(site.buildings.path)
@@ -303,7 +305,7 @@ def _completed(site: Site, extract: Extract | None) -> tuple[Extract | None, dic
 
 
 def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
-    """Return the mapped features of the region, roads left out.
+    """Return the mapped features of the region, without roads.
 
     Raises:
         InputError: the extract has nothing there.
@@ -327,7 +329,7 @@ def _written_geometry(
     found: Reconstruction | None,
     watch: Callable[[Reconstruction], None] | None,
 ) -> dict[str, Any]:
-    """Write what became of the sources of geometry; return what is to be noted of each."""
+    """Write the report on the sources of geometry; return notes on each source."""
     if found is None:
         return {}
     write_json(folder / "geometry.json", found.report)
@@ -344,7 +346,7 @@ def _before_scene(
     features: list[OsmFeature],
     ground: SurveyedSite,
 ) -> None:
-    """Let ``refuse`` look at what is known of the scene about the sensors."""
+    """Call ``refuse`` with the known surroundings of the sensors."""
     if refuse is None:
         return
     found = ground.reconstruction
@@ -362,7 +364,7 @@ def _before_scene(
 
 
 def _check_keys(site: Site) -> None:
-    """Check that the user allows every key to be sent to the address that it is named for.
+    """Check that the user allows every key to be sent to its address.
 
     Raises:
         InputError: one is not allowed (`download.key_for`).
@@ -377,17 +379,17 @@ def _check_keys(site: Site) -> None:
 
 
 def _photo(site: Site) -> Orthophoto | None:
-    """Read the pictures of the ground, a little beyond the region."""
+    """Read the imagery of the ground, with a margin around the region."""
     if not site.imagery:
         return None
     return read_orthophoto(site.imagery, site.frame, site.region.buffer(PICTURE_MARGIN_M))
 
 
 def _driving_side(site: Site, imported: ImportedMap | None) -> str:
-    """Return the side of driving: the site's, that of the map of the roads, or the country's.
+    """Return the driving side: of the site, the map of the roads, or the country.
 
     Raises:
-        InputError: the site and the map of the roads say different things.
+        InputError: the site contradicts the map of the roads.
     """
     if imported is None:
         mapped = driving_side(site.latitude, site.longitude)

@@ -1,4 +1,4 @@
-"""Corrections of a site carried through the stages of a build, and what became of each."""
+"""A site's corrections during the stages of a build, and their outcomes."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Corrections:
     """The corrections of a site.
 
     Attributes:
-        each: in the order of their file.
-        outcomes: number of a correction -> what became of it; filled stage by stage.
+        each: the corrections in the order of their file.
+        outcomes: number of a correction -> its outcome; filled stage by stage.
     """
 
     each: tuple[Correction, ...]
@@ -51,7 +51,7 @@ class Corrections:
         """Read the corrections of a site, if it has any.
 
         Raises:
-            InputError: something in the file is wrong.
+            InputError: the file is wrong.
         """
         if site.corrections is None:
             return cls(())
@@ -59,17 +59,17 @@ class Corrections:
 
     @property
     def of_scene(self) -> list[Correction]:
-        """Those of what stands."""
+        """The corrections of static objects."""
         kinds = (AddPole, AddTree, AddWall, RemoveThing)
         return [one for one in self.each if isinstance(one.asked, kinds)]
 
     def map_corrected(
         self, extract: Extract | None, site: Site, driving_side: str
     ) -> Extract | None:
-        """Return the map as it was corrected: elements, then lanes.
+        """Return the corrected map: elements first, then lanes.
 
         Raises:
-            InputError: a correction is of an element that the map does not have.
+            InputError: a correction refers to an element that the map does not have.
         """
         if extract is None:
             kinds = (SetTags, RemoveElement, AddLane, RemoveLane)
@@ -96,7 +96,7 @@ class Corrections:
         return extract
 
     def curbs(self) -> dict[int, list[shapely.LineString]]:
-        """Return the lines that were drawn where curbs are, by the number of their correction."""
+        """Return the lines of corrected curbs, by the number of their correction."""
         return {
             one.number: [shape for shape in one.shapes if isinstance(shape, shapely.LineString)]
             for one in self.each
@@ -104,7 +104,7 @@ class Corrections:
         }
 
     def keep_curbs(self, moves: Mapping[int, CurbMove], site: Site) -> None:
-        """Keep what became of curbs."""
+        """Store the outcomes of curbs."""
         if site.roads is not None or (site.osm is None and site.sketch is None):
             self._not_of_roads(site, (MoveCurb,))
             return
@@ -112,7 +112,7 @@ class Corrections:
         self.keep(_curb_outcome(by_number[number], move) for number, move in moves.items())
 
     def keep(self, outcomes: Iterable[Outcome]) -> None:
-        """Keep what a stage tells."""
+        """Store the outcomes of a stage."""
         self.outcomes.update({one.correction.number: one for one in outcomes})
 
     def _not_of_roads(self, site: Site, kinds: tuple[type, ...]) -> None:
@@ -124,7 +124,7 @@ class Corrections:
                 self.keep([Outcome(one, False, told)])
 
     def notes(self) -> dict[str, Any]:
-        """Return what ``twin.json`` keeps: counts, and each with where it is, site metres."""
+        """Return the entry of ``twin.json``: counts, and each correction with its place."""
         if not self.each:
             return {}
         told = [self.outcomes[one.number] for one in self.each]
@@ -138,7 +138,7 @@ class Corrections:
         }
 
     def warnings(self) -> Iterator[ResultWarning]:
-        """Yield what was not done."""
+        """Yield a warning for each correction that was not applied."""
         for one in self.each:
             outcome = self.outcomes[one.number]
             if not outcome.applied:

@@ -1,4 +1,4 @@
-"""What a twin has of what is mapped: the region that the map knows, its crossings and signals."""
+"""Completeness of a twin relative to the map: streets, crossings, signals, and extent."""
 
 from __future__ import annotations
 
@@ -19,29 +19,32 @@ from urbantwin.site.extract_coverage import mapped_area, small_features
 
 __all__ = ["FoundOfMapped", "found_of_mapped", "share_known"]
 
-#: What is mapped this near to the region's border may lie beyond the roads' ends, metres.
+#: Margin along the region's border in which mapped objects may lie beyond the ends of roads,
+#: metres.
 BORDER_M = 10.0
-#: A crossing lies over its street at most this far from where it is mapped, metres.
+#: Maximum distance of a crossing from its mapped place along its street, metres.
 CROSSING_M = 8.0
 #: Crossings of one street nearer to each other than this are one, metres.
 ONE_CROSSING_M = 4.0
-#: A stop line lies at most this far from its signal, metres: mapped before a junction, in one.
+#: Maximum distance of a stop line from its mapped signal, metres: before a junction, and within
+#: one.
 SIGNAL_M, JUNCTION_M = 15.0, 30.0
-#: A way is a street of the region from this length on; its lanes lie along so much of it, no
-#: further beside it, metres.
+#: Least length of a way to count as a street of the region, metres; least share of it along which
+#: lanes lie, and maximum distance from them, metres.
 LONG_M, ALONG, BESIDE_M = 20.0, 0.8, 3.0
-#: A map with fewer small things is drawn by hand; one that knows less of a region hardly knows it.
+#: Number of small features below which a map is taken as drawn by hand; share of the region below
+#: which an extract hardly covers it.
 MANY, HARDLY = 100, 1 / 3
 _PATHS = ("footway", "path", "cycleway")
 
 
 @dataclass(frozen=True)
 class FoundOfMapped:
-    """How many things of a kind the roads have, of those that are mapped in the region.
+    """Number of mapped objects of a kind in the region, and of those in the roads.
 
     Attributes:
-        found: how many the roads have.
-        mapped: how many the map has.
+        found: number in the roads.
+        mapped: number in the map.
         missing: (x, y) of the others, site frame, metres.
     """
 
@@ -50,7 +53,7 @@ class FoundOfMapped:
     missing: tuple[tuple[float, float], ...]
 
     def as_note(self) -> dict[str, object]:
-        """Return it as it stands in a twin's notes."""
+        """Return the entry of a twin's notes."""
         places = [[round(x, 1), round(y, 1)] for x, y in self.missing]
         return {"found": self.found, "mapped": self.mapped, "missing": places}
 
@@ -58,20 +61,19 @@ class FoundOfMapped:
 def found_of_mapped(
     extract: Extract | None, frame: SiteFrame, region: shapely.Polygon, network: RoadNetwork
 ) -> dict[str, FoundOfMapped]:
-    """Return what the roads have of the mapped ``streets``, ``crossings`` and ``signals``.
+    """Return the completeness of the mapped ``streets``, ``crossings`` and ``signals``.
 
-    A street counts where 20 m or more of a way are in the region; it is there if lanes or junctions
-    lie along four fifths of them. What is in a tunnel does not count.
+    A street counts if at least 20 m of a way are in the region; it is found if lanes or junctions
+    lie along four fifths of them. Tunnels do not count. A mapped crossing is found if a crossing
+    lies over the same street within 8 m; each carriageway of a dual one has its own.
 
-    A mapped crossing is there if a crossing lies over the same street within 8 m; each carriageway
-    of a dual one has its own. A mapped signal is there if vehicles are stopped within 15 m, or
-    within 30 m if streets meet where it is mapped; that of a crossing also if a crossing with
-    signals is within 8 m.
+    A mapped signal is found if vehicles are stopped within 15 m, or within 30 m where streets meet;
+    that of a crossing also if a crossing with signals is within 8 m.
 
     Args:
-        extract: the map; without one, nothing is known.
+        extract: the map; ``None`` gives an empty result.
         frame: the site frame.
-        region: what counts, site frame.
+        region: the region, site frame.
         network: the roads.
     """
     if extract is None:
@@ -107,11 +109,11 @@ def found_of_mapped(
 
 
 def share_known(extract: Extract | None, frame: SiteFrame, region: shapely.Polygon) -> float:
-    """Return the share of a region that an extract knows.
+    """Return the share of a region that an extract covers.
 
-    It is what lies in the bounds that it declares. A download that declares none knows what lies
-    around the small things in it, if that is less than a third of the region: more says little,
-    since parks and water look like what lies beyond it.
+    It is the part within its declared bounds. Without bounds it is the area around its small
+    features, if that is less than a third of the region, else 1: parks and water would look like
+    areas without data.
     """
     if extract is None:
         return 1.0
@@ -133,7 +135,7 @@ def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
 def _streets_there(
     lines: Iterable[shapely.LineString], inside: shapely.Geometry, network: RoadNetwork
 ) -> list[tuple[shapely.Point, bool]]:
-    """Return a place on each street in the region, and whether lanes lie along it."""
+    """Return a point on each street in the region, and whether lanes lie along it."""
     driven = [
         lane.polygon for lane in network.lanes if lane.kind in (*CARRIAGEWAY_KINDS, "connection")
     ]
@@ -158,7 +160,7 @@ def _around(line: shapely.LineString, point: shapely.Point) -> shapely.Geometry:
 
 
 def _streets(extract: Extract) -> list[Way]:
-    """Return the ways that become roads and are not below the ground."""
+    """Return the ways that become roads and are not underground."""
     return [
         way
         for way in extract.highways()
@@ -175,7 +177,7 @@ def _crossings(
     streets: list[Way],
     lines: Mapping[int, shapely.LineString],
 ) -> Iterator[tuple[int, shapely.Point]]:
-    """Yield the street and the place of every mapped crossing, each once."""
+    """Yield the street and position of every mapped crossing, each once."""
     found: dict[int, list[shapely.Point]] = defaultdict(list)
     for way in streets:
         nodes = [node for node in way.nodes if node in extract.nodes]
@@ -207,7 +209,7 @@ def _crossings(
 def _signals(
     extract: Extract, frame: SiteFrame, streets: list[Way]
 ) -> Iterator[tuple[shapely.Point, float, bool]]:
-    """Yield each mapped signal's place, how far off vehicles may stop, if it is a crossing's."""
+    """Yield each mapped signal's position, search radius, and whether it is a crossing's."""
     legs: dict[int, int] = defaultdict(int)
     for way in streets:
         for index, node in enumerate(way.nodes):

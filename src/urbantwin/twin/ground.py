@@ -20,10 +20,10 @@ class SurveyedSite:
     """The bare earth, and the imported geometry.
 
     Attributes:
-        elevation: of the bare earth; a level plain where nothing is known.
-        is_known: whether a DEM or another source of geometry says the heights.
-        reconstruction: what the sources of geometry give; ``None`` where there are none.
-        notes: where the heights are from.
+        elevation: elevation of the bare earth; a horizontal plane if unknown.
+        is_known: whether heights come from a DEM or another source of geometry.
+        reconstruction: result of the sources of geometry; ``None`` without any.
+        notes: sources of the heights.
     """
 
     elevation: Elevation
@@ -42,9 +42,9 @@ def survey_ground(
 
     Args:
         site: the site.
-        features: what is mapped in the region.
-        model: the map of the roads, where there is one.
-        progress: called with the share done (0..1) and the current task.
+        features: mapped features of the region.
+        model: the map of the roads; ``None`` without one.
+        progress: called with the fraction done (0..1) and the current task.
 
     Raises:
         InputError: the DEM or a source cannot be used.

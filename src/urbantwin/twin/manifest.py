@@ -1,4 +1,4 @@
-"""``twin.json`` and ``site.yaml`` of a twin, checked for all that reads a twin."""
+"""Validation of a twin's ``twin.json`` and ``site.yaml``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from urbantwin.site.traffic import TrafficSpec
 
 __all__ = ["Corrected", "KeptSite", "TwinManifest", "check_region", "file_inside"]
 
-#: No region reaches further from its anchor, metres.
+#: Maximum extent of a region from its anchor, metres.
 _FURTHEST_M = 1e5
 _Metres = Annotated[float, Field(ge=-_FURTHEST_M, le=_FURTHEST_M)]
 _Count = Annotated[int, Field(ge=0, lt=2**53)]
@@ -51,7 +51,7 @@ class _Sensors(Part):
 
 
 class Corrected(Part):
-    """What became of a correction: ``at_m``, lines and points of the site frame."""
+    """The outcome of a correction; ``at_m``: lines and points, site frame, metres."""
 
     number: _Count
     what: str
@@ -96,7 +96,7 @@ class KeptSite(BaseModel):
 
 
 def check_region(told: TwinManifest, file: Path) -> None:
-    """Refuse a region that encloses nothing.
+    """Check that the region encloses an area.
 
     Raises:
         InputError: it does not.
@@ -109,7 +109,7 @@ def check_region(told: TwinManifest, file: Path) -> None:
 
 
 def file_inside(folder: Path, name: str, *, manifest: Path) -> Path:
-    """Return the file of a name that a manifest gives: one in its folder, and none elsewhere.
+    """Return the path of a file named by a manifest, which must be in its folder.
 
     Raises:
         InputError: the name leads out of the folder, by itself or by a link.
@@ -121,7 +121,7 @@ def file_inside(folder: Path, name: str, *, manifest: Path) -> Path:
         try:
             if path.resolve().is_relative_to(folder.resolve()):
                 return path
-        except (OSError, RuntimeError):  # links that lead to each other
+        except (OSError, RuntimeError):  # circular links
             pass
     raise InputError(
         f"names {name[:60]!r}", file=manifest, place="files", expected="files in its folder"

@@ -1,4 +1,4 @@
-"""Meshes of actors that a site brings along, in its twin: ``assets.npz``."""
+"""Meshes of a site's own actors in its twin: ``assets.npz``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EXPECTED = "the actors of a site"
 
 
 def write_own_meshes(folder: Path, meshes: Mapping[str, LabelledMesh]) -> None:
-    """Write meshes by name into a twin's folder; nothing where there are none."""
+    """Write meshes by name into a twin's folder, if there are any."""
     if not meshes:
         return
     np.savez_compressed(
@@ -34,7 +34,7 @@ def write_own_meshes(folder: Path, meshes: Mapping[str, LabelledMesh]) -> None:
 
 
 def read_own_meshes(path: Path) -> dict[str, LabelledMesh]:
-    """Read the meshes by name.
+    """Return the meshes by name.
 
     Raises:
         InputError: missing, damaged, or no meshes.

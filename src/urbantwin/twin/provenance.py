@@ -1,4 +1,4 @@
-"""Provenance of a twin: the site and every input file, so that it can be made again."""
+"""Provenance of a twin: the site and every input file, for reproduction."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def made_from(
     geometry: Mapping[str, Any] | None = None,
     pictures: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Return the site and its files, as ``twin.json`` keeps them.
+    """Return the site and its files, for ``twin.json``.
 
     Args:
         site: the site.
-        geometry: ``geometry.json``, which names the files that its sources were read from.
-        pictures: what ``read_orthophoto`` notes of each picture of the ground.
+        geometry: ``geometry.json``, which lists the files of its sources.
+        pictures: notes of ``read_orthophoto`` about each image of the ground.
 
     Returns:
-        ``site``: the resolved site, which names files without their folders, with its rig.
-        ``files``: of each file ``at`` (where the site names it), ``name``, ``sha256`` (empty for a
-        folder or an address) and ``beside``: name and SHA-256 of further files that belong to it.
+        ``site``: the resolved site with its rig; files are named without their folders. ``files``:
+            for each file ``at`` (its field in the site), ``name``, ``sha256`` (empty for a folder
+            or an address) and ``beside``: name and SHA-256 of further files that belong to it.
     """
     document = site.resolved()
     files = [
@@ -81,12 +81,12 @@ def made_from(
 def rig_and_files(
     rig: Mapping[str, Any], folder: Path, *, twin: Path | None = None
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return a rig that names its sensors' files without their folders, and these files.
+    """Return a rig whose sensors' files are named without folders, and these files.
 
     Args:
-        rig: as ``RigSpec.written`` gives it.
-        folder: that of the rig's file.
-        twin: a twin's folder; files in it are marked as its own, for it is made again.
+        rig: result of ``RigSpec.written``.
+        folder: folder of the rig's file.
+        twin: folder of a twin; files in it are marked as the twin's, since it is reproduced itself.
     """
     sensors, files = [], []
     for number, one in enumerate(rig["sensors"]):
@@ -104,7 +104,7 @@ def rig_and_files(
 
 
 def without_secrets(address: str) -> str:
-    """Return an address without credentials, which no manifest may hold."""
+    """Return an address without credentials, which manifests must not contain."""
     return _SECRET.sub("", address) if re.match("https?://", address) else address
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a twin that was built, from the notes of its build."""
+"""Warnings about a built twin, from the notes of its build."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from urbantwin.twin.found_of_mapped import FoundOfMapped
 
 __all__ = ["warnings_of_build"]
 
-#: Least share of what is mapped that a twin has, where nothing is said.
+#: Share of mapped objects in the twin below which there is a warning.
 ENOUGH = 0.95
-#: Least share of the region in the bounds of the map, where nothing is said.
+#: Share of the region within the map's bounds below which there is a warning.
 KNOWN = 0.9
-#: Parts that are left out and shorter than this are not missed, metres.
+#: Length below which left-out parts of roads are not reported, metres.
 LONG_M = 50.0
 _REASONS = {
     "streets": "no lanes lie along the others",
@@ -34,15 +34,15 @@ def warnings_of_build(
     known: float = 1.0,
     open_at_times: Sequence[str] = (),
 ) -> Iterator[ResultWarning]:
-    """Yield what is wrong with a twin.
+    """Yield the warnings about a twin.
 
     Args:
         roads: its roads.
-        mapped: what they have of what is mapped.
-        geometry: name of each source of geometry -> what became of it, see `reconstruct.outcome`.
+        mapped: completeness of mapped objects.
+        geometry: name of each source of geometry -> its outcome, see `reconstruct.outcome`.
         scene: notes of the scene.
-        known: share of the region in the bounds of the map.
-        open_at_times: what forbids something only at times, and was not heeded.
+        known: share of the region within the map's bounds.
+        open_at_times: temporary restrictions that were ignored.
     """
     if known < KNOWN:
         yield ResultWarning(
@@ -83,7 +83,7 @@ def warnings_of_build(
     parts = [part for part in left_out if part["metres"] >= LONG_M]
     for kind, counts in mapped.items():
         if kind == "streets" and parts:
-            continue  # told below, by their names
+            continue  # reported below, by name
         if counts.found < ENOUGH * counts.mapped:
             x, y = counts.missing[0]
             yield ResultWarning(
@@ -114,7 +114,7 @@ def warnings_of_build(
 
 
 def _from_anchor(x: float, y: float) -> str:
-    """Return a place of the site frame in words, metres."""
+    """Return a position in the site frame in words, metres."""
     return (
         f"{abs(x):.0f} m {'west' if x < 0 else 'east'}, {abs(y):.0f} m "
         f"{'south' if y < 0 else 'north'}"
@@ -122,7 +122,7 @@ def _from_anchor(x: float, y: float) -> str:
 
 
 def _without_heads(roads: BuiltRoads) -> int:
-    """Return how many lanes are stopped by a signal of which no head stands anywhere."""
+    """Return the number of lanes stopped by a signal without any head."""
     network: RoadNetwork = roads.network
     stopped = {
         head.lane

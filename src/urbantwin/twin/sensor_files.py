@@ -1,4 +1,4 @@
-"""The sensor files that a rig names, copied into the twin so that it is complete."""
+"""Copies of a rig's sensor files in the twin."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _FILES = (".yaml", ".yml", ".json", ".csv")
 
 
 def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
-    """Copy the files that a rig names as its sensors' models, and return the rig that names them.
+    """Copy the files of a rig's sensor models, and return the rig with their new names.
 
     Args:
         spec: the rig.
-        rig_file: where it was written; its files stand beside it or in the current folder.
-        folder: where they go, as ``NAME.sensor.ENDING``.
+        rig_file: file of the rig; its sensor files are beside it or in the current folder.
+        folder: target folder; files are named ``NAME.sensor.ENDING``.
 
     Returns:
-        The rig's values; a file that is not there is named as it was.
+        The rig's values; names of missing files are unchanged.
     """
     rig = spec.written()
     kept: dict[Path, str] = {}
@@ -44,16 +44,16 @@ def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, 
 
 
 def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
-    """Return the file that a rig names as a sensor's model, and what stands before it.
+    """Return the prefix and the file of a sensor's model.
 
     Args:
         model: a name of the catalogue, ``PATH``, or ``MODEL:PATH``.
-        folder: that of the rig's file; a file may also stand in the current folder.
+        folder: folder of the rig's file; files may also be in the current folder.
 
     Returns:
-        ``MODEL:`` or nothing, and the path; ``None`` where there is no such file.
+        ``MODEL:`` or an empty text, and the path; ``None`` if there is no such file.
     """
-    # One letter before a colon is a drive.
+    # A single letter before a colon is a drive.
     before, colon, path = model.partition(":")
     if len(before) == 1 or not colon or "/" in before:
         before, colon, path = "", "", model
@@ -64,7 +64,7 @@ def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
 
 
 def pattern_beside(path: Path) -> Path | None:
-    """Return the scan pattern that a sensor's YAML file names, if there is one."""
+    """Return the scan pattern that a sensor's YAML file names, if it exists."""
     named = _read(path).get("pattern")
     if not isinstance(named, str) or not (path.parent / named).is_file():
         return None
@@ -72,7 +72,7 @@ def pattern_beside(path: Path) -> Path | None:
 
 
 def _keep(source: Path, target: Path) -> None:
-    """Copy a sensor's file; the scan pattern that a YAML file names comes with it."""
+    """Copy a sensor's file, with the scan pattern that a YAML file names."""
     shutil.copyfile(source, target)
     named = pattern_beside(source)
     if named is None:
@@ -86,11 +86,11 @@ def _keep(source: Path, target: Path) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return what a sensor's YAML file holds; nothing of another file or a damaged one."""
+    """Return the content of a sensor's YAML file; empty for another or a damaged file."""
     if path.suffix.lower() not in (".yaml", ".yml"):
         return {}
     try:
         value = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return {}  # Reported by whatever reads the sensor.
+        return {}  # Reported by the reader of the sensor.
     return value if isinstance(value, dict) else {}

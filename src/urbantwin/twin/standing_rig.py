@@ -1,4 +1,4 @@
-"""A rig as it stands on a scene, and what stands it there: packages below know of sensors."""
+"""A rig placed in a scene, and the type of the function that places it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["Stand", "StandingRig"]
 
 @dataclass(frozen=True)
 class StandingRig:
-    """A rig on a scene.
+    """A rig in a scene.
 
     Attributes:
-        spec: the rig, every sensor where it stands.
-        notes: what it sees, as can stand in JSON; empty where that was not looked at.
-        warnings: what is wrong with where it stands.
+        spec: the rig with the positions of all sensors.
+        notes: its coverage, for JSON; empty if not computed.
+        warnings: warnings about its positions.
     """
 
     spec: RigSpec
@@ -30,6 +30,6 @@ class StandingRig:
     warnings: tuple[ResultWarning, ...] = ()
 
 
-#: Of a site, its lanes, the static world and the height of the anchor's ground in the DEM's datum;
-#: the last reports progress.
+#: Takes a site, its lanes, the static world, the height of the anchor's ground in the DEM's datum,
+#: and a progress callback.
 Stand = Callable[[Site, RoadNetwork, LabelledMesh, float | None, Progress], StandingRig]

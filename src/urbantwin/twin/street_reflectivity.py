@@ -1,10 +1,10 @@
-"""How bright the streets of a site are, where nobody has measured it.
+"""Default reflectivity of a site's streets, without a measurement.
 
-Asphalt is from 6 % (fresh) to 28 % (bleached) reflective at 905 nm (``asphalt-dark`` and
-``asphalt-light`` of the table of materials, both measured), and lines fade. So a site's streets are
-as bright as the table's by a factor that its place decides: log-normal about 1, with `SPREAD` such
-that the measured extremes are 2.5 standard deviations away. ``reflectivity:`` of a rig, by hand or
-by `urbantwin rig tune`, takes its place.
+Asphalt reflects from 6 % (fresh) to 28 % (bleached) at 905 nm (``asphalt-dark`` and
+``asphalt-light`` of the table of materials, both measured), and markings fade. So the table's
+values are multiplied by a factor drawn from the site's position: log-normal about 1, with `SPREAD`
+such that the measured extremes are 2.5 standard deviations away. ``reflectivity:`` of a rig, given
+by hand or by `urbantwin rig tune`, replaces it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 __all__ = ["SPREAD", "street_reflectivity"]
 
-#: Standard deviation of the logarithm of each material's factor from site to site. That of paint,
-#: between new lines (0.7) and worn ones (0.43), is an estimate.
+#: Standard deviation of the logarithm of each material's factor between sites. That of paint,
+#: between new (0.7) and worn markings (0.43), is an estimate.
 SPREAD = {"asphalt": 0.3, "road-paint": 0.25}
-#: Decimals of latitude and longitude, degrees, that the seed is drawn from: 1.1 m on the ground.
+#: Decimals of latitude and longitude, degrees, for the seed: 1.1 m on the ground.
 _DIGITS = 5
 
 
@@ -26,8 +26,8 @@ def street_reflectivity(latitude: float, longitude: float) -> dict[str, float]:
     """Return the factors on the reflectivity of a site's materials, by name.
 
     Args:
-        latitude: of the site's anchor, degrees.
-        longitude: of the same.
+        latitude: latitude of the site's anchor, degrees.
+        longitude: longitude of the site's anchor, degrees.
     """
     factors = {}
     for name, spread in SPREAD.items():

@@ -27,10 +27,10 @@ __all__ = ["Twin", "load_twin"]
 
 @dataclass(frozen=True)
 class Twin:
-    """A twin on disk; its parts are read when they are first asked for.
+    """A twin on disk; its parts are read on first use.
 
     Attributes:
-        folder: where it is.
+        folder: its folder.
         manifest: the content of ``twin.json``.
     """
 
@@ -39,7 +39,7 @@ class Twin:
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it."""
+        """The warnings of its manifest."""
         return warnings_of(self.manifest)
 
     @cached_property
@@ -66,7 +66,7 @@ class Twin:
 
     @cached_property
     def surface_materials(self) -> SurfaceMaterials:
-        """Materials of the ground that are finer than the mesh: lane paint, what imagery shows."""
+        """Materials of the ground finer than the mesh: lane markings, details from imagery."""
         name = "surface_material.npz"
         if name not in self.manifest.get("files", {}):
             return SurfaceMaterials()
@@ -74,7 +74,7 @@ class Twin:
 
     @property
     def reflectivity(self) -> dict[str, float]:
-        """How many times as bright as the table's the materials of its streets are, by name."""
+        """Factors on the table's reflectivity of its streets' materials, by name."""
         return dict(self.manifest["notes"].get("materials", {}).get("reflectivity", {}))
 
     @cached_property
@@ -87,14 +87,14 @@ class Twin:
 
     @cached_property
     def own_meshes(self) -> dict[str, LabelledMesh]:
-        """Meshes of actors that the site brings along, by name."""
+        """Meshes of the site's own actors, by name."""
         if OWN_MESHES not in self.manifest.get("files", {}):
             return {}
         return read_own_meshes(self._file(OWN_MESHES))
 
     @cached_property
     def lane_model(self) -> LaneModel:
-        """The lane model: what the strips, the mesh and OpenDRIVE are made from."""
+        """The lane model, from which strips, mesh and OpenDRIVE are made."""
         return LaneModel.load(self._file("lane_model.json"))
 
     @cached_property
@@ -116,14 +116,14 @@ class Twin:
 
     @cached_property
     def net_path(self) -> Path:
-        """The SUMO network, which was checked."""
+        """Path of the SUMO network, after validation."""
         path = self._file("network.net.xml")
         check_sumo_network(path)
         return path
 
     @property
     def corrections(self) -> list[Corrected]:
-        """What became of each correction of the site."""
+        """The outcome of each correction of the site."""
         told = self.manifest["notes"].get("corrections", {}).get("each", [])
         return [Corrected.model_validate(one) for one in told]
 
@@ -154,7 +154,7 @@ class Twin:
 
 
 def anchor_height_m(notes: object) -> float | None:
-    """Return the height of the anchor's ground of a build's notes of the ground, metres."""
+    """Return the height of the anchor's ground from a build's notes on the ground, metres."""
     value = notes.get("anchor_height_m") if isinstance(notes, dict) else None
     return float(value) if isinstance(value, int | float) else None
 
@@ -163,7 +163,7 @@ def load_twin(folder: Path) -> Twin:
     """Open a twin folder.
 
     Raises:
-        InputError: it is not a twin, or a file in it is not the one that was written.
+        InputError: it is not a twin, or a file in it was changed.
     """
     if not folder.is_dir():
         raise InputError("is not a folder", file=folder, expected="a twin, made by urbantwin build")

@@ -1,4 +1,4 @@
-"""What is weak about a site's inputs, before anything is built: what to add, and where."""
+"""Weak points of a site's inputs before a build: what to add, and where."""
 
 from typing import TYPE_CHECKING
 

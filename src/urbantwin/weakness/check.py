@@ -1,4 +1,4 @@
-"""All findings of a site, in the order of how much they matter."""
+"""All findings about a site's inputs, by weight."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from urbantwin.weakness.mapped_site import MappedSite
 
 __all__ = ["InputCheck", "check_inputs", "map_date"]
 
-#: Keys of a file's header that tell of when its data are.
+#: Keys of a file's header with the date of its data.
 _KEYS = ("osmosis_replication_timestamp", "timestamp")
-#: Larger files are not read once more for the times of their elements, bytes.
+#: Size above which files are not read again for the times of their elements, bytes.
 _MOST = 30_000_000
 
 
 def map_date(path: Path) -> datetime | None:
-    """Return of when an extract is: what its header says, or else its newest element's time.
+    """Return the date of an extract: from its header, else of its newest element.
 
     Args:
-        path: an extract that was read before.
+        path: an extract that was read successfully.
 
     Returns:
-        ``None`` where it does not tell, or is large and its header does not.
+        ``None`` if it is unknown, or the file is large and its header has no date.
     """
     with osmium.io.Reader(str(path)) as reader:
         header = reader.header()
@@ -60,19 +60,19 @@ def map_date(path: Path) -> datetime | None:
         if isinstance(item, osmium.osm.OSMObject):
             time = item.timestamp
             newest = time if newest is None else max(newest, time)
-    # Files without times have that of 1970.
+    # Files without times have those of 1970.
     return newest if newest is not None and newest.year > 2003 else None
 
 
 @dataclass(frozen=True, eq=False)
 class InputCheck:
-    """What is weak about a site's inputs.
+    """The weak points of a site's inputs.
 
     Attributes:
-        site: as it was written.
-        findings: what matters most first.
-        map_date: of when the map is, if it tells.
-        place: the site with its map, for pictures; ``None`` where it has none.
+        site: the site as written.
+        findings: the findings, those with the largest weight first.
+        map_date: date of the map, if known.
+        place: the site with its map, for pictures; ``None`` without a map.
     """
 
     site: Site
@@ -82,12 +82,12 @@ class InputCheck:
 
     @property
     def attribution(self) -> str:
-        """Whose streets and buildings its plan shows."""
+        """Attribution of the streets and buildings that its plan shows."""
         shown = [one.attribution for one in (self.site.osm, self.site.buildings) if one is not None]
         return "; ".join(dict.fromkeys(shown))
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
+        """Return it for JSON."""
         counts = dict.fromkeys(("much", "some", "little"), 0)
         for one in self.findings:
             counts[one.matters] += 1
@@ -102,15 +102,14 @@ class InputCheck:
 
 
 def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
-    """Look at what a site is to be made from, without building it.
+    """Check the inputs of a site, without building it.
 
-    The map is read as a build reads it: with the heights and footprints of the site's file of
-    buildings, and with the tags that a person corrected. Of the geometry and of a map of the roads
-    only their names are looked at.
+    The map is read as for a build: with the heights and footprints of the site's file of buildings,
+    and with corrected tags. Of the geometry and of a map of the roads only the names are used.
 
     Args:
-        site: as it was written.
-        progress: called with the share done (0..1) and the current task.
+        site: the site as written.
+        progress: called with the fraction done (0..1) and the current task.
 
     Raises:
         InputError: an input cannot be read, or the map has no road in the region.
@@ -139,10 +138,10 @@ def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
 
 
 def _mapped(site: Site, extract: Extract) -> MappedSite:
-    """Return the map with what the site has beside it: buildings, and corrections by hand.
+    """Return the map with the site's buildings and corrections.
 
     Raises:
-        InputError: one of their files is wrong, or corrects an element that the map does not have.
+        InputError: a file is wrong, or corrects an element that the map does not have.
     """
     whole, corrections = extract, []
     if site.buildings is not None:

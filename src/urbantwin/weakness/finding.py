@@ -1,4 +1,4 @@
-"""A finding: what is weak, what the twin does instead, what to add, and where."""
+"""A finding: the weak point, the twin's substitute, what to add, and where."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
 
 Matters = Literal["much", "some", "little"]
 
-#: A finding of so much weight matters much, or some.
+#: Least weight of a finding that matters much, and some.
 _MUCH, _SOME = 0.35, 0.1
 
 
@@ -36,8 +36,8 @@ class Kind:
     """A kind of finding.
 
     Attributes:
-        weight: how much it matters if all that can be weak in its way is, 0 to 1.
-        instead: what the twin has instead.
+        weight: weight if everything of this kind is weak, 0 to 1.
+        instead: the twin's substitute.
         remedy: what to add.
     """
 
@@ -46,7 +46,7 @@ class Kind:
     remedy: str
 
 
-#: The kinds of findings by their names in the document.
+#: Kinds of findings by their names in the document.
 KINDS: Mapping[str, Kind] = {
     name: Kind(**fields)
     for name, fields in yaml.safe_load(
@@ -61,12 +61,12 @@ class Spot:
 
     Attributes:
         east_m: metres east of the anchor.
-        north_m: metres north of it.
+        north_m: metres north of the anchor.
         latitude: degrees, WGS84.
         longitude: degrees, WGS84.
-        element: of the map, ``way/123``; empty where there is none.
-        name: what is there, in words.
-        link: where it is mended: a place in the OpenStreetMap editor.
+        element: element of the map, ``way/123``; empty if none.
+        name: description of the object.
+        link: address for the correction: a place in the OpenStreetMap editor.
     """
 
     east_m: float
@@ -78,7 +78,7 @@ class Spot:
     link: str
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
+        """Return it for JSON."""
         return {
             "element": self.element,
             "name": self.name,
@@ -92,16 +92,16 @@ class Spot:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is weak.
+    """A weak point.
 
     Attributes:
         kind: a key of `KINDS`.
-        weight: how much it matters, 0 to 1.
-        problem: what is weak, in words.
-        count: how many are.
-        of: of how many; 0 where there is nothing to count.
-        spots: where, the nearest to the anchor first.
-        where: the place in ``site.yaml`` where it is mended; empty where that is on the map.
+        weight: weight, 0 to 1.
+        problem: description.
+        count: number of weak objects.
+        of: number of all objects; 0 if there is nothing to count.
+        spots: places, the nearest to the anchor first.
+        where: field of ``site.yaml`` for the correction; empty if it is in the map.
     """
 
     kind: str
@@ -114,14 +114,14 @@ class Finding:
 
     @property
     def matters(self) -> Matters:
-        """How much it matters in a word."""
+        """Its weight in a word."""
         if self.weight >= _MUCH:
             return "much"
         return "some" if self.weight >= _SOME else "little"
 
     @property
     def instead(self) -> str:
-        """What the twin has instead."""
+        """The twin's substitute."""
         return KINDS[self.kind].instead
 
     @property
@@ -130,7 +130,7 @@ class Finding:
         return KINDS[self.kind].remedy
 
     def as_json(self, number: int) -> dict[str, Any]:
-        """Return it as JSON holds it, with its number on the plan."""
+        """Return it for JSON, with its number on the plan."""
         return {
             "number": number,
             "kind": self.kind,
@@ -147,7 +147,7 @@ class Finding:
 
 
 def counted(number: int, one: str, several: str) -> str:
-    """Return ``1 end lies`` or ``3 ends lie``: a number and what it counts, in words."""
+    """Return a number with the singular or plural of what it counts."""
     return f"{number} {one if number == 1 else several}"
 
 
@@ -161,16 +161,16 @@ def finding(
     spots: Sequence[Spot] = (),
     where: str = "",
 ) -> Finding:
-    """Return a finding; its weight is that of its kind times the share that is weak.
+    """Return a finding with the weight of its kind times the weak share.
 
     Args:
         kind: a key of `KINDS`.
-        problem: in words.
-        share: 0 to 1.
-        count: how many are weak.
-        of: of how many.
-        spots: where; they are put in order.
-        where: the place in ``site.yaml``.
+        problem: description.
+        share: weak share, 0 to 1.
+        count: number of weak objects.
+        of: number of all objects.
+        spots: places, in any order.
+        where: field of ``site.yaml``.
     """
     ordered = sorted(spots, key=lambda one: (round(one.east_m**2 + one.north_m**2, 3), one.element))
     weight = KINDS[kind].weight * min(max(share, 0.0), 1.0)
@@ -194,13 +194,13 @@ def editor_link(latitude: float, longitude: float, element: str = "") -> str:
 
 
 def spot(frame: SiteFrame, shape: shapely.Geometry, *, element: str = "", name: str = "") -> Spot:
-    """Return the place of something in the site frame: a point that lies on it.
+    """Return a point on an object in the site frame as a spot.
 
     Args:
         frame: the site frame.
-        shape: in the site frame.
-        element: of the map.
-        name: what it is, in words.
+        shape: geometry in the site frame.
+        element: element of the map.
+        name: description of the object.
     """
     point = shape
     if shape.geom_type == "LineString":

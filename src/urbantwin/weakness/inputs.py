@@ -20,24 +20,25 @@ from urbantwin.weakness.mapped_site import MappedSite
 
 __all__ = ["extract_findings", "input_findings", "look_at_picture"]
 
-#: Cells of an elevation model, and pixels of imagery, that are coarse, metres.
+#: Cell size of elevation models, and pixel size of imagery, above which they are coarse, metres.
 COARSE_DEM_M, COARSE_IMAGE_M = 5.0, 0.35
-#: A region that is mapped to less than this ends beyond its map.
+#: Mapped share of a region below which it extends beyond its map.
 _WHOLE = 0.995
-#: Of a map with fewer small things nobody can tell where it ends, unless it hardly has the region.
+#: Number of small features below which the end of a map is unknown, unless it covers less than this
+#: share of the region.
 _MANY, _HARDLY = 100, 1 / 3
-#: Metres of a pixel of the web's tiles at zoom 0 on the equator.
+#: Pixel size of web tiles at zoom 0 on the equator, metres.
 _TILE_M = 156543.034
-#: Tags of a TIFF that tell when its picture was taken, the surest first; of GDAL and of TIFF 6.0.
+#: TIFF tags with the date of acquisition, the most reliable first; of GDAL and of TIFF 6.0.
 _DATES = ("ACQUISITIONDATETIME", "TIFFTAG_DATETIME")
 
 
 def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
-    """Yield what is weak about the inputs that are no map.
+    """Yield the findings about inputs other than the map.
 
     Args:
-        site: as it was written.
-        map_date: how old the map is, if it tells.
+        site: the site as written.
+        map_date: date of the map, if known.
     """
     yield from _elevation(site)
     yield from _imagery(site, map_date)
@@ -66,9 +67,9 @@ def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
 
 
 def extract_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield how much of the region the extract does not know."""
+    """Yield a finding if the extract does not cover the region."""
     known = float(shapely.intersection(place.area, place.region).area / place.region.area)
-    # Without bounds in the file its end is a guess, from where small things are.
+    # Without bounds in the file its end is estimated from small features.
     sure = place.extract.bounds is not None
     many = sure or len(small_features(place.extract, place.frame)) >= _MANY
     if known >= _WHOLE or not (many or known < _HARDLY):
@@ -128,7 +129,7 @@ def _imagery(site: Site, map_date: datetime | None) -> Iterator[Finding]:
 
 
 def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime | None, float]:
-    """Return when a GeoTIFF was taken, if it tells, and how wide its pixels are, metres.
+    """Return a GeoTIFF's date, if known, and the width of its pixels, metres.
 
     Raises:
         InputError: it is no GeoTIFF, or damaged.
@@ -149,7 +150,7 @@ def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime |
 
 
 def _date(text: str) -> datetime | None:
-    """Return the day of a time as TIFF (``2019:07:01 10:00:00``) and ISO 8601 write it."""
+    """Return the day of a time in TIFF (``2019:07:01 10:00:00``) or ISO 8601 format."""
     found = re.match(r"\s*(\d{4})[:-](\d{2})[:-](\d{2})", text)
     try:
         return found and datetime(int(found[1]), int(found[2]), int(found[3]), tzinfo=UTC)

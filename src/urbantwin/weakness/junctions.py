@@ -1,4 +1,4 @@
-"""Findings about junctions: signals, crossings and turn lanes that are not mapped."""
+"""Findings about junctions: unmapped signals, crossings and turn lanes."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from urbantwin.weakness.mapped_site import MappedSite, MappedWay, nearness
 
 __all__ = ["junction_findings"]
 
-#: Weight of the class of a street (`STREETS`) that is large, and of one that is not small.
+#: Weight of a street's class (`STREETS`) from which it is large, and medium.
 _LARGE, _MEDIUM = 4.5, 3.0
-#: Lanes of all arms together from which a junction of medium streets has signals, mostly.
+#: Total number of lanes of all arms from which a junction of medium streets usually has signals.
 _MANY_LANES = 9.0
-#: Nodes of a junction without signals, by their tag ``highway``.
+#: Values of ``highway`` of nodes at junctions without signals.
 _YIELDING = ("stop", "give_way", "mini_roundabout")
-#: How far from the outermost node of a junction its arms' crossings and signs lie, metres.
+#: Distance from the outermost node of a junction within which its crossings and signs lie, metres.
 _REACH_M = 40.0
-#: A crossing belongs to an arm if it lies within this angle of it, degrees.
+#: Maximum angle between a crossing and its arm, degrees.
 _ARM_DEG = 30.0
-#: A junction so near to another one has no crossing of its own between them, metres.
+#: Distance between junctions below which they have no crossings of their own between them, metres.
 _NEXT_M = 70.0
 _PATHS = ("footway", "path", "cycleway")
 
 
 def junction_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield what is weak about the junctions of the region."""
+    """Yield the findings about the junctions of the region."""
     signalised = [one for one in place.junctions if one.signals or one.crossing_signals]
     unsignalised = [one for one in place.junctions if _looks_signalised(one, place)]
     if unsignalised:
@@ -65,10 +65,10 @@ def junction_findings(place: MappedSite) -> Iterator[Finding]:
 
 
 def _looks_signalised(junction: MappedJunction, place: MappedSite) -> bool:
-    """Return whether a junction has no signals on the map, but what such junctions have.
+    """Return whether a junction without mapped signals probably has some.
 
-    Three arms of large streets, or three of medium ones with many lanes; nobody yields there by
-    sign, and it is no roundabout.
+    It has three arms of large streets, or three of medium ones with many lanes, no signs of
+    priority, and is no roundabout.
     """
     if junction.signals or junction.crossing_signals or len(junction.arms) < 3:
         return False
@@ -111,7 +111,7 @@ def _disc(junction: MappedJunction, place: MappedSite) -> shapely.Polygon:
 
 
 def _crossings(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[Finding]:
-    """Yield the arms of signalised junctions over which no crossing is mapped."""
+    """Yield a finding about arms of signalised junctions without a mapped crossing."""
     spots, arms, weak, all_of = [], 0, 0.0, 0.0
     found = _mapped_crossings(place)
     for junction in signalised:
@@ -141,7 +141,7 @@ def _crossings(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[
 
 
 def _mapped_crossings(place: MappedSite) -> list[shapely.Point]:
-    """Return where crossings are mapped: nodes of streets, and footways over streets."""
+    """Return the mapped crossings: nodes of streets, and footways over streets."""
     tags, nodes = place.extract.node_tags, place.extract.nodes
     on_streets = {node for street in place.streets for node in street.way.nodes if node in nodes}
     marked = sorted(
@@ -168,7 +168,7 @@ def _mapped_crossings(place: MappedSite) -> list[shapely.Point]:
 
 
 def _leads_to(arm: JunctionArm, junction: MappedJunction, other: MappedJunction) -> bool:
-    """Return whether another junction stands so near on an arm that both share a crossing."""
+    """Return whether another junction is so near on an arm that both share a crossing."""
     point = shapely.Point(other.middle)
     away = float(point.distance(shapely.Point(junction.middle)))
     return away < _NEXT_M and _is_over(arm, junction, point)
@@ -181,7 +181,7 @@ def _is_over(arm: JunctionArm, junction: MappedJunction, point: shapely.Point) -
 
 
 def _turn_lanes(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[Finding]:
-    """Yield the approaches of several lanes that do not say which lane turns where."""
+    """Yield a finding about multi-lane approaches without turn lanes."""
     spots, approaches, weak, all_of = [], 0, 0.0, 0.0
     seen: set[int] = set()
     for junction in signalised:
@@ -227,7 +227,7 @@ def _approaching(street: MappedWay, cores: set[int]) -> Iterator[str]:
 
 
 def _lanes_of(street: MappedWay, direction: str) -> int | None:
-    """Return how many lanes are mapped in a direction."""
+    """Return the number of mapped lanes in a direction."""
     tags = street.way.tags
     said = count(tags.get(f"lanes:{direction}"))
     if said is not None:
@@ -251,7 +251,7 @@ def _spot(place: MappedSite, junction: MappedJunction) -> Spot:
 
 
 def _spot_of_arm(place: MappedSite, junction: MappedJunction, arm: JunctionArm) -> Spot:
-    """Return the way that leads along an arm, where it leaves the junction."""
+    """Return a spot on an arm's way, where it leaves the junction."""
     nodes = place.frame.site_from_lonlat([place.extract.nodes[n] for n in junction.nodes])
     reach = float(np.linalg.norm(nodes - junction.middle, axis=1).max()) + 12.0
     angle = np.radians(arm.angle_deg)

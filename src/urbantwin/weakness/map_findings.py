@@ -1,4 +1,4 @@
-"""Findings about what the map has along streets: lanes, footways, buildings, trees and lamps."""
+"""Findings about the map along streets: lanes, footways, buildings, trees and lamps."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from urbantwin.weakness.mapped_site import MappedSite, MappedWay, nearness
 
 __all__ = ["building_findings", "furniture_findings", "street_findings", "walking_findings"]
 
-#: What a guess of a building's height is counted as.
+#: Key under which guessed heights of buildings are counted.
 _ASSUMED = "height assumed from building type"
 
 
 def building_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield what is weak about the buildings of the region, as the scene would build them."""
+    """Yield the findings about the buildings of the region, as the scene would build them."""
     buildings = mapped_buildings(place.features, place.region, None, Counter())
-    # Imported geometry takes the place of the map's buildings, nobody knows yet of how many.
+    # Imported geometry replaces an unknown number of the map's buildings.
     share = 0.5 if place.site.geometry else 1.0
     if not buildings:
         yield finding("buildings-missing", "no building is mapped in the region", share=share)
@@ -39,7 +39,7 @@ def building_findings(place: MappedSite) -> Iterator[Finding]:
     spots, weak, all_of = [], 0.0, 0.0
     for building in buildings:
         plan = building.plan()
-        # What a wall hides and shows grows with the side of a house, not with its area.
+        # What a wall hides grows with the side length of a house, not with its area.
         weight = plan.area**0.5 * nearness(plan)
         all_of += weight
         if _has_height(building):
@@ -67,7 +67,7 @@ def building_findings(place: MappedSite) -> Iterator[Finding]:
 
 
 def _has_height(building: MappedBuilding) -> bool:
-    """Return whether the map tells how high a building or a part of it is."""
+    """Return whether the map gives the height of a building or of a part of it."""
     tags = [part for part, _ in building.parts] or [building.tags]
     for one in tags:
         notes: Counter[str] = Counter()
@@ -77,13 +77,13 @@ def _has_height(building: MappedBuilding) -> bool:
     return False
 
 
-#: Kinds of poles of corrections that are lamps or carry wires.
+#: Kinds of corrected poles that are lamps or carry wires.
 _POLES = ("lamp", "utility")
 _TREES = ("tree", "tree_row", "tree_group", "wood", "scrub")
 
 
 def furniture_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield kinds of things of which none is mapped in the region, or added by a correction."""
+    """Yield a finding for each kind of object without any in the region."""
     added = [one.asked for one in place.corrections]
     here = [spot(place.frame, shapely.Point(0.0, 0.0), name="the anchor")]
     tags = [item.tags for item in place.features]
@@ -110,14 +110,15 @@ _LANES = ("lanes", "lanes:forward", "lanes:backward")
 _SPEEDS = ("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type", "zone:maxspeed",
            "source:maxspeed", "zone:traffic")  # fmt: skip
 _SIDEWALKS = ("sidewalk", "sidewalk:both", "sidewalk:left", "sidewalk:right")
-#: Streets beside which nobody expects a sidewalk.
+#: Streets without expected sidewalks.
 _NO_SIDEWALK = ("motorway", "motorway_link", "trunk_link", "busway", "living_street")
-#: A footway so near to the middle of a street, along so much of it, is its sidewalk, metres.
+#: Maximum distance of a footway from the middle of a street, metres, and least share along it, to
+#: be its sidewalk.
 _BESIDE_M, _ALONG = 18.0, 0.5
 
 
 def street_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield what is weak about the streets of the region."""
+    """Yield the findings about the streets of the region."""
     tags: tuple[tuple[str, str, Callable[[Tags], bool]], ...] = (
         ("lanes", "do not say how many lanes they have", _lacks_lanes),
         ("maxspeed", "have no speed limit", _lacks_speed),
@@ -174,16 +175,16 @@ def _sidewalk_unknown(street: MappedWay, walks: shapely.Geometry) -> bool:
     return bool(along < _ALONG * street.inside.length)
 
 
-#: A way's end so near to another one was meant to meet it, metres.
+#: Distance within which the end of a way was probably meant to join another, metres.
 _NEARLY_M = 2.0
-#: Where the extract ends so near, ways end, too, metres.
+#: Distance from the extract's border within which ways may be cut, metres.
 _RIM_M = 15.0
-#: Ways that are so short all together are steps to a door and the like, metres.
+#: Total length below which a group of ways is ignored, such as steps to a door, metres.
 _SHORT_M = 15.0
 
 
 def walking_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield what is weak about the footways of the region."""
+    """Yield the findings about the footways of the region."""
     if not place.footways:
         return
     others = [*place.footways, *place.streets, *_service(place)]
@@ -216,7 +217,7 @@ def walking_findings(place: MappedSite) -> Iterator[Finding]:
 
 
 def _service(place: MappedSite) -> list[MappedWay]:
-    """Return all other ways on which one may get on: service roads, tracks, cycleways, areas."""
+    """Return all other ways that connect to footways: service roads, tracks, cycleways, areas."""
     known = {one.way.id for one in (*place.footways, *place.streets)}
     found = []
     for way in place.extract.highways():
@@ -230,7 +231,7 @@ def _service(place: MappedSite) -> list[MappedWay]:
 
 
 def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
-    """Return the footways from which no other way can be reached, within what is mapped."""
+    """Return the footways from which no other way can be reached, within the map."""
     numbers: dict[int, int] = {}
     pairs = []
     for way in ways:
@@ -252,7 +253,7 @@ def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
     found = []
     for group in groups.values():
         lines = shapely.union_all([one.line for one in group])
-        # What leaves the extract, or the region, may be joined beyond.
+        # Ways that leave the extract, or the region, may be joined beyond.
         whole = place.region.contains(lines) and inside.contains(lines)
         if whole and lines.length >= _SHORT_M and all(one.way.id in footways for one in group):
             found += group

@@ -1,4 +1,4 @@
-"""A site's map as its findings see it: streets, footways and features of the region."""
+"""A site's map for findings: streets, footways and features of the region."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from urbantwin.weakness.finding import Spot, spot
 
 __all__ = ["WALKED", "MappedSite", "MappedWay", "nearness"]
 
-#: Ways that people walk on and nobody drives.
+#: Ways for pedestrians only.
 WALKED = frozenset("footway path pedestrian steps corridor".split())
-#: Values of ``foot`` that let people walk on a cycleway.
+#: Values of ``foot`` that allow pedestrians on a cycleway.
 _MAY = ("yes", "designated", "permissive")
-#: What is so far from the anchor counts half, metres.
+#: Distance from the anchor at which objects have half weight, metres.
 _HALF_M = 50.0
 
 
 @dataclass(frozen=True, eq=False)
 class MappedWay:
-    """A way and what of it lies in the region.
+    """A way with its part in the region.
 
     Attributes:
-        way: of the map.
-        line: whole, site frame.
-        inside: what of it lies in the region.
+        way: the way of the map.
+        line: the whole line, site frame.
+        inside: the part in the region.
     """
 
     way: Way
@@ -49,12 +49,12 @@ class MappedWay:
 
     @property
     def weight(self) -> float:
-        """How much it counts: by its length in the region, its nearness and its class."""
+        """Its weight: by length in the region, nearness and class."""
         of_class = STREETS.get(self.way.tags["highway"], (1.0, 1))[0]
         return float(self.inside.length * nearness(self.inside) * of_class**0.5)
 
     def spot(self, frame: SiteFrame) -> Spot:
-        """Return a place on it."""
+        """Return a point on it."""
         parts = [one for one in shapely.get_parts(self.inside) if one.length > 0]
         longest = max(parts, key=lambda one: one.length, default=self.line)
         return spot(frame, longest, element=f"way/{self.way.id}", name=self.name)
@@ -65,10 +65,10 @@ class MappedSite:
     """A site and its map.
 
     Attributes:
-        site: as it was written.
-        extract: its map, near the region, with the buildings and the corrections that the site has.
-        added: ids of ways and relations that are of the site's file of buildings, and in no map.
-        corrections: what a person corrected.
+        site: the site as written.
+        extract: its map around the region, with the site's buildings and corrections.
+        added: ids of ways and relations of the site's file of buildings, which are not in the map.
+        corrections: the site's corrections.
     """
 
     site: Site
@@ -83,22 +83,22 @@ class MappedSite:
 
     @property
     def region(self) -> shapely.Polygon:
-        """What is built, site frame."""
+        """The region that is built, site frame."""
         return self.site.region
 
     @cached_property
     def features(self) -> list[OsmFeature]:
-        """What touches the region."""
+        """The features that touch the region."""
         return self.extract.features(self.frame, self.region)
 
     @cached_property
     def area(self) -> shapely.Polygon:
-        """Where the extract is complete, site frame."""
+        """The area in which the extract is complete, site frame."""
         return mapped_area(self.extract, self.frame)
 
     @cached_property
     def streets(self) -> list[MappedWay]:
-        """The streets of the region that become lanes, but for those in tunnels."""
+        """The streets of the region that become lanes, except those in tunnels."""
         return self._ways(
             way
             for way in self.extract.highways()
@@ -109,7 +109,7 @@ class MappedSite:
 
     @cached_property
     def footways(self) -> list[MappedWay]:
-        """The ways of the region that people walk on and nobody drives, as lines."""
+        """The ways of the region for pedestrians only, as lines."""
         return self._ways(
             way
             for way in self.extract.highways()
@@ -141,6 +141,6 @@ class MappedSite:
 
 
 def nearness(shape: shapely.Geometry) -> float:
-    """Return how much something counts by its distance from the anchor: 1 there, 0.5 at 50 m."""
+    """Return the weight of an object by its distance from the anchor: 1 there, 0.5 at 50 m."""
     away = float(np.asarray(shapely.distance(shape, shapely.Point(0.0, 0.0))))
     return 1.0 / (1.0 + (away / _HALF_M) ** 2)
