@@ -279,6 +279,32 @@ def kitti() -> dict[str, bytes]:
     }
 
 
+def kitti_tracking() -> dict[str, bytes]:
+    label = b"0 3 Car 0 0 -0.2 1 2 3 4 1.5 1.9 4.6 3.0 5.0 12.0 -1.2\n"
+    calibration = f"P2: {TWELVE}\nR_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam {TWELVE}\n"
+    return {
+        "velodyne/0004/000000.bin": ROWS.tobytes(),
+        "label_02/0004.txt": label,
+        "calib/0004.txt": calibration.encode(),
+    }
+
+
+def kitti_raw() -> dict[str, bytes]:
+    pose = "".join(f"<{name}>2</{name}>" for name in ("tx", "ty", "tz", "rz", "occlusion"))
+    tracklet = (
+        "<item><objectType>Car</objectType><h>1.5</h><w>1.9</w><l>4.6</l>"
+        f"<first_frame>0</first_frame><poses><item>{pose}</item></poses></item>"
+    )
+    return {
+        "velodyne_points/data/0000000000.bin": ROWS.tobytes(),
+        "tracklet_labels.xml": (
+            f"<boost_serialization><tracklets>{tracklet}</tracklets></boost_serialization>"
+        ).encode(),
+        "oxts/data/0000000000.txt": b"49.0 8.4 115.1 0.01 0.02 0.3 0 0 0\n",
+        "calib_imu_to_velo.txt": b"calib_time: 1\nR: 1 0 0 0 1 0 0 0 1\nT: -0.8 0.3 -0.8\n",
+    }
+
+
 def semantic_kitti() -> dict[str, bytes]:
     return {
         "velodyne/000000.bin": ROWS.tobytes(),
@@ -494,6 +520,8 @@ RECORDINGS = {
     "waymo2": waymo(),
     "nuscenes": nuscenes(),
     "kitti": kitti(),
+    "kitti-tracking": kitti_tracking(),
+    "kitti-raw": kitti_raw(),
     "semantic-kitti": semantic_kitti(),
     "tumtraf": tumtraf(),
     "dair-v2x": dair(),

@@ -219,15 +219,40 @@ KITTI = FolderDataset(
 )
 
 
-def _sequence_of(path: Path) -> tuple[Path, str]:
-    """Return the folder of a split of the tracking benchmark and the name of a sequence in it."""
+def _sequences(path: Path) -> list[Path]:
+    """Return the folders of clouds: a sequence itself, or those of a split of the benchmark."""
     folder = path.absolute()
-    return folder.parent.parent, folder.name
+    folders = [folder]
+    if (folder / "velodyne").is_dir():
+        folders = sorted(sub for sub in (folder / "velodyne").iterdir() if sub.is_dir())
+    return [
+        one
+        for one in folders
+        if one.parent.name == "velodyne"
+        and (one.parent.parent / "calib" / f"{one.name}.txt").is_file()
+        and clouds_in(one, ".bin")
+    ]
+
+
+def _sequence(path: Path) -> Path:
+    """Return the only folder of clouds.
+
+    Raises:
+        InputError: there are several sequences.
+    """
+    folders = _sequences(path)
+    if len(folders) != 1:
+        names = ", ".join(f"velodyne/{folder.name}" for folder in folders[:8])
+        raise InputError(
+            f"holds {len(folders)} recordings", file=path, expected=f"one of them: {names}"
+        )
+    return folders[0]
 
 
 def _tracking_labels(path: Path, files: list[Path]) -> Labels:
     """Boxes of all frames of a sequence: each line begins with the frame and the track."""
-    split, name = _sequence_of(path)
+    folder = _sequence(path)
+    split, name = folder.parent.parent, folder.name
     labels, calibration = split / "label_02" / f"{name}.txt", split / "calib" / f"{name}.txt"
     if not (labels.is_file() and calibration.is_file()):
         return Labels(lambda file, index, fields: {})
@@ -283,12 +308,8 @@ def tracking_rows(path: Path) -> dict[int, list[tuple[str, NDArray[np.float64]]]
 KITTI_TRACKING = FolderDataset(
     name="kitti-tracking",
     title="KITTI tracking",
-    detect=lambda path: (
-        path.absolute().parent.name == "velodyne"
-        and (_sequence_of(path)[0] / "calib" / f"{path.absolute().name}.txt").is_file()
-        and bool(clouds_in(path, ".bin"))
-    ),
-    clouds=lambda path: clouds_in(path, ".bin"),
+    detect=lambda path: bool(_sequences(path)),
+    clouds=lambda path: clouds_in(_sequence(path), ".bin"),
     labels=_tracking_labels,
     verified=False,
 )
