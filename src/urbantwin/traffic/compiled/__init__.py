@@ -1,13 +1,15 @@
-"""Loops that numba compiles: who is near whom, and who waits. Arguments are documented in words.
+"""Loops compiled by numba: neighbours, waiting and evasion.
 
-Arrays are of float64 unless said otherwise, lengths in metres and times in seconds. Nothing here
-holds the interpreter's lock.
+Arguments have no types, so docstrings state them.
+
+Arrays are of float64 unless stated otherwise, lengths in metres and times in seconds. The functions
+release the interpreter's lock.
 """
 
 from urbantwin.geometry.compiled import per_ray
 
 __all__ = ["per_actor"]
 
-#: For a function that is called for an actor or a pair in every step, and neither makes nor keeps
-#: arrays: what holds for rays (`geometry.compiled`) holds for them.
+#: For functions called per actor or pair in every step that neither create nor keep arrays, as for
+#: rays (`geometry.compiled`).
 per_actor = per_ray

@@ -1,4 +1,4 @@
-"""Whom people see coming, and how they go aside for each other in a step."""
+"""Evasion of pedestrians within a step: prediction of conflicts, and stepping aside."""
 
 import math
 
@@ -12,25 +12,25 @@ from urbantwin.traffic.compiled.waiting import depth_of
 __all__ = ["comes_near", "foresee", "lets_by", "looks_ahead", "near_whom", "part"]
 __all__ += ["room_ahead", "slip_by", "what_is_at"]
 
-#: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
+#: Number of look-aheads, their range, seconds, and maximum lateral evasion, metres.
 LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
-#: What moves farther than this meanwhile drives, metres.
+#: Displacement within the look-ahead from which a vehicle is moving, metres.
 DRIVES_M = 0.5
-#: Who is so near in plan is looked at, metres; the same of who drives, and of what stands.
+#: Distances in plan within which pedestrians, vehicles and static obstacles are considered, metres.
 NEAR_M, DRIVEN_M, BESIDE_M = 4.0, 25.0, 1.5
-#: Room that is left, metres; who stands gives way by so much of what one does who walks.
+#: Gap, metres; and share by which standing pedestrians give way relative to walking ones.
 GAP_M, STANDING = 0.03, 0.15
-#: Boxes farther apart than their radii by this factor have a gap along one of their sides at least.
+#: Boxes farther apart than their radii times this have a gap along at least one side.
 MAY_TOUCH = 1.4143
-#: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
+#: A pedestrian held up this long, s, by another nearer than this, m, slips past at this speed, m/s.
 HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
-#: Where one does not get by on one side, one tries the other after so long, seconds.
+#: Time after which the other side is tried, seconds.
 SWAPS_S = 3.0
 
 
 @njit(cache=True, nogil=True)
 def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner, count):
-    """Return who is near whom: a person's number, a row, and whose number it is, -1 for others."""
+    """Return pairs: index of a pedestrian, row of the other, and its index, -1 for others."""
     pairs = np.empty((64, 3), np.int64)
     found = 0
     for a in range(len(mine)):
@@ -56,7 +56,7 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
         if level[i] != 0 or not (0 <= column < within[3] and 0 <= row < within[4]):
             continue
         if what_is_at(now[i, 0], now[i, 1], blocked, corner) == 1:
-            continue  # its way leads through: there is none round
+            continue  # its path leads through the obstacle: there is no way around
         cell = row * int(within[3]) + column
         for k in range(still[cell], still[cell + 1]):
             j = count + cells[k]
@@ -69,7 +69,7 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
 
 @njit(cache=True, nogil=True)
 def looks_ahead(step_s):
-    """Return how many steps ahead one looks (L,), nearest first."""
+    """Return the look-aheads in steps (L,), nearest first."""
     looks = np.empty(LOOKS, np.int64)
     for k in range(LOOKS):
         looks[k] = round((k + 1) * AHEAD_S / LOOKS / step_s)
@@ -78,7 +78,7 @@ def looks_ahead(step_s):
 
 @per_actor
 def room_ahead(i, looks, boxes, come, last, room):
-    """Put west, south, east and north of where somebody is as far as it looks ahead in ``room``."""
+    """Write west, south, east and north of a pedestrian's look-ahead range to ``room``."""
     row = int(come[i])
     room[0], room[1] = boxes[row, 0], boxes[row, 1]
     room[2], room[3] = room[0], room[1]
@@ -93,7 +93,7 @@ def room_ahead(i, looks, boxes, come, last, room):
 
 @per_actor
 def comes_near(i, j, off, a, room, boxes):
-    """Return whether what stands may be nearer than a gap to somebody's ``room``."""
+    """Return whether an obstacle may be nearer than a gap to a pedestrian's ``room``."""
     x, y = boxes[j, 0] - off[a, 0], boxes[j, 1] - off[a, 1]
     reach = boxes[i, 6] + boxes[j, 6] + GAP_M + 1e-6
     return room[0] - reach < x < room[2] + reach and room[1] - reach < y < room[3] + reach
@@ -101,7 +101,7 @@ def comes_near(i, j, off, a, room, boxes):
 
 @per_actor
 def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
-    """Return whether somebody would walk into a vehicle that drives, and would not if it waited."""
+    """Return whether a pedestrian would walk into a moving vehicle, and would not if it waited."""
     if not joined[i]:
         return False
     into, drives = False, False
@@ -125,7 +125,7 @@ def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
 
 @per_actor
 def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
-    """Go a little to the side of somebody whom one would come into soon."""
+    """Evade to the side of an actor with which a conflict is predicted."""
     walks = b >= 0
     from_x, from_y = off[a, 0], off[a, 1]
     theirs_x, theirs_y = (off[b, 0], off[b, 1]) if walks else (0.0, 0.0)
@@ -143,7 +143,7 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
             continue
         if depth_of(between_x, between_y, boxes[own], boxes[its]) + GAP_M <= 1e-6:
             continue
-        # Past each other on the side on which they come by.
+        # On the side on which they pass each other.
         x = between_x - (now[i, 0] + from_x - now[j, 0] - theirs_x)
         y = between_y - (now[i, 1] + from_y - now[j, 1] - theirs_y)
         far = math.hypot(x, y)
@@ -169,7 +169,7 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
 
 @per_actor
 def slip_by(i, j, off, a, b, now, joined, held, step_s):
-    """Go to the side of somebody right before whom one is held up."""
+    """Move sideways past an actor directly ahead that holds a pedestrian up."""
     walks = b >= 0
     slips = joined[i] and held[i - 1] * step_s > HELD_S
     slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
@@ -195,7 +195,7 @@ def slip_by(i, j, off, a, b, now, joined, held, step_s):
 
 @per_actor
 def part(i, j, off, a, b, now, joined, step_s):
-    """Part two who are in each other, by the shortest way; return whether they were."""
+    """Separate two overlapping actors by the shortest way; return whether they overlapped."""
     walks = b >= 0
     x, y = now[i, 0] + off[a, 0] - now[j, 0], now[i, 1] + off[a, 1] - now[j, 1]
     if walks:
@@ -227,7 +227,7 @@ def part(i, j, off, a, b, now, joined, step_s):
 
 @per_actor
 def _gives(r, now, joined, step_s):
-    """Return how much somebody on foot gives way: who stands hardly."""
+    """Return how far a pedestrian gives way, by its speed; standing ones hardly."""
     if not joined[r]:
         return STANDING
     went = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
@@ -236,20 +236,20 @@ def _gives(r, now, joined, step_s):
 
 @per_actor
 def close_to(x, y, reach):
-    """Return whether it is less far than that."""
+    """Return whether a displacement is shorter than ``reach``."""
     return x * x + y * y < reach * reach
 
 
 @per_actor
 def _reach(box, x, y):
-    """Return how far a box reaches from its middle along a way."""
+    """Return the extent of a box from its centre along a direction."""
     along, across = abs(box[2] * x + box[3] * y), abs(box[2] * y - box[3] * x)
     return along * box[4] + across * box[5]
 
 
 @per_actor
 def what_is_at(x, y, blocked, corner):
-    """Return what is at a place."""
+    """Return the raster's value at a point."""
     row, column = int((y - corner[1]) / corner[2]), int((x - corner[0]) / corner[2])
     if 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1]:
         return blocked[row, column]

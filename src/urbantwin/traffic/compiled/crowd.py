@@ -1,4 +1,4 @@
-"""People on their ways, step by step in time: who waits, and who steps aside."""
+"""Pedestrians on their paths, step by step: waiting and stepping aside."""
 
 import math
 
@@ -22,31 +22,33 @@ from urbantwin.traffic.compiled.waiting import depth
 
 __all__ = ["walked"]
 
-#: Who walks on comes back to its way within so far, metres; nobody is farther from it, metres.
+#: Walking distance within which a pedestrian returns to its path, and maximum distance from it,
+#: metres.
 BACK_M, MOST_M = 2.5, 1.6
-#: Who stands and was pushed farther than this from where it would stand comes back so far, metres.
+#: Distance from its standing position beyond which a pushed pedestrian returns, metres.
 STRAYS_M = 1.0
-#: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
+#: Lateral speed, m/s, and change of speed, m/s2, of stepping aside.
 ASIDE_MS, STARTS_MS2 = 1.2, 8.0
-#: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
-#: so much faster than it did near there, and need not be slower than the second, m/s; who is
-#: farther behind than this, metres, runs.
+#: Maximum speed when evading or delayed, m/s; factor on the original speed when delayed; speed that
+#: is always allowed then, m/s; delay above which a pedestrian runs, metres.
 FASTEST_MS, HURRIES, BRISK_MS, RUNS_M = 2.2, 1.3, 1.6, 4.0
-#: Who is late and gets on no faster is held up, m/s.
+#: Progress below which a delayed pedestrian is held up, m/s.
 SLOW_MS = 0.1
-#: Who lies in somebody by less has touched it, metres.
+#: Overlap up to which pedestrians only touch, metres.
 TOUCH_M = 0.004
 ROUNDS = 12
-#: Who was held up for so long leaves the footway to get on, and steps back so fast: s, m/s.
+#: Time of being held up after which a pedestrian leaves the footway, s, and speed of stepping back,
+#: m/s.
 PATIENCE_S, BACK_MS = 2.0, 0.5
-#: So far beside its way one is on the edge of the footway, metres.
+#: Lateral distance from the path that counts as the edge of the footway, metres.
 EDGE_M = 0.25
-#: One of so many does for so long, in turn, seconds.
+#: One in this number of pedestrians steps back at a time, in turns of this duration, seconds.
 TURNS, BACK_S = 3, 1.5
-#: Who comes in where somebody is begins beside it: within so many rings of so many metres.
+#: A pedestrian that appears on an occupied spot is moved to the nearest free point on concentric
+#: circles: their number, spacing in metres, and points per circle.
 RINGS, RING_M, PLACES = 8, 0.2, 12
-#: Who turns faces where it goes within so long, seconds; slower than this nobody does but who is
-#: held up and shifts, m/s.
+#: Time constant of turning towards the motion, seconds; speed below which the heading stays, m/s,
+#: unless held up and shifting faster than the last, m/s.
 TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 
@@ -55,47 +57,45 @@ def walked(
     begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, kerbs, green,
     patience, still, cells, within, blocked, corner, step_s, now, place, come, at, held, let,
 ):  # fmt: skip
-    """Find where people are, and which of their rows they have come to.
+    """Compute the positions of pedestrians, and their progress on their paths.
 
-    A person has a way, the places of its rows. It is as far on it as its row, or later, and beside
-    it by as much as others make it. In each step everybody goes on; looks two seconds ahead and
-    goes a little to the side of whom it would come into; is pushed apart from whom it touches; and
-    stays where it was, if it would lie in somebody, in a vehicle that stands or in a wall even so.
-    As nobody lay in anybody a step earlier, nobody does then.
+    A pedestrian's path is the sequence of its rows. It is at its row or behind, and beside it by
+    evasion. In each step it moves on; looks two seconds ahead and evades predicted conflicts; is
+    pushed out of contacts; and stays where it was if it would still overlap a pedestrian, a
+    standing vehicle or a wall. Without overlaps in the previous step there are none afterwards.
 
     Args:
-        begins: (S + 1,) int64, where the rows of people of each step begin.
-        rows: (R,) int64, the rows of people, by step.
-        other_begins: (S + 1,) int64, where the rows of others of each step begin.
-        others: (Q,) int64, the rows of all others, by step.
-        boxes: (N + B, 7) of actors, by actor and step, then of what stands at every step: x, y,
-            cosine and sine of the heading, half the length, half the width, half the diagonal.
-        whose: (N,) int64, the number of the actor.
-        level: (N,) int64, of their roads; what stands is on level 0.
-        far: (N,) how far each went on its own way by each row.
-        pace: (N,) how fast people walk near there.
+        begins: (S + 1,) int64, begin of the rows of pedestrians of each step.
+        rows: (R,) int64, rows of pedestrians, by step.
+        other_begins: (S + 1,) int64, begin of the rows of others of each step.
+        others: (Q,) int64, rows of all others, by step.
+        boxes: (N + B, 7) boxes of actors, by actor and step, then of static obstacles: x, y, cosine
+            and sine of the heading, half the length, half the width, half the diagonal.
+        whose: (N,) int64, index of the actor.
+        level: (N,) int64, level of the road; static obstacles are on level 0.
+        far: (N,) distance along the own path at each row.
+        pace: (N,) walking speed around each row.
         joined: (N,) bool, whether the row before is the same actor's, a step earlier.
         last: (N,) int64, the last row of the same actor that follows without a gap.
-        kerbs: (N, 4) int64, the row with which the next crossing on one's way begins, this one or
-            later, -1 for none; of such a row the last one on it, its signal, -1 without, and the
-            row at which one waits before it.
-        green: (K, S) uint8, whether a signal lets people begin to cross, by step.
-        patience: (2,) for how many steps one lets vehicles by that come over a crossing without a
-            signal, and at green.
-        still: (C + 1,) int64, where the numbers of what stands begin of each cell, by row.
-        cells: (K,) int64, those numbers.
-        within: (5,) west and south of those cells, their size, columns and rows.
-        blocked: (Y, X) uint8, cells: 1 where something stands, 2 where nobody walks, else 0.
-        corner: (3,) west and south of these cells, and their size.
+        kerbs: (N, 4) int64, first row on the next crossing of the path, this one or later, -1 for
+            none; for such a row the last one on it, its signal, -1 without, and the row of the
+            waiting position.
+        green: (K, S) uint8, whether a signal lets pedestrians start, by step.
+        patience: (2,) number of steps of letting vehicles pass at a crossing without a signal, and
+            at green.
+        still: (C + 1,) int64, begin of the indices of obstacles for each cell, by row.
+        cells: (K,) int64, these indices.
+        within: (5,) west and south of these cells, their size, columns and rows.
+        blocked: (Y, X) uint8, raster: 1 for an obstacle, 2 off the footway, else 0.
+        corner: (3,) west and south of the raster, and its cell size.
         step_s: time between steps.
-        now: (N + B, 7) boxes as they are, of people too; like what follows filled in here, step by
-            step, and given of who was there before: its last two rows are done.
-        place: (N, 3) x, y and by how much the heading differs from that of the row that one has
-            come to.
-        come: (N,) that row, not whole.
-        at: (N,) how far one is on its way.
-        held: (N,) int64, for how many steps one was held up.
-        let: (N,) int64, for how many steps one let vehicles by.
+        now: (N + B, 7) current boxes, also of pedestrians. This and the following are output,
+            computed step by step; for actors already present, their last two rows are given.
+        place: (N, 3) x, y and the difference of the heading from that of the reached row.
+        come: (N,) the reached row, fractional.
+        at: (N,) position along the path.
+        held: (N,) int64, number of steps held up.
+        let: (N,) int64, number of steps of letting vehicles pass.
     """
     count, looks, room = len(far), looks_ahead(step_s), np.empty(4)
     for s in range(len(begins) - 1):
@@ -156,7 +156,7 @@ def walked(
 
 @per_actor
 def _point(r, at, begin, far, boxes):
-    """Return from which row on, and by what share of the way to the next, one is ``at`` so far."""
+    """Return the row before position ``at`` on the path, and the share of the way to the next."""
     u = begin
     while u < r and far[u + 1] <= at:
         u += 1
@@ -168,7 +168,7 @@ def _point(r, at, begin, far, boxes):
 
 @per_actor
 def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, step_s):
-    """Go on along the way, so far at most, and back to it; ``now`` is then where one would be."""
+    """Move on along the path, up to a bound, and back towards it; ``now`` is the result."""
     turn = 0.0
     come[r], at[r] = r, far[r]
     if joined[r]:
@@ -176,7 +176,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
         gap, own = far[r] - at[q], far[r] - far[q]
         goes = gap
         if gap > own + 1e-9:
-            # Who is late hurries a little.
+            # Delayed pedestrians hurry a little.
             did = own
             if joined[q]:
                 did = at[q] - at[q - 1]
@@ -185,7 +185,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
                 most = FASTEST_MS * step_s
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
         elif own > FASTEST_MS * step_s + 1e-6:
-            goes = FASTEST_MS * step_s  # SUMO lets people leap
+            goes = FASTEST_MS * step_s  # SUMO lets people jump
         goes = min(goes, max(most_far - at[q], 0.0))
         if goes < gap:
             at[r] = at[q] + goes
@@ -212,7 +212,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
 
 @per_actor
 def _step_back(r, off, now, whose, place, come, at, held, step_s):
-    """Step back for a while in turn, where all are stuck, to begin anew."""
+    """Step back for a while, in turns, where all are stuck."""
     q = r - 1
     stuck_s = held[q] * step_s - PATIENCE_S
     if stuck_s <= 0 or (int(stuck_s / BACK_S) + whose[r]) % TURNS:
@@ -223,7 +223,7 @@ def _step_back(r, off, now, whose, place, come, at, held, step_s):
 
 @per_actor
 def _keep(r, off, now, place, come, at):
-    """Stay where one was a step earlier."""
+    """Stay at the position of the previous step."""
     q = r - 1
     come[r], at[r] = come[q], at[q]
     now[r, 0], now[r, 1], now[r, 2], now[r, 3] = now[q, 0], now[q, 1], now[q, 2], now[q, 3]
@@ -233,7 +233,7 @@ def _keep(r, off, now, place, come, at):
 
 @per_actor
 def _beside(q, boxes, now, come):
-    """Return how far one is beside its way in a row that is done."""
+    """Return the displacement from the path in a finished row."""
     u = int(come[q])
     share = come[q] - u
     x, y = boxes[u, 0], boxes[u, 1]
@@ -245,7 +245,7 @@ def _beside(q, boxes, now, come):
 
 @per_actor
 def _face(r, boxes, now, come, turn):
-    """Turn the box of a row by an angle from where its way leads."""
+    """Rotate the box of a row by an angle relative to the path."""
     u = int(come[r])
     c, s = math.cos(turn), math.sin(turn)
     now[r, 2] = boxes[u, 2] * c - boxes[u, 3] * s
@@ -257,7 +257,7 @@ def _hold(
     r, off, cars, level, last, boxes, now, far, joined, place, come, at, held, blocked, corner,
     step_s,
 ):  # fmt: skip
-    """Keep what somebody does to what people can, off walls and on the footway; turn it there."""
+    """Limit a pedestrian's motion, keep it off walls and on the footway, and turn it."""
     x, y = now[r, 0] + off[0], now[r, 1] + off[1]
     free = off[0] == 0.0 and off[1] == 0.0 and at[r] == far[r]
     if free or not joined[r]:
@@ -280,7 +280,7 @@ def _hold(
     was_x, was_y = now[q, 0], now[q, 1]
     ahead_x, ahead_y = boxes[u, 2], boxes[u, 3]
     goes_x, goes_y = x - was_x, y - was_y
-    # Nobody walks backwards, but a step for others when all are stuck, and aside goes slowly.
+    # No backward motion, except a step for others when all are stuck; lateral motion is slow.
     on, aside = goes_x * ahead_x + goes_y * ahead_y, goes_y * ahead_x - goes_x * ahead_y
     on = max(on, -BACK_MS * step_s if held[q] * step_s > PATIENCE_S else 0.0)
     went = math.hypot(base_x - boxes[max(u - 1, 0), 0], base_y - boxes[max(u - 1, 0), 1])
@@ -301,12 +301,12 @@ def _hold(
     if long > most:
         goes_x, goes_y = goes_x * most / long, goes_y * most / long
     x, y = was_x + goes_x, was_y + goes_y
-    # Where its way leads it may be, where it is, and nowhere worse.
+    # Allowed are the cell types of the path and of the current position, and nothing worse.
     own = what_is_at(base_x, base_y, blocked, corner)
     was = what_is_at(was_x, was_y, blocked, corner)
     there = what_is_at(x, y, blocked, corner)
     if there == 2 and own != 2 and was != 2 and held[q] * step_s <= PATIENCE_S:
-        # A way may lead along the edge of the footway.
+        # A path may lead along the edge of the footway.
         long = math.hypot(x - base_x, y - base_y)
         if long > EDGE_M:
             edge_x = base_x + (x - base_x) * EDGE_M / long
@@ -321,7 +321,7 @@ def _hold(
         and (was == 0 or (own == 2 and _strays(x, y, was_x, was_y, base_x, base_y)))
         and drives_by(r, x, y, cars, level, last, boxes, now, step_s)
     ):
-        there = 1  # it does not leave the footway now, nor its way beside a road
+        there = 1  # stays on the footway, or on its path beside a road
     elif there == 2:
         there = 0
     if there and there != own:
@@ -330,7 +330,7 @@ def _hold(
         there = what_is_at(x, y, blocked, corner)
         if there and there != own:
             x, y = was_x, was_y
-    # Who is behind where its way has it by now is late.
+    # A position behind that of the path is a delay.
     beside_x, beside_y = x - base_x, y - base_y
     lags = -(beside_x * ahead_x + beside_y * ahead_y)
     if lags > 0 and at[r] > at[q]:
@@ -360,20 +360,20 @@ def _hold(
         turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
     elif come[r] < r and held[q] and pace > SHIFTS_MS:
-        place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
+        place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to its direction
     _face(r, boxes, now, come, place[r, 2])
 
 
 @per_actor
 def _strays(x, y, was_x, was_y, base_x, base_y):
-    """Return whether a step leads farther away from one's way than its edge."""
+    """Return whether a step leads farther from the path than its edge."""
     away = math.hypot(x - base_x, y - base_y)
     return away > EDGE_M and away > math.hypot(was_x - base_x, was_y - base_y)
 
 
 @njit(cache=True, nogil=True)
 def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s):
-    """Leave who would lie in somebody how it faced, else where it was, until nobody does."""
+    """Restore the previous heading, then position, of pedestrians that would overlap."""
     back = np.zeros(len(mine), np.int64)
     for a in range(len(mine)):
         if not joined[mine[a]]:
@@ -397,10 +397,10 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
                     again = True
                 continue
             if not joined[j] or not joined[i]:
-                continue  # who comes in finds a place among the others
+                continue  # an entering pedestrian finds a free place
             if depth(now[i - 1], now[j - 1]) >= deep - 1e-9:
-                continue  # they come out of each other
-            # Of two who can, the one that is behind.
+                continue  # they are separating
+            # Of two that can be restored, the one behind.
             x, y = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
             first = x * now[i, 2] + y * now[i, 3] + x * now[j, 2] + y * now[j, 3] > 0
             if back[a] != back[b] and can and could:
@@ -415,7 +415,7 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
     for a in range(len(mine)):
         r = mine[a]
         if joined[r]:
-            # Who slips by is held up until it gets on.
+            # A pedestrian that slips past counts as held up until it makes progress.
             on = at[r] - at[r - 1] > SLOW_MS * step_s
             late = int(come[r]) < r and not on and not queues[a]
             held[r] = held[r - 1] + 1 if late else 0
@@ -423,7 +423,7 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
 
 @per_actor
 def _back(r, boxes, now, place, come, at, place_too):
-    """Let somebody face as it did a step earlier, then be where it was, too."""
+    """Restore the heading of the previous step, then also the position."""
     q = r - 1
     now[r, 2], now[r, 3] = now[q, 2], now[q, 3]
     if place_too:
@@ -438,7 +438,7 @@ def _back(r, boxes, now, place, come, at, place_too):
 
 @njit(cache=True, nogil=True)
 def _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner):
-    """Put who was not there a step earlier to where nobody is."""
+    """Move a pedestrian that enters to a free place."""
     r = mine[a]
     own = what_is_at(boxes[r, 0], boxes[r, 1], blocked, corner)
     for ring in range(RINGS + 1):

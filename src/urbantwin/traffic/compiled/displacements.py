@@ -1,4 +1,4 @@
-"""Displacements of paths that meet: the rounds of the alternating direction method."""
+"""Displacements of conflicting paths: rounds of the alternating direction method."""
 
 import numpy as np
 from numba import njit
@@ -12,18 +12,18 @@ __all__ = ["displaced"]
 def displaced(moved, sides, slope, short, factor, weight, rounds):
     """Return displacements (N, 2) nearer to those with which pairs are apart.
 
-    In each round every pair parts by itself, and every path is bent anew, as stiff as it is, to
-    where its pairs want it (`paths.separation` says of what).
+    In each round every pair is separated individually, and every path is fitted to the results, by
+    its stiffness (see `paths.separation`).
 
     Args:
-        moved: (N, 2) the displacements so far.
-        sides: (P, 2) int64, the rows of both of each pair, N for who stays.
-        slope: (P, 2, 2) how a pair's distance changes with the displacements of both.
-        short: (P,) at which distance it is apart, from where nobody is displaced.
-        factor: (3, N) of the paths' matrix, and ``weight`` for each pair, by Cholesky: upper
+        moved: (N, 2) current displacements.
+        sides: (P, 2) int64, the rows of both of each pair, N for a fixed object.
+        slope: (P, 2, 2) change of a pair's distance with the displacements of both.
+        short: (P,) required change of the distance, from zero displacements.
+        factor: (3, N) Cholesky factor of the paths' matrix with ``weight`` for each pair: upper
             banded form.
-        weight: of the pairs against the paths.
-        rounds: how many.
+        weight: weight of the pairs relative to the paths.
+        rounds: number of rounds.
     """
     count, pairs = len(moved), len(sides)
     here, right = np.zeros((count + 1, 2)), np.zeros((count + 1, 2))
@@ -64,10 +64,10 @@ def _product(ones, others, p):
 
 @per_actor
 def _solve(factor, here):
-    """Put in place of right sides, the first rows of ``here``, what solves them.
+    """Replace right sides, the first rows of ``here``, by the solutions.
 
-    As LAPACK's ``pbtrs`` does, which is called for one right side after the other and takes ten
-    times as long for three diagonals.
+    Like LAPACK's ``pbtrs``, which takes ten times as long for three diagonals and single right
+    sides.
     """
     count = factor.shape[1]
     for n in range(count):

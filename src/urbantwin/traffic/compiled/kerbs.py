@@ -1,4 +1,4 @@
-"""Who waits at a kerb: until the signal lets it cross, and nothing comes."""
+"""Waiting of pedestrians at a kerb, for the signal and for vehicles."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from urbantwin.traffic.compiled.waiting import depth_of
 
 __all__ = ["drives_by", "to_kerb"]
 
-#: Who is so near before a crossing that is closed stands in the queue for it, metres.
+#: Distance before a closed crossing within which a pedestrian stands in its queue, metres.
 QUEUE_M = 5.0
-#: Who is farther than this beyond the kerb has begun to cross, metres.
+#: Distance beyond the kerb from which a pedestrian has started to cross, metres.
 BEGUN_M = 0.3
-#: Who crosses later than SUMO's walker does reckons with this speed, m/s; it looks whether anything
-#: is then nearer than this, metres, at every so many seconds, the same time too early and too late.
+#: Assumed crossing speed of delayed pedestrians, m/s; least gap to vehicles, metres; and time step,
+#: seconds, of the check, which also covers this time earlier and later.
 CROSSES_MS, ROOM_M, LOOK_S = 1.6, 0.5, 0.5
-#: So long before a vehicle comes nobody leaves the footway to get on, seconds.
+#: Time before a vehicle comes within which pedestrians do not leave the footway, seconds.
 ASIDE_S = 5.0
-#: Vehicles farther away than this at a look, beyond their own length, are not looked at, metres.
+#: Distance, beyond their own length, from which vehicles are ignored in a check, metres.
 NEAR_M = 4.0
 
 
@@ -25,26 +25,26 @@ NEAR_M = 4.0
 def to_kerb(
     r, s, cars, boxes, level, far, last, kerbs, green, patience, come, at, let, stride, step_s
 ):  # fmt: skip
-    """Return how far somebody who is late may go, and whether it stands before a crossing.
+    """Return the bound on a delayed pedestrian's position, and whether it waits before a crossing.
 
-    SUMO's walkers cross when they may. Who comes there later waits for its own green, and lets by
-    whoever comes over the crossing then.
+    SUMO's pedestrians cross when they may. A later one waits for its own green, and lets vehicles
+    on the crossing pass.
 
     Args:
-        r: the row of its own whose step it is.
-        s: the number of the step.
-        cars: (C,) the rows of vehicles in this step.
-        boxes: see ``crowd.walked``, like what follows.
-        level: of roads.
-        far: how far each went on its own way by each row.
+        r: its row in this step.
+        s: index of the step.
+        cars: (C,) rows of vehicles in this step.
+        boxes: see ``crowd.walked``, like the following.
+        level: levels of roads.
+        far: distance along the own path at each row.
         last: the last row that follows without a gap.
-        kerbs: where crossings begin.
-        green: when.
-        patience: for how many steps one lets vehicles by.
-        come: the row that one has come to.
-        at: (N,) how far one is on its way.
-        let: (N,) int64, for how many steps one let vehicles by so far, of rows that are done.
-        stride: the farthest that one goes in a step, metres.
+        kerbs: crossings of the paths.
+        green: whether pedestrians may start.
+        patience: number of steps of letting vehicles pass.
+        come: the reached row.
+        at: (N,) position along the path.
+        let: (N,) int64, number of steps of letting vehicles pass, of finished rows.
+        stride: maximum distance in a step, metres.
         step_s: time between steps.
     """
     q = r - 1
@@ -68,14 +68,14 @@ def to_kerb(
 
 @per_actor
 def _lets_begin(light, s, way, green, step_s):
-    """Return whether a signal is green in a step, and as long as one goes to the crossing."""
+    """Return whether a signal is green now, and when the crossing is reached."""
     comes = min(s + int(way / CROSSES_MS / step_s), green.shape[1] - 1)
     return green[light, s] and green[light, comes]
 
 
 @per_actor
 def _next_kerb(u, last, kerbs):
-    """Return the row with which the next crossing after a row begins, -1 for none."""
+    """Return the first row on the next crossing after a row, -1 for none."""
     begins = kerbs[u, 0]
     if begins == u:
         return kerbs[u + 1, 0] if u < last[u] else -1
@@ -84,7 +84,7 @@ def _next_kerb(u, last, kerbs):
 
 @per_actor
 def _drives_into(x, y, box, boxes, now, then):
-    """Return whether a vehicle, in row ``now``, has driven up to a box at x, y in row ``then``."""
+    """Return whether a vehicle, now in row ``now``, reaches a box at x, y in row ``then``."""
     far_x, far_y = x - boxes[then, 0], y - boxes[then, 1]
     if max(abs(far_x), abs(far_y)) > NEAR_M + boxes[then, 4]:
         return False
@@ -95,7 +95,7 @@ def _drives_into(x, y, box, boxes, now, then):
 
 @per_actor
 def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
-    """Return whether a vehicle comes over the crossing while one who begins now is on it."""
+    """Return whether a vehicle comes over the crossing while the pedestrian is on it."""
     end, stands = kerbs[begins, 1], kerbs[begins, 3]
     start = far[stands]
     looks = int((far[end] - start) / CROSSES_MS / LOOK_S) + 2
@@ -119,7 +119,7 @@ def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
 
 @per_actor
 def drives_by(r, x, y, cars, level, last, boxes, now, step_s):
-    """Return whether a vehicle comes by a place soon so near that one does not step there."""
+    """Return whether a vehicle soon passes a place too near for a pedestrian to step there."""
     for c in range(len(cars)):
         j = cars[c]
         if level[j] != level[r]:

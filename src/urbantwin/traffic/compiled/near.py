@@ -1,4 +1,4 @@
-"""Who is near whom in a step."""
+"""Neighbouring pairs in a step."""
 
 import numpy as np
 from numba import njit
@@ -10,15 +10,15 @@ __all__ = ["close_pairs"]
 
 @njit(cache=True, nogil=True)
 def close_pairs(step, x, y, reach, wanted, within):
-    """Return the pairs (P, 2) of circles of one step that come nearer to each other than this.
+    """Return the pairs (P, 2) of circles of one step that are nearer to each other than a distance.
 
     Args:
-        step: (N,) int64, when; not decreasing.
-        x: (N,) of their middles; not decreasing within a step.
-        y: (N,) the same.
+        step: (N,) int64, time step; not decreasing.
+        x: (N,) x of their centres; not decreasing within a step.
+        y: (N,) y of their centres.
         reach: (N,) their radii.
-        wanted: (N,) bool, one of both at least is to be.
-        within: metres.
+        wanted: (N,) bool, at least one of both must be wanted.
+        within: distance, metres.
     """
     count = len(step)
     pairs = np.empty((1024, 2), np.int64)

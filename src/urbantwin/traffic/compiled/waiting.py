@@ -1,4 +1,4 @@
-"""How far somebody may be, and how far it is, who lets others go first."""
+"""Positions of vehicles that yield to others."""
 
 import math
 
@@ -14,26 +14,26 @@ __all__ = ["depth", "depth_of", "driven", "first_contacts"]
 def driven(
     own, most, was, hard, allowed, since, until, ahead, step_s, grid_m, starts, brake, hardest, same
 ):  # fmt: skip
-    """Return how far one is at each step (N,), and how hard it braked, m/s2.
+    """Return a vehicle's position at each step (N,), and its hardest braking, m/s2.
 
-    It plans to brake with ``brake``, and does with ``hardest`` at the most. It looks ahead only
-    before what is hard: where nothing is in the way it goes as it went itself.
+    It plans to brake with ``brake``, and brakes with ``hardest`` at most. It looks ahead only
+    before hard steps: without constraints it follows the original.
 
     Args:
-        own: (N,) how far it went itself.
-        most: (N,) farther than which it is not to be.
-        was: (N,) how far it was so far.
-        hard: (N,) bool, where it has to look ahead.
-        allowed: (G,) the greatest speed every ``grid_m`` of the way.
-        since: the first step that may be another.
-        until: the step from which on it does as it did, once it is where it was.
-        ahead: for so many steps it looks ahead.
+        own: (N,) original positions.
+        most: (N,) maximum positions.
+        was: (N,) current positions.
+        hard: (N,) bool, steps that need a look ahead.
+        allowed: (G,) maximum speed every ``grid_m`` of the path.
+        since: first step that may change.
+        until: step from which the current positions are kept, once they are reached.
+        ahead: number of steps of the look-ahead.
         step_s: time between steps.
         grid_m: see ``allowed``.
-        starts: how hard it speeds up.
-        brake: how hard it plans to brake.
-        hardest: how hard it brakes at the most.
-        same: who is less behind than this, metres, is where it was.
+        starts: maximum acceleration.
+        brake: planned deceleration.
+        hardest: maximum deceleration.
+        same: delay below which it counts as on time, metres.
     """
     count = len(most)
     at = was.copy()
@@ -42,10 +42,10 @@ def driven(
     speed = (begun[max(k - 1, 1)] - begun[max(k - 2, 0)]) / step_s if count > 1 else 0.0
     following = k
     while k < count:
-        # A tenth of a millimetre is no difference.
+        # Differences below a tenth of a millimetre are ignored.
         back = k > until and abs(at[k - 1] - was[k - 1]) < 1e-4
         if back and abs(at[k - 1] - at[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
-            # One at a time: numba compiles the assignment of a slice for seconds.
+            # In a loop, since numba takes seconds to compile the assignment of a slice.
             for n in range(k, count):
                 at[n] = was[n]
             break
@@ -63,8 +63,8 @@ def driven(
             if k > 1:
                 speed = (own[k - 1] - own[k - 2]) / step_s
             continue
-        # Goes on for one step at a speed, then brakes: never beyond, whether it has come to a
-        # standstill by then or not.
+        # One step at a speed, then braking: never beyond the bound, whether it has stopped by then
+        # or not.
         safe = np.inf
         for n in range(min(ahead, count - k)):
             room, later = most[k + n] - at[k - 1], n * step_s
@@ -87,17 +87,17 @@ def driven(
 
 @njit(cache=True, nogil=True)
 def first_contacts(top, width, mine, theirs, beside):
-    """Return which of some boxes on a way are the first to touch another box (W,), by their number.
+    """Return the first of some boxes on a path that touches another (W,), as a fractional index.
 
-    The number is not whole: where they begin to touch, between two boxes; infinite where none does.
+    It is interpolated between two boxes; infinite if none touches.
 
     Args:
-        top: (W,) int64, the box farthest on the way that is looked at in each case.
-        width: so many boxes are looked at, up to it.
-        mine: (G, 6) the boxes on the way: x, y, cosine and sine of the heading, half the length,
-            half the width.
+        top: (W,) int64, the farthest box on the path to consider in each case.
+        width: number of boxes to consider, up to it.
+        mine: (G, 6) boxes on the path: x, y, cosine and sine of the heading, half the length, half
+            the width.
         theirs: (W, 6) the other box in each case.
-        beside: room between them.
+        beside: gap between them.
     """
     found = np.full(len(top), np.inf)
     for w in range(len(top)):
@@ -114,13 +114,13 @@ def first_contacts(top, width, mine, theirs, beside):
 
 @per_actor
 def depth(a, b):
-    """Return how deep two boxes lie in each other, by the theorem of separating axes."""
+    """Return the depth of overlap of two boxes, by the separating axis theorem."""
     return depth_of(a[0] - b[0], a[1] - b[1], a, b)
 
 
 @per_actor
 def depth_of(x, y, a, b):
-    """Return the same of boxes where the first's middle is so far from the other's."""
+    """Return the same for boxes with a given offset of the first's centre from the other's."""
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
     return min(
         a[4] + cos * b[4] + sin * b[5] - abs(x * a[2] + y * a[3]),

@@ -1,4 +1,4 @@
-"""The shortest way over cells."""
+"""Shortest paths on a raster."""
 
 import heapq
 import math
@@ -11,15 +11,15 @@ __all__ = ["shortest_way"]
 
 @njit(cache=True, nogil=True)
 def shortest_way(cost, start, goal):
-    """Return the cells (K, 2) of the cheapest way from one to another; none where there is no way.
+    """Return the cells (K, 2) of the cheapest path between two cells; empty if there is none.
 
     By A* (Hart, Nilsson and Raphael, IEEE Transactions on Systems Science and Cybernetics 4, 1968)
-    to the eight neighbours, not past corners.
+    to the eight neighbours, without cutting corners.
 
     Args:
-        cost: (Y, X) of a cell's length of way, 1 or more; infinite where nobody goes.
-        start: row and column.
-        goal: the same.
+        cost: (Y, X) cost per cell length, 1 or more; infinite if impassable.
+        start: row and column of the first cell.
+        goal: row and column of the last cell.
     """
     high, wide = cost.shape
     spent = np.full((high, wide), np.inf)

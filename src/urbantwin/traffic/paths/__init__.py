@@ -1,3 +1,3 @@
-"""Paths: where simulated actors are, on the ground, apart from each other and from the scene."""
+"""Paths of simulated actors: on the ground, without overlaps between them or with the scene."""
 
 __all__: list[str] = []

@@ -1,9 +1,9 @@
-"""Parties: people who belong together walk side by side, at one pace.
+"""Groups of pedestrians that walk side by side at one pace.
 
-SUMO knows the one who leads. The others go beside it where the footway has room for them, and
-behind it where it has not; in threes the one who leads goes in the middle, fours are two pairs
-(Moussaid et al., PLOS ONE 5, 2010, e10047; Zanlungo and Kanda, CogSci 2013). They stand beside each
-other where they wait.
+SUMO simulates only the leader. The others walk beside it where the footway is wide enough, and
+behind it elsewhere; in groups of three the leader is in the middle, four form two pairs (Moussaid
+et al., PLOS ONE 5, 2010, e10047; Zanlungo and Kanda, CogSci 2013). Waiting groups stand side by
+side.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from urbantwin.traffic.sumo.simulation import Simulated, with_rows
 
 __all__ = ["with_parties"]
 
-#: From middle to middle of two beside each other (the distance that Moussaid's model is fitted
-#: with), and of two behind each other: a stride with room, metres.
+#: Distance between the centres of two pedestrians side by side (to which Moussaid's model is
+#: fitted), and of two behind each other, a stride with clearance, metres.
 BESIDE_M, BEHIND_M = 0.8, 1.3
-#: Who is off the footway or the crossing by less has room on it, metres.
+#: Tolerance of the footway's or crossing's border, metres.
 _OVER_M = 0.1
-#: A formation changes within so much way before and behind, metres.
+#: Distance before and after a constriction over which the formation changes, metres.
 _CHANGE_M = 2.0
 _GRID_M = 0.1
-#: Where the places of a party are, in units of the distances above: aside and behind, by how many
-#: there are and which of them it is.
+#: Places in a group, in units of the distances above: to the side and behind, by size of the group
+#: and member.
 _PLACES = {
     2: ((0, 0), (1, 0)),
     3: ((0, 0), (1, 0), (-1, 0)),
@@ -44,13 +44,13 @@ _PLACES = {
 def with_parties(
     simulated: Simulated, demand: Demand, network: RoadNetwork, step_s: float
 ) -> Simulated:
-    """Return what SUMO saw, and those who walk beside somebody that it saw.
+    """Return SUMO's output with the other members of groups added.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         demand: the trips that it refers to.
         network: the lanes.
-        step_s: time between steps.
+        step_s: time between steps, seconds.
     """
     parties = _parties(demand)
     if not parties:
@@ -65,7 +65,7 @@ def with_parties(
 def _followers(
     simulated: Simulated, parties: dict[int, list[int]], walkable: _Walkable, step_s: float
 ) -> list[dict[str, NDArray[np.generic]]]:
-    """Return the rows of those who walk with somebody, by leader."""
+    """Return the rows of the other members of groups, by leader."""
     by_trip = simulated.by_trip()
     new: list[dict[str, NDArray[np.generic]]] = []
     for leader, followers in parties.items():
@@ -78,7 +78,7 @@ def _followers(
 
 
 def _parties(demand: Demand) -> dict[int, list[int]]:
-    """Return leader -> who walks with it, by the numbers of their trips."""
+    """Return leader -> other members, by the numbers of their trips."""
     found: dict[int, list[int]] = {}
     for number, trip in enumerate(demand.trips):
         if trip.beside:
@@ -93,9 +93,9 @@ def _beside(
     walkable: _Walkable,
     step_s: float,
 ) -> list[dict[str, NDArray[np.generic]]]:
-    """Return the rows of those who walk with somebody whose rows follow each other in time."""
+    """Return the rows of a group's other members for consecutive rows of its leader."""
     speed = simulated.speed[rows]
-    # SUMO sends people to and fro by a metre on walking areas: nobody stays beside that.
+    # SUMO moves people to and fro by a metre on walking areas, which the others cannot follow.
     path = smoothed(
         simulated.front[rows],
         simulated.angle_deg[rows],
@@ -108,7 +108,7 @@ def _beside(
     at = path.distance_m
     places = _PLACES[len(followers) + 1][1:]
     lane = simulated.lane[rows]
-    #: How much room there is at each place of the way, on the left and on the right.
+    #: Available width at each point of the path, on the left and on the right.
     room = {
         side: way.smooth(walkable.fits(lane[way.row], way.place(way.grid, side * BESIDE_M)))
         for side in (1, -1)
@@ -134,12 +134,12 @@ def _beside(
 
 
 class _Way:
-    """The way of somebody, by the distance that it went.
+    """The path of a pedestrian, by distance travelled.
 
     Args:
-        at: (N,) how far it is, metres.
-        xy: (N, 2) where.
-        yaw: (N,) where it faces, rad.
+        at: (N,) distance travelled, metres.
+        xy: (N, 2) positions, metres.
+        yaw: (N,) headings, rad.
     """
 
     def __init__(
@@ -158,23 +158,23 @@ class _Way:
     def place(
         self, at: NDArray[np.float64], left_m: float | NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return points (N, 2) so far along the way and to the left of it."""
+        """Return points (N, 2) at a distance along the path and to its left."""
         x, y, yaw = (np.interp(at, self.grid, one) for one in (*self._line.T, self._yaw))
         return np.column_stack([x - left_m * np.sin(yaw), y + left_m * np.cos(yaw)])
 
     def smooth(self, fits: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return how much of a formation (0..1) there is where it fits."""
+        """Return the degree of the formation (0..1), smoothed along the path."""
         width = 2 * round(_CHANGE_M / _GRID_M) + 1
         narrow = minimum_filter1d(fits.astype(float), width, mode="nearest")
         return np.asarray(uniform_filter1d(narrow, width, mode="nearest"))
 
 
 class _Walkable:
-    """Where people have room beside somebody on a lane.
+    """The area beside pedestrians on a lane that others can walk on.
 
     Args:
         network: the lanes.
-        names: of lanes, by their numbers.
+        names: names of lanes, by their indices.
     """
 
     def __init__(self, network: RoadNetwork, names: Sequence[str]) -> None:
@@ -186,7 +186,7 @@ class _Walkable:
         }
 
     def fits(self, lane: NDArray[np.integer], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points (N, 2) beside somebody on a lane are on footways or its crossing."""
+        """Return which points (N, 2) beside lanes (N,) are on footways or the lane's crossing."""
         found = np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _OVER_M
         for number in set(np.unique(lane).tolist()) & self._crossings.keys():
             rows = np.flatnonzero(lane == number)

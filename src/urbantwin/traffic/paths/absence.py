@@ -1,9 +1,9 @@
-"""Absence: who would pass through somebody, or through what stands, is not there for that visit.
+"""Actors that overlap others are left out for the visit.
 
-People step aside (`crowd`) and vehicles wait (`yielding`). Whoever comes into another's box, or
-into something static, even so, is left out of the motion: from when it comes into the region until
-it leaves it; beyond the region, until it comes in. So nobody vanishes before a sensor's eyes.
-Of two the one is left out whose absence costs less.
+Pedestrians step aside (`crowd`) and vehicles wait (`yielding`). An actor that overlaps another, or
+something static, nevertheless is left out of the motion: from entering the region until leaving it
+or, outside of the region, until entering it. So no actor vanishes in view of a sensor. Of two
+overlapping actors the one with the lower cost is left out.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from urbantwin.traffic.paths.overlap import Overlapping, rows_that_overlap, told
 
 __all__ = ["NOBODY", "Absent", "Bystanders", "absent_from"]
 
-#: Who is within this of the region and comes into it is on the same visit, metres: as long as what
-#: is long.
+#: Distance from the region within which an actor that enters it is on the same visit, metres: about
+#: the length of long vehicles.
 _BESIDE_M = 20.0
-#: What the absence of one costs; of anybody else one.
+#: Cost of leaving out an actor; 1 for other classes.
 _COSTS = {"car": 2, "van": 2, "truck": 3, "trailer": 3, "bus": 4, "tram": 5}
-#: So many are told one by one.
+#: Maximum number of visits listed individually.
 _TOLD = 20
-#: Who would meet somebody within this of each other would at one place, metres.
+#: Conflicts within this distance are at one place, metres.
 _PLACE_M = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Bystanders:
-    """Whom an event that others react to leaves as they were.
+    """Constraints of an event that others react to.
 
     Attributes:
-        own: actors of the event, who are there, whatever comes of it.
-        until: the first step that may differ from the same traffic without the event.
-        absent: (K, 2) actor and step of who is not there in that.
+        own: actors of the event, which are never left out.
+        until: first step that may differ from the same traffic without the event.
+        absent: (K, 2) actor and step of those left out without the event.
     """
 
     own: frozenset[int]
@@ -50,22 +50,22 @@ class Bystanders:
     absent: NDArray[np.int64]
 
 
-#: There is no event.
+#: No event.
 NOBODY = Bystanders(frozenset(), 0, np.zeros((0, 2), np.int64))
 
 
 @dataclass(frozen=True, eq=False)
 class Absent:
-    """Who is not there.
+    """The actors that are left out.
 
     Attributes:
-        rows: (N,) bool, of the table of actors.
+        rows: (N,) bool, mask of rows of the table of actors.
         steps: (K, 2) actor and step of the same.
-        told: for `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``, by
-            class; ``with`` whom or what they would have met, by both; ``most_at``: within 5 m of
-            which place most of them would, and how many; ``each``: class, from when until when,
-            with whom or what, when and where.
-        left: who overlaps even so, among those who are there.
+        told: entry of `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``,
+            by class; ``with`` the other class or object, by both; ``most_at``: the place with most
+            conflicts within 5 m, and their number; ``each``: class, begin and end, and with whom,
+            when and where.
+        left: remaining overlaps.
     """
 
     rows: NDArray[np.bool_]
@@ -85,18 +85,18 @@ def absent_from(
     step_s: float,
     beside: Bystanders = NOBODY,
 ) -> Absent:
-    """Return who has to be left out of a motion for no two boxes to overlap, and none the scene.
+    """Return the visits to leave out so that no boxes overlap each other or the scene.
 
     Args:
-        actors: of the motion, by time and track, part by part, each of whole steps; gone through
-            several times.
+        actors: rows of the motion by time and track, in parts of whole steps; iterated several
+            times.
         whose: (N,) the vehicle that each row is a body of.
-        leads: (N,) the same, but of who is led the one who leads it.
-        parked: who stands at every step.
-        obstacles: of the static world.
-        region: that is recorded.
-        step_s: time between steps.
-        beside: of an event.
+        leads: (N,) the same, with accompanying animals assigned to their owner.
+        parked: the parked vehicles.
+        obstacles: static obstacles.
+        region: the recorded region.
+        step_s: time between steps, seconds.
+        beside: constraints of an event.
     """
     step, inside, near = _where(actors, region, step_s)
     visit, begins, poses = _visits(whose, step, inside, near)
@@ -115,7 +115,7 @@ def absent_from(
     early = np.flatnonzero(step < beside.until)
     gone[visit[early[_among(whose[early], step[early], beside.absent)]]] = True
     gone &= ~staged
-    # Whoever meets what stands, or a body of its own, does so whoever else is there.
+    # Overlaps with static objects, or with own bodies, do not depend on other actors.
     alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[np.maximum(pairs[:, 1], 0)])
     meets = visit[np.concatenate([hits, pairs[alone, 0]])]
     gone[meets] |= ~stays[meets]
@@ -154,7 +154,7 @@ def absent_from(
 def _where(
     actors: Iterable[pa.Table], region: shapely.Geometry, step_s: float
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the step of each row (N,), and whether it is in the region, or all but."""
+    """Return the step of each row (N,), and whether it is in the region, or near it."""
     steps, inside, near = [np.zeros(0, np.int32)], [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
     for part in actors:
         steps.append(np.round(part["time_s"].to_numpy() / step_s).astype(np.int32))
@@ -167,7 +167,7 @@ def _where(
 def _inside(
     xy: NDArray[np.float64], region: shapely.Geometry, beside_m: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Return which points (N, 2) are within a region, or so far beside it."""
+    """Return which points (N, 2) are within a region, or within a distance of it."""
     wide = region.buffer(beside_m)
     shapely.prepare(wide)
     return np.asarray(shapely.contains_xy(wide, *xy.T), np.bool_)
@@ -179,14 +179,14 @@ def _visits(
     inside: NDArray[np.bool_],
     near: NDArray[np.bool_],
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the visit of each row (N,), the step with which each begins (V,), and its poses (V,).
+    """Return the visit of each row (N,), the first step of each (V,), and its number of poses (V,).
 
-    A visit is how long one is there without coming into the region or leaving it. Whoever is near
-    the region, but not in it, is in it if it comes in before it goes farther away, or came.
+    A visit is the time between entering and leaving the region. An actor near the region belongs to
+    the visit that it enters before going farther away, or came from.
     """
     visit = np.empty(len(whose), np.int32)
     begins, poses, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
-    for rows in some_actors(whose):  # of all rows of an hour each column takes megabytes
+    for rows in some_actors(whose):  # to limit memory
         mine, begun = _visits_of(whose[rows], step[rows], inside[rows], near[rows])
         visit[rows] = mine + count
         count += len(begun)
@@ -201,11 +201,11 @@ def _visits_of(
     inside: NDArray[np.bool_],
     near: NDArray[np.bool_],
 ) -> tuple[NDArray[np.int64], NDArray[np.integer]]:
-    """Return the visit of each row (N,), and when each begins; rows are by actor and step."""
+    """Return the visit of each row (N,), and the begin of each; rows are by actor and step."""
     new = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) != 0)])[: len(who)]
     first = np.flatnonzero(new)
     who, when = who[first], when[first]
-    # Of a vehicle that bends any body counts.
+    # All bodies of an articulated vehicle count.
     within, beside = (np.logical_or.reduceat(one, first) for one in (inside, near))
     broken = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) > 1)])
     runs = np.flatnonzero(broken | np.concatenate([[True], np.diff(beside)]))
@@ -225,7 +225,7 @@ def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:
 def _among(
     who: NDArray[np.integer], step: NDArray[np.integer], some: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return which of actors (N,) at steps (N,) are among some (K, 2)."""
+    """Return which actors (N,) at steps (N,) are among some (K, 2)."""
     wide = np.int64(1) << 32
     return np.isin(who * wide + step, some[:, 0] * wide + some[:, 1])
 
@@ -237,10 +237,10 @@ def _choose(
     cost: NDArray[np.int64],
     poses: NDArray[np.int64],
 ) -> None:
-    """Mark who goes of visits (V,) that overlap pair by pair (P, 2), until no two do who are there.
+    """Mark the visits (V,) to leave out among overlapping pairs (P, 2), until none overlap.
 
-    Again and again the one that costs least for each that it overlaps; of equals the shortest. Who
-    overlaps nobody else by then comes back. Two who both stay overlap.
+    Greedy: repeatedly the one with the least cost per overlap; among equals the shortest. Visits
+    without remaining overlaps are restored afterwards. Two that must both stay keep their overlap.
     """
     every = {(a, b) for a, b in np.unique(np.sort(met, axis=1), axis=0).tolist()}
     every = {(a, b) for a, b in every if not (gone[a] or gone[b] or (stays[a] and stays[b]))}
@@ -255,7 +255,7 @@ def _choose(
 
 
 def _where_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return near which place most visits would have met somebody: its x, y, and how many."""
+    """Return the place of most conflicts, x and y, and their number."""
     xy = np.array([(one["x"], one["y"]) for one in each if "x" in one]).reshape(-1, 2)
     if not len(xy):
         return {}
@@ -272,14 +272,14 @@ def _reasons(
     visit: NDArray[np.integer],
     gone: NDArray[np.bool_],
 ) -> dict[int, dict[str, Any]]:
-    """Return of each visit that is left out whom or what it would come into first.
+    """Return the first overlap of each visit that is left out.
 
     Args:
-        rows: of which is told (R,).
-        told: what.
+        rows: rows with values (R,).
+        told: their values.
         overlapping: rows that overlap.
-        visit: of all rows.
-        gone: which visits are left out.
+        visit: visit of all rows.
+        gone: mask of the visits that are left out.
     """
     first: dict[int, tuple[int, str]] = {}
     kinds = dict(zip(rows.tolist(), told["class"], strict=True))

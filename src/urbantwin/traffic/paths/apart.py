@@ -1,4 +1,4 @@
-"""Apart: everybody goes round, aside or later, so that no two overlap, where that can be had."""
+"""Resolution of overlaps between actors: around, aside, or later, where possible."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from urbantwin.traffic.paths.yielding import Before, yielded
 
 __all__ = ["STANDING_MS", "Parted", "rear_of"]
 
-#: Who is slower than this stands, m/s.
+#: Speed below which an actor stands, m/s.
 STANDING_MS = 0.15
-#: Shares of a turn's time after which people have walked, and vehicles have gone aside.
+#: Progress of a turn after which pedestrians are done, and lateral offsets of vehicles.
 _WALKED, _ASIDE = 0.35, 0.65
-_TURNS = 2  # vehicles go round people so often, who go round who waits
-#: How long people who are late let vehicles by at a crossing without a signal, and at green, before
-#: vehicles wait for them, seconds.
+_TURNS = 2  # number of times that vehicles avoid pedestrians, who avoid waiting vehicles
+#: Time for which delayed pedestrians let vehicles pass at a crossing without a signal, and at
+#: green, before vehicles wait for them, seconds.
 _PATIENCE_S = (15.0, 4.0)
 
 Columns = dict[str, NDArray[Any]]
 
 
 class Parted:
-    """Everybody of a motion, parted stretch by stretch.
+    """All actors of a motion, resolved stretch by stretch.
 
     Args:
-        ways: everybody's.
-        level: (L,) of each lane.
-        blocks: what stands in the way all the time.
-        solids: outlines of what stands in people's way.
-        footway: where people rather are.
-        step_s: time between steps.
-        asset: an asset's dimensions by name.
+        ways: paths of all actors.
+        level: (L,) level of each lane.
+        blocks: static obstacles.
+        solids: outlines of obstacles for pedestrians.
+        footway: area that pedestrians prefer.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions by name.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Parted:
         trips, who = ways.trips, ways.who
         self.meshes = [asset(trip.asset) for trip in trips]
         led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
-        # Who is led steps aside as people do.
+        # Accompanying animals step aside like pedestrians.
         self.classes = tuple(
             "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
         )
@@ -89,16 +89,16 @@ class Parted:
         crossings: Crossings,
         tell: Progress,
     ) -> Columns:
-        """Return poses of a stretch of which no two overlap, where that can be had.
+        """Return the poses of a stretch without overlaps, where possible.
 
-        They have further columns: those of `stretches.WALKS`, and how far each is ``behind`` after
-        each turn of waiting (N, T).
+        They have further columns: those of `stretches.WALKS`, and the delay ``behind`` after each
+        turn of waiting (N, T).
 
         Args:
-            stretch: from when until when.
-            left: where everybody was before.
-            before: how the same traffic went until something changed.
-            crossings: from the first step of the stretch on.
+            stretch: the stretch.
+            left: states at the end of the previous stretch.
+            before: the same traffic up to the moment at which an event changes it.
+            crossings: crossings from the first step of the stretch on.
             tell: called with the fraction done (0..1) and what is being done.
         """
         columns = self.ways.within(stretch, left)
@@ -117,8 +117,8 @@ class Parted:
         behind = []
         for turn in range(_TURNS + 1):
             telling = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
-            # Everybody on foot goes its own way anew: what held it up in one turn may not in the
-            # next.
+            # Pedestrians start each turn from their original paths, since conflicts of one turn may
+            # be gone in the next.
             for name, values in afoot.items():
                 columns[name][on_foot] = values
             columns = crowd_walked(
@@ -142,7 +142,7 @@ class Parted:
         begin: int | None,
         tell: Progress,
     ) -> Columns:
-        """Return poses in which vehicles go round what is beside them a little."""
+        """Return poses in which vehicles have small lateral offsets around others."""
         boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
         now = replace(moving, boxes=boxes, speed=columns["speed"])
         height = self.height[columns["trip"]]
@@ -151,7 +151,7 @@ class Parted:
         return self._steered({**columns, "xy": xy, "speed": speed, "aside": aside}, columns)
 
     def _steered(self, columns: Columns, was: Columns) -> Columns:
-        """Return poses in which every vehicle whose path is another than it was drives along it."""
+        """Return poses in which changed vehicles have the headings of their new paths."""
         trip, xy = columns["trip"], columns["xy"]
         yaw = columns["yaw"].copy()
         breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
@@ -163,7 +163,7 @@ class Parted:
 
 
 def _gone_on(left: LeftOff, before: Before | None) -> Before:
-    """Return how traffic went until a stretch begins, or until something changed in it."""
+    """Return the earlier traffic up to the begin of a stretch, or up to an event within it."""
     gone = {name: left.columns[name] for name in ("trip", "step")}
     if before is None or before.until <= left.step:
         own, rigid = (before.own, before.rigid) if before else (frozenset[int](), frozenset[int]())
@@ -173,9 +173,9 @@ def _gone_on(left: LeftOff, before: Before | None) -> Before:
 
 
 def rear_of(mesh: Asset) -> float:
-    """Return how far behind its middle an asset's rear axle is, metres; 0 without one.
+    """Return the distance of an asset's rear axle behind its centre, metres; 0 without one.
 
-    A tram has none in this sense: both its bogies are on the rails, as SUMO's heading has them.
+    It is 0 for trams: both bogies are on the rails, as in SUMO's heading.
     """
     if mesh.actor_class == "tram":
         return 0.0

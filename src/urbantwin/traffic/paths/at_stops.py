@@ -1,8 +1,7 @@
-"""At stops: from the footway to where somebody waits, to the door, and from the door back.
+"""Passengers at stops: from the footway to the waiting position, to the door, and back.
 
-SUMO lets people walk to a stop and on from it. Where they stand meanwhile, and how they get on and
-off, is drawn here: who waits has a place of its own, faces the road, and walks to the door when
-its turn comes.
+SUMO moves passengers to a stop and on from it. Their waiting, boarding and alighting is added here:
+each has its own waiting position, faces the road, and walks to the door when its turn comes.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from urbantwin.traffic.sumo.simulation import Simulated, with_rows
 
 __all__ = ["with_passengers_at_stops"]
 
-#: Nobody waits nearer to a post or a wall than this, metres, from the middle.
+#: Least distance of the centre of a waiting passenger from obstacles, metres.
 _CLEAR_M = 0.5
-#: From the side of a vehicle to the face of who gets on, or to the back of who gets off, metres.
+#: Distance from the side of a vehicle to a boarding or alighting passenger, metres.
 _DOOR_M = 0.15
 
-#: Who sets out for the door is gone after so long, seconds.
+#: Maximum duration of the walk to the door, seconds.
 _BOARDED_S = 30.0
 
 _Floats = NDArray[np.float64]
@@ -35,15 +34,15 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Stay:
-    """Somebody at a stop, between two walks that SUMO lets it take.
+    """A passenger at a stop, between two walks of SUMO.
 
     Attributes:
-        trip: who.
-        place: which stop.
-        slot: where it waits; ``None`` for who gets off.
-        door: of the vehicle; ``None`` for who has not got on yet.
-        from_s: when it arrives at the stop, or at the door from within.
-        boards_s: when it sets out for the door.
+        trip: number of its trip.
+        place: the stop.
+        slot: waiting position; ``None`` for an alighting passenger.
+        door: position of the vehicle's door; ``None`` if it has not boarded yet.
+        from_s: arrival at the stop, or at the door from inside.
+        boards_s: start of the walk to the door.
     """
 
     trip: int
@@ -62,14 +61,14 @@ def with_passengers_at_stops(
     step_s: float,
     asset: Callable[[str], Asset],
 ) -> Simulated:
-    """Return what SUMO saw, and those who wait at stops, get on and get off.
+    """Return SUMO's output with passengers that wait, board and alight added.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         demand: the trips that it refers to.
-        blocks: what stands in the way, in plan.
-        step_s: time between steps.
-        asset: an asset's dimensions by name.
+        blocks: obstacles in plan.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions by name.
     """
     if not simulated.boarded or not len(simulated.step):
         return simulated
@@ -86,7 +85,7 @@ def _at_stops(
     step_s: float,
     asset: Callable[[str], Asset],
 ) -> tuple[list[dict[str, NDArray[np.generic]]], tuple[str, ...]]:
-    """Return the rows of everybody at stops, and the lanes that they refer to."""
+    """Return the rows of all passengers at stops, and the lanes that they refer to."""
     by_trip = simulated.by_trip()
     doors = _Doors(simulated, by_trip, demand, step_s, asset)
     first, last = int(simulated.step.min()), int(simulated.step.max())
@@ -101,7 +100,7 @@ def _at_stops(
             continue
         if stay.place.lane not in lanes:
             lanes.append(stay.place.lane)
-        # Where SUMO left it, or lets it walk on from.
+        # The end of SUMO's walk, or the start of the next one.
         beside = steps[0] - 1 if stay.slot is not None else steps[-1] + 1
         walked = rows[simulated.step[rows] == beside]
         footway = simulated.front[walked[0]] if len(walked) else stay.place.point
@@ -125,10 +124,10 @@ def _at_stops(
 def _stays(
     simulated: Simulated, places: Sequence[StopPlace], blocks: PlanBoxes, doors: _Doors
 ) -> Iterator[_Stay]:
-    """Yield everybody's stays at stops."""
+    """Yield all stays at stops."""
     for place in places:
         slots = _free(place.slots, blocks)
-        taken: dict[int, int] = {}  # slot -> who waits there
+        taken: dict[int, int] = {}  # slot -> passenger
         since: dict[int, tuple[float, int]] = {}
         for at_s, what, trip, stop, vehicle, _ in sorted(simulated.boarded):
             if stop != place.stop:
@@ -150,7 +149,7 @@ def _stays(
 def _steps_between_walks(
     stay: _Stay, walked_s: _Floats, first: int, last: int, step_s: float
 ) -> NDArray[np.int64]:
-    """Return the steps at which somebody is at a stop: SUMO draws it before and after."""
+    """Return the steps of a stay, during which SUMO has no position."""
     begin = first
     if stay.slot is not None:
         before = walked_s[walked_s <= stay.from_s + 0.5 * step_s]
@@ -169,20 +168,20 @@ def _steps_between_walks(
 def _drawn(
     stay: _Stay, footway: _Floats, time_s: _Floats, *, walks_on: bool
 ) -> tuple[_Floats, _Floats, _Floats]:
-    """Return where somebody is at times (N, 2), how fast (N,), nan for gone, and its heading.
+    """Return a passenger's positions (N, 2), speeds (N,), nan once boarded, and headings.
 
-    It comes from a place on the footway, or goes there.
+    It comes from a point on the footway, or goes there.
     """
     place = stay.place
     yaw = np.full(len(time_s), place.faces)
     if stay.slot is None:
         assert stay.door is not None
-        # In time for where SUMO lets it walk on from.
+        # Arrives when SUMO's next walk starts.
         took = max(time_s[-1] - stay.from_s, 0.1) if walks_on else place.leaves_s
         xy, speed = _between(stay.door, footway, time_s, stay.from_s, took)
         return xy, speed, yaw + np.pi
     far = float(np.hypot(*(stay.slot - footway)))
-    # Who was there before anything was seen has long arrived.
+    # Passengers from before the recorded time have long arrived.
     xy, speed = _between(footway, stay.slot, time_s, stay.from_s, far / WALKING_MS)
     if stay.door is not None:
         far = float(np.hypot(*(stay.door - stay.slot)))
@@ -196,7 +195,7 @@ def _drawn(
 def _between(
     start: _Floats, end: _Floats, time_s: _Floats, from_s: float, took_s: float
 ) -> tuple[_Floats, _Floats]:
-    """Return who goes from one place to another within a time: where (N, 2), how fast (N,)."""
+    """Return positions (N, 2) and speeds (N,) on a straight walk of a given duration."""
     share = np.clip((time_s - from_s) / max(took_s, 0.1), 0.0, 1.0)
     pace = float(np.hypot(*(end - start))) / max(took_s, 0.1)
     goes = (time_s >= from_s) & (share < 1.0)
@@ -204,7 +203,7 @@ def _between(
 
 
 def _free(slots: _Floats, blocks: PlanBoxes) -> _Floats:
-    """Return the places (S, 2) where nothing stands; all where that leaves none."""
+    """Return the positions (S, 2) without obstacles; all of them if none is free."""
     tree = shapely.STRtree(blocks.polygons)
     near = tree.query(shapely.points(slots), predicate="dwithin", distance=_CLEAR_M)[0]
     free = np.delete(slots, near, axis=0)
@@ -212,14 +211,14 @@ def _free(slots: _Floats, blocks: PlanBoxes) -> _Floats:
 
 
 class _Doors:
-    """Where the doors of vehicles are while they halt.
+    """Positions of the doors of halting vehicles.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         by_trip: its rows by trip and step.
         demand: the trips.
-        step_s: time between steps.
-        asset: an asset's dimensions by name.
+        step_s: time between steps, seconds.
+        asset: returns an asset's dimensions by name.
     """
 
     def __init__(
@@ -234,7 +233,7 @@ class _Doors:
         self._step_s, self._asset = step_s, asset
 
     def of(self, vehicle: int, place: StopPlace, at_s: float, which: int) -> _Floats:
-        """Return where people stand before a door: the one to get on (0) or off (1)."""
+        """Return the position in front of a door: for boarding (0) or alighting (1)."""
         seen = self._simulated
         rows = seen.of_trip(vehicle, self._by_trip)
         away_s = np.abs(seen.step[rows] * self._step_s - at_s)

@@ -1,4 +1,4 @@
-"""Actors that bend: each of their stiff bodies becomes an actor of the motion."""
+"""Articulated vehicles: each of their rigid bodies becomes an actor of the motion."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = [
     "with_rigid",
 ]
 
-#: Boxes that lie in each other by less have touched, metres.
+#: Overlap up to which boxes only touch, metres.
 _TOUCH_M = 0.05
-#: Further bodies that go where they will, or on rails.
+#: Classes whose further bodies are not towed.
 _NOT_TOWED = ("tram", "animal")
 
 
@@ -47,15 +47,15 @@ def corner_cutters(
     level: NDArray[np.integer],
     asset: Callable[[str], Asset],
 ) -> frozenset[int]:
-    """Return the trips of vehicles that bend of which a towed body runs into anybody else.
+    """Return the trips of articulated vehicles with a towed body that overlaps others.
 
     Args:
-        columns: poses by trip and step, vehicles that bend being their bodies (`with_bodies`).
-        trips: whose they are.
-        who: who is who.
-        blocks: what stands in the way, at whatever step.
-        level: (N,) of the road that each row is on.
-        asset: an asset by name.
+        columns: poses by trip and step, with the bodies of articulated vehicles (`with_bodies`).
+        trips: their trips.
+        who: identities of the trips, see `with_bodies`.
+        blocks: obstacles at every step.
+        level: (N,) level of the road of each row.
+        asset: returns an asset by name.
     """
     behind = who != vehicles(who)
     towed = behind & np.array([trip.actor_class not in _NOT_TOWED for trip in trips], np.bool_)
@@ -65,7 +65,7 @@ def corner_cutters(
     half = np.array([[mesh.length, mesh.width] for mesh in meshes])[columns["trip"]] / 2
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
     rows = np.flatnonzero(towed[columns["trip"]])
-    # Who is near any towed body, at its step.
+    # Actors near towed bodies at the same step.
     near = np.isin(columns["step"], columns["step"][rows])
     there = np.flatnonzero(near)
     pairs = there[near_pairs(boxes.take(there), 0.0)]
@@ -83,12 +83,12 @@ def corner_cutters(
 
 
 def with_rigid(demand: Demand, numbers: frozenset[int], asset: Callable[[str], Asset]) -> Demand:
-    """Return a demand in which the vehicles of some trips do not bend.
+    """Return a demand in which the vehicles of some trips are rigid.
 
     Args:
         demand: the trips.
-        numbers: which of them.
-        asset: an asset by name.
+        numbers: numbers of these trips.
+        asset: returns an asset by name.
     """
     trips = list(demand.trips)
     for number in numbers:
@@ -96,7 +96,7 @@ def with_rigid(demand: Demand, numbers: frozenset[int], asset: Callable[[str], A
     return replace(demand, trips=tuple(trips))
 
 
-#: How far a towed axle is moved at a time, metres: a tractrix is followed in small steps.
+#: Step of a towed axle, metres: small enough to follow a tractrix.
 _STEP_M = 0.05
 
 Poses = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -105,16 +105,16 @@ Poses = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
 def on_rails(
     bodies: Sequence[Body], track: NDArray[np.float64], nose_m: NDArray[np.float64]
 ) -> Poses:
-    """Return where bodies are whose guides lie on a track.
+    """Return the poses of bodies whose guides lie on a track.
 
     Args:
-        bodies: from the nose.
-        track: (P, 2) points of the track, as far back as the vehicle is long, metres.
-        nose_m: (N,) how far along the track the nose is, metres; before its first and beyond its
-            last point the track goes straight on.
+        bodies: bodies from the nose.
+        track: (P, 2) points of the track, back to the vehicle's end, metres.
+        nose_m: (N,) position of the nose along the track, metres; the track is extended straight at
+            both ends.
 
     Returns:
-        Of each body the middle (N, 2) and the heading (N,), rad, continuous.
+        For each body the centre (N, 2) and the heading (N,), rad, continuous.
     """
     return [
         _between(body, *(_along(track, nose_m - guide) for guide in body.guides_m))
@@ -129,16 +129,16 @@ def towed(
     *,
     length_m: float,
 ) -> Poses:
-    """Return where bodies are of which the first drives and the others are towed.
+    """Return the poses of bodies of which the first drives and the others are towed.
 
     Args:
-        bodies: from the nose; the first guide of a towed one is its joint.
-        middle: (N, 2) the middle of a piece from the nose on that does not bend, site frame.
+        bodies: bodies from the nose; the first guide of a towed one is its joint.
+        middle: (N, 2) centre of the rigid part at the nose, site frame.
         yaw: (N,) heading of the first, rad.
-        length_m: of that piece.
+        length_m: length of that part.
 
     Returns:
-        Of each body the middle (N, 2) and the heading (N,), rad, continuous.
+        For each body the centre (N, 2) and the heading (N,), rad, continuous.
     """
     nose = middle + _unit(yaw) * (length_m / 2)
     first = bodies[0]
@@ -155,7 +155,7 @@ def towed(
 def _between(
     body: Body, front: NDArray[np.float64], rear: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle and the heading of a body by its guides, each (N, 2)."""
+    """Return the centre and heading of a body from its guides, each (N, 2)."""
     chord = front - rear
     yaw = np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
     guides = (front + rear) / 2
@@ -163,7 +163,7 @@ def _between(
 
 
 def _along(track: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points (N, 2) of a track at stations, straight on beyond its ends."""
+    """Return the points (N, 2) of a track at stations, extrapolated straight beyond its ends."""
     along = stations_of_points(track)
     points = np.column_stack([np.interp(at_m, along, track[:, k]) for k in (0, 1)])
     for end, inner, beyond in ((0, 1, at_m), (-1, -2, at_m - along[-1])):
@@ -174,10 +174,10 @@ def _along(track: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.
 
 
 def _tractrix(joint: NDArray[np.float64], yaw: float, bar_m: float) -> NDArray[np.float64]:
-    """Return where an axle (N, 2) is that a bar of some length pulls behind a joint (N, 2)."""
+    """Return positions (N, 2) of an axle towed by a bar behind a joint (N, 2)."""
     axle = np.empty_like(joint)
     axle[0] = joint[0] - bar_m * np.array([np.cos(yaw), np.sin(yaw)])
-    # Plain numbers: of two at a time, arrays take ten times as long.
+    # Plain numbers, since arrays of two values take ten times as long.
     (from_x, from_y), (x, y) = joint[0].tolist(), axle[0].tolist()
     for k, (to_x, to_y) in enumerate(joint[1:].tolist(), 1):
         leg_x, leg_y = to_x - from_x, to_y - from_y
@@ -199,19 +199,19 @@ def _unit(yaw: NDArray[np.float64]) -> NDArray[np.float64]:
 
 Columns = dict[str, NDArray[Any]]
 
-#: Turns of who is led on a lead are levelled over so many steps.
+#: Number of steps over which turns of an animal on a lead are smoothed.
 _LEAD_STEPS = 11
 
-#: Further bodies are told from trips by so much; there are fewer trips than that.
+#: Offset of identities of further bodies; larger than the number of trips.
 _FURTHER = 10_000_000
 
 
 def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
-    """Return what of an actor goes first: its first body, where it leads others; else all of it.
+    """Return the steered part of an actor: its first body if it tows others; else the whole.
 
     Args:
         whole: the actor.
-        asset: an asset by name.
+        asset: returns an asset by name.
     """
     if not whole.bodies or whole.actor_class == "tram":
         return whole
@@ -219,7 +219,7 @@ def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
 
 
 def vehicles(who: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the number of the vehicle (T,) that each is a body of, see `with_bodies`."""
+    """Return the number of the vehicle (T,) of each body, see `with_bodies`."""
     return who % _FURTHER
 
 
@@ -231,19 +231,19 @@ def with_bodies(
     *,
     asset: Callable[[str], Asset],
 ) -> tuple[Columns, tuple[Trip, ...], NDArray[np.int64]]:
-    """Return poses in which vehicles that bend are their bodies, whom they are of, and who is who.
+    """Return poses with the bodies of articulated vehicles, their trips, and their identities.
 
     The first body keeps the number of the vehicle's trip; the others have numbers after all trips.
-    Who is who is told by numbers (T,) that depend on the vehicle's trip and the body alone.
-    What is on an outer track, where there are no rails, is left out.
+    Identities (T,) depend only on the vehicle's trip and the body. Bodies on an outer track,
+    without rails, are left out.
 
     Args:
         columns: poses by trip and step, sorted: ``trip``, ``step``, ``xy``, ``yaw`` and others; of
-            who is towed those of the first body.
+            towing vehicles those of the first body.
         demand: the trips.
-        simulated: what SUMO saw: where on the rails trams are.
+        simulated: SUMO's output, for the positions of trams on the rails.
         tracks: the rails.
-        asset: an asset by name.
+        asset: returns an asset by name.
     """
     trips, who = list(demand.trips), list(range(len(demand.trips)))
     lines = {track.id: track.line[:, :2] for track in tracks}
@@ -296,7 +296,7 @@ def with_bodies(
 
 
 def _accompanied(xy: NDArray[np.float64], yaw: NDArray[np.float64], number: int) -> Poses:
-    """Return where somebody (N, 2) walks, and a dog beside, who turns as gently as on a lead."""
+    """Return the poses of a pedestrian (N, 2), and of a dog beside, with smooth turns."""
     turned = np.unwrap(yaw)
     gentle = uniform_filter1d(turned, min(_LEAD_STEPS, len(turned)), mode="nearest")
     ahead, aside = BESIDE_M[0], BESIDE_M[1] * (1 if number % 2 else -1)
@@ -306,7 +306,7 @@ def _accompanied(xy: NDArray[np.float64], yaw: NDArray[np.float64], number: int)
 
 
 def _rows_of(simulated: Simulated, number: int, steps: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the rows of what SUMO saw of a trip at ascending steps."""
+    """Return the rows of SUMO's output of a trip at ascending steps."""
     rows = np.flatnonzero(simulated.trip == number)
     rows = rows[np.argsort(simulated.step[rows], kind="stable")]
     return np.asarray(rows[np.searchsorted(simulated.step[rows], steps)])
@@ -318,9 +318,9 @@ def _on_track(
     rows: NDArray[np.int64],
     lines: Mapping[str, NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str], NDArray[np.float64]]:
-    """Return a tram's route: its line, the stations between its edges, the edges; and its nose's.
+    """Return a tram's line, the stations between its edges, the edges, and its nose's stations.
 
-    The nose's stations are those at rows (N,) of what SUMO saw.
+    The nose's stations are those at rows (N,) of SUMO's output.
     """
     edges = [edge for edge in trip.edges if edge in lines]
     shapes = [shapely.LineString(lines[edge]) for edge in edges]

@@ -1,4 +1,4 @@
-"""Boxes of actors in plan: who is near whom, and how deep two boxes lie in each other."""
+"""Boxes of actors in plan: neighbouring pairs, and depths of overlap."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from urbantwin.traffic.compiled.near import close_pairs
 
 __all__ = ["PlanBoxes", "meetings", "near_pairs", "shared_areas"]
 
-#: Pairs that are compared at a time.
+#: Number of pairs that are compared at a time.
 _PAIRS = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class PlanBoxes:
-    """N boxes from above, site frame.
+    """N boxes in plan, site frame.
 
     Attributes:
-        step: (N,) int, when.
-        xy: (N, 2) middles, metres.
+        step: (N,) int, time step.
+        xy: (N, 2) centres, metres.
         yaw: (N,) headings, rad.
         half: (N, 2) half the length and half the width, metres.
     """
@@ -35,7 +35,7 @@ class PlanBoxes:
 
     @classmethod
     def joined(cls, parts: Sequence[PlanBoxes]) -> PlanBoxes:
-        """Return boxes one after the other."""
+        """Return boxes concatenated."""
         return cls(
             np.concatenate([one.step for one in parts]),
             np.concatenate([one.xy for one in parts]),
@@ -64,12 +64,12 @@ class PlanBoxes:
 def near_pairs(
     boxes: PlanBoxes, within_m: float, wanted: NDArray[np.bool_] | None = None
 ) -> NDArray[np.int64]:
-    """Return the pairs (P, 2) whose circles about their boxes come nearer than this in a step.
+    """Return the pairs (P, 2) of boxes of a step whose circumscribed circles are near each other.
 
     Args:
-        boxes: in any order.
-        within_m: metres, 0 for circles that touch.
-        wanted: (N,) of which boxes one at least is in a pair; any, where not given.
+        boxes: boxes in any order.
+        within_m: distance, metres; 0 for circles that touch.
+        wanted: (N,) mask of which at least one box of a pair must be part; ``None``: any.
     """
     count = max(len(boxes.step), 1)
     order = np.lexsort([boxes.xy[:, 0], boxes.step])
@@ -77,7 +77,7 @@ def near_pairs(
     chosen = np.ones(len(order), np.bool_) if wanted is None else wanted[order]
     step = boxes.step[order].astype(np.int64)
     low, high = np.sort(order[close_pairs(step, x, y, reach, chosen, within_m)], axis=1).T
-    # As single numbers: an hour's pairs, sorted by two columns, would take gigabytes.
+    # Sorted as single numbers, to limit memory.
     keys = low * count + high
     keys.sort()
     return np.column_stack(np.divmod(keys, count))
@@ -86,14 +86,14 @@ def near_pairs(
 def meetings(
     boxes: PlanBoxes, pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how deep the boxes of pairs lie in each other (P,), and the way out (P, 2).
+    """Return the depths of overlap of pairs (P,), and the directions out (P, 2).
 
-    By the theorem of separating axes (Gottschalk, Lin and Manocha, SIGGRAPH 1996): of the four
-    directions of the sides, the one along which they overlap least. A negative depth is a gap.
-    The way out is a unit vector along which the first moves away from the other.
+    By the separating axis theorem (Gottschalk, Lin and Manocha, SIGGRAPH 1996): of the four
+    directions of the sides, the one with the least overlap. A negative depth is a gap. The
+    direction is a unit vector along which the first moves away from the other.
 
     Args:
-        boxes: of both.
+        boxes: the boxes.
         pairs: (P, 2) rows of boxes.
     """
     deep, out = np.empty(len(pairs)), np.empty((len(pairs), 2))
@@ -125,7 +125,7 @@ def _meetings(
 
 
 def shared_areas(boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the area that the boxes of each pair share (P,), square metres."""
+    """Return the area of overlap of each pair of boxes (P,), square metres."""
     area = np.zeros(len(pairs))
     deep, _ = meetings(boxes, pairs)
     met = np.flatnonzero(deep > 0)

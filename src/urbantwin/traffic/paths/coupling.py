@@ -1,4 +1,4 @@
-"""Couplings: which tracks are bodies of one vehicle that bends, told by where their joints lie."""
+"""Detection of coupled bodies of articulated vehicles, by the positions of their joints."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from urbantwin.traffic.motion_rows import ActorRows, as_rows
 
 __all__ = ["are_coupled", "towed_by"]
 
-#: Two bodies hang together whose halves of a joint are no farther apart than this, metres.
+#: Maximum distance between the two halves of a joint, metres.
 _JOINT_M = 0.1
 
 
 def are_coupled(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return of pairs (P, 2) of rows whether one hangs on the other.
+    """Return, for pairs (P, 2) of rows, whether one is coupled to the other.
 
     Args:
-        columns: of actors: ``asset``, ``x``, ``y``, ``yaw``.
-        pairs: rows of one step each.
+        columns: columns of actors: ``asset``, ``x``, ``y``, ``yaw``.
+        pairs: rows of the same step each.
     """
     return _hangs(columns, pairs) | _hangs(columns, pairs[:, ::-1])
 
 
 def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
-    """Return the track of each further body of a vehicle that bends -> that of the body ahead.
+    """Return the track of each further body of an articulated vehicle -> that of the body ahead.
 
     Args:
-        actors: of a motion.
+        actors: rows of a motion.
     """
     ahead = {one for one, _ in _joints()}
     behind = {other for _, other in _joints()}
@@ -58,7 +58,7 @@ def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
 
 
 def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return of pairs (P, 2) of rows whether the second hangs on the first."""
+    """Return, for pairs (P, 2) of rows, whether the second is coupled behind the first."""
     found = np.zeros(len(pairs), np.bool_)
     if not len(pairs):
         return found
@@ -81,7 +81,7 @@ def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDA
 def _along(
     columns: Mapping[str, NDArray[Any]], rows: NDArray[np.int64], ahead_m: float
 ) -> NDArray[np.float64]:
-    """Return the places (R, 2) so far ahead of the middles of rows."""
+    """Return the points (R, 2) at a distance ahead of the centres of rows."""
     yaw = columns["yaw"][rows]
     middle = np.column_stack([columns["x"][rows], columns["y"][rows]])
     return np.asarray(middle + ahead_m * np.column_stack([np.cos(yaw), np.sin(yaw)]))
@@ -89,7 +89,7 @@ def _along(
 
 @cache
 def _joints() -> dict[tuple[str, str], tuple[tuple[float, float], ...]]:
-    """Return how far joints lie behind the middle of a body, and ahead of that of the next."""
+    """Return the joint's distance behind the centre of a body, and ahead of that of the next."""
     found: dict[tuple[str, str], set[tuple[float, float]]] = {}
     for name in bending_names():
         for one, other in pairwise(bodies_of_asset(name)):

@@ -1,13 +1,14 @@
-"""Crowd: people on their ways step aside and wait, so that nobody walks through anybody.
+"""Pedestrian motion without overlaps: stepping aside and waiting.
 
-SUMO's walkers meet on walking areas without seeing each other, stand closer than they are wide and
-squeeze past. So each goes its way anew, step by step in time, as people do: it looks two seconds
-ahead and goes a little to the side early of whom it would come into, is pushed apart from whom it
-touches (position based dynamics: Mueller et al., Journal of Visual Communication and Image
-Representation 18, 2007), comes back to its way, and stays where it is if it would lie in somebody
-even so. Who was held up hurries a little. As nobody lies in anybody at first, nobody does later:
-what is left are vehicles that drive into somebody, and those wait (`yielding`). Nobody foresees
-more than two seconds, so what changes later changes nothing before.
+SUMO's pedestrians ignore each other on walking areas, stand closer than their width and squeeze
+past. So each path is simulated again, step by step. A pedestrian looks two seconds ahead and evades
+early, is pushed out of contacts (position based dynamics: Mueller et al., Journal of Visual
+Communication and Image Representation 18, 2007), returns to its path, and stays where it is if it
+would still overlap. Delayed pedestrians hurry a little.
+
+Without initial overlaps there are none later, except with vehicles that drive into pedestrians;
+those vehicles wait (`yielding`). Since the look-ahead is two seconds, later events change nothing
+earlier.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ from urbantwin.traffic.paths.walked_ground import WalkedGround, box_rows
 
 __all__ = ["NO_CROSSINGS", "Crossings", "crowd_walked"]
 
-#: At these letters of a link people begin to cross.
+#: States of a link at which pedestrians start to cross.
 _BEGIN = frozenset("Ggo")
-#: Where one waits is looked for so many rows before.
+#: Number of earlier rows that are searched for a waiting position.
 _BACK = 80
 
 
@@ -41,9 +42,9 @@ class Crossings:
     """The crossings among the lanes of a motion, and their signals.
 
     Attributes:
-        light: (L,) of each lane: -2 for what is no crossing, -1 for a crossing without a signal,
-            else the row of ``green``.
-        green: (K, S) uint8: whether one may begin to cross, by step from the first one on.
+        light: (L,) for each lane: -2 for no crossing, -1 for a crossing without a signal, else the
+            row of ``green``.
+        green: (K, S) uint8: whether pedestrians may start to cross, by step from the first one on.
     """
 
     light: NDArray[np.int64]
@@ -62,10 +63,10 @@ class Crossings:
 
         Args:
             network: the lanes and the heads of their signals.
-            lanes: names of lanes, by their numbers.
-            shown: (step, program, one letter per link) where a program's state changed.
-            first: the first step that is looked at.
-            end: the one after the last.
+            lanes: names of lanes, by their indices.
+            shown: (step, program, one letter per link) at each change of a program's state.
+            first: first step.
+            end: step after the last.
         """
         links: dict[str, list[tuple[str, int]]] = defaultdict(list)
         for head in network.signals:
@@ -94,17 +95,18 @@ class Crossings:
         last: NDArray[np.int64],
         on_footway: Callable[[NDArray[np.int64]], NDArray[np.bool_]],
     ) -> NDArray[np.int64]:
-        """Return of every row where the next crossing begins (N, 4).
+        """Return the next crossing of every row (N, 4).
 
-        That is the first row on it from this one on, -1 for none; with such a row the last one on
-        the same crossing, its signal, and the row at which one waits: the last one before it that
-        is on the footway, as the areas of corners reach far into the roads.
+        The columns are the first row on it from this one on, -1 for none; and, for such a first
+        row, the last row on the same crossing, its signal, and the row of the waiting position.
+        That is the last row before it on the footway, since the areas of corners reach far into the
+        roads.
 
         Args:
-            lane: (N,) number of the lane.
+            lane: (N,) index of the lane.
             joined: (N,) whether the row before is the same actor's, a step earlier.
             last: (N,) the last row of the same actor that follows without a gap.
-            on_footway: returns which rows (K,) of some are on the footway.
+            on_footway: returns which of some rows (K,) are on the footway.
         """
         count = len(lane)
         found = np.full((count, 4), -1, np.int64)
@@ -118,7 +120,7 @@ class Crossings:
         found[begins, 1] = ends[np.searchsorted(runs, begins)]
         found[begins, 2] = light[begins]
         first = np.maximum.accumulate(np.where(joined, 0, np.arange(count)))[begins]
-        # Not before the crossing that one comes from; in the middle of an island without a footway.
+        # Not before the previous crossing; in the middle of an island without a footway.
         first[1:] = np.maximum(first[1:], found[begins[:-1], 1] + 1)
         begun = np.maximum(runs[np.searchsorted(runs, begins) - 1], first)
         found[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
@@ -134,7 +136,7 @@ class Crossings:
         return found
 
 
-#: Nothing is a crossing.
+#: No crossings.
 NO_CROSSINGS = Crossings(np.full(1, -2, np.int64), np.zeros((0, 1), np.uint8))
 
 
@@ -144,7 +146,7 @@ def _green(
     first: int,
     count: int,
 ) -> NDArray[np.uint8]:
-    """Return in which of the steps (S,) any of a crossing's links lets people begin."""
+    """Return the steps (S,) in which any of a crossing's links lets pedestrians start."""
     green = np.zeros(count, np.uint8)
     for program, link in links:
         every = states[program]
@@ -155,13 +157,13 @@ def _green(
     return green
 
 
-#: How fast people walk is looked at over so long before and after, seconds.
+#: Time before and after over which walking speeds are taken, seconds.
 _PACE_S = 5.0
-#: So many steps are walked between two reports of progress.
+#: Number of steps between two reports of progress.
 _AT_ONCE = 50
 
 
-def crowd_walked(  # noqa: PLR0913 - all that moves people
+def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
     columns: dict[str, NDArray[Any]],
     moving: Moving,
     half: NDArray[np.float64],
@@ -173,21 +175,21 @@ def crowd_walked(  # noqa: PLR0913 - all that moves people
     left: LeftOff | None = None,
     tell: Progress = untold,
 ) -> dict[str, NDArray[Any]]:
-    """Return poses in which people step aside and wait for whomever they would come into.
+    """Return poses in which pedestrians step aside and wait to avoid overlaps.
 
-    Whoever comes into nobody keeps its path to the bit. They have further columns: what goes on
-    from one stretch of time to the next (`stretches.WALKS`).
+    Paths without conflicts stay bit-identical. The result has the further columns of
+    `stretches.WALKS`, which carry over to the next stretch.
 
     Args:
         columns: poses by actor and step: ``step``, ``xy``, ``yaw``, ``speed``, ``distance``,
             ``lane``.
-        moving: who they are, on which level, and whose bodies.
-        half: (N, 2) half the sizes that nobody is to come into, metres.
-        step_s: time between steps.
-        ground: what they go between.
-        crossings: at which who is late waits, from the first step that is not done.
-        patience_s: how long for vehicles that come, without a signal, and at green.
-        left: how those went on who were there before.
+        moving: classes, levels and vehicles of the actors.
+        half: (N, 2) half sizes of the boxes that must not overlap, metres.
+        step_s: time between steps, seconds.
+        ground: static surroundings.
+        crossings: crossings at which delayed pedestrians wait, from the first step to compute on.
+        patience_s: waiting time for vehicles, without a signal, and at green.
+        left: states at the end of the previous stretch.
         tell: called with the fraction done (0..1) and what is being done.
     """
     step, xy, yaw = columns["step"].astype(np.int64), columns["xy"], columns["yaw"]
@@ -238,7 +240,7 @@ def crowd_walked(  # noqa: PLR0913 - all that moves people
     found["yaw"][changed] = (yaw[low] + place[:, 2])[changed]
     found["lane"][changed] = columns["lane"][low][changed]
     found["distance"][changed] = far_at(columns["distance"], come, last)[changed]
-    # The speed is SUMO's, and what the change adds to it.
+    # Changed rows have the speed of their displacement.
     now_went = np.where(
         joined, np.hypot(*np.diff(place[:, :2], axis=0, prepend=place[:1, :2]).T), 0
     )
@@ -248,12 +250,12 @@ def crowd_walked(  # noqa: PLR0913 - all that moves people
 
 
 def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the rows that are wanted, by step."""
+    """Return the selected rows, by step."""
     rows = np.flatnonzero(wanted)
     return rows[np.argsort(step[rows], kind="stable")]
 
 
 def _pace(speed: NDArray[np.float64], first: NDArray[np.int64], reach: int) -> NDArray[np.float64]:
-    """Return how fast each goes about every row (N,), m/s, part by part of its way."""
+    """Return the highest speed of each path around every row (N,), m/s."""
     parts = np.split(np.minimum(speed, FASTEST_MS), first[1:])
     return np.concatenate([maximum_filter1d(one, 2 * reach + 1, mode="nearest") for one in parts])

@@ -1,8 +1,8 @@
-"""Detours: people walk round what stands in their way, where SUMO leads them straight through.
+"""Detours of pedestrians around obstacles on SUMO's paths.
 
-SUMO's walkers know lanes and walking areas, not the walls, posts and benches on them. Whoever's
-way leads through something goes the shortest way round it, on the footway where that is not much
-longer. It would have to run for it: `crowd` lets it come later.
+SUMO's pedestrians know lanes and walking areas, but not the walls, posts and benches on them. A
+path through an obstacle is replaced by the shortest one around it, on the footway if that is not
+much longer. The higher speed that this needs becomes a delay in `crowd`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from urbantwin.traffic.paths.walked_ground import SOLID, WalkedCells
 
 __all__ = ["round_blocks"]
 
-#: Corners of outlines are rounded over so long, seconds; who moves less in a step does not turn.
+#: Duration over which corners of outlines are rounded, seconds; displacement per step below which
+#: the heading stays, metres.
 _ROUNDED_S, _MOVED_M = 0.7, 0.02
-#: So many places where something stands are gone round at once at the most.
+#: Maximum number of consecutive obstacles avoided by one detour.
 _AT_ONCE = 4
 
 
@@ -29,14 +30,14 @@ def round_blocks(
     cells: WalkedCells,
     step_s: float,
 ) -> dict[str, NDArray[Any]]:
-    """Return poses in which everybody on foot on the ground goes round what stands there.
+    """Return poses in which pedestrians on the ground walk around obstacles.
 
     Args:
         columns: poses by trip and step: ``trip``, ``step``, ``xy``, ``yaw``, ``distance``,
             ``speed``.
-        walks: (N,) who is on foot on the ground.
-        cells: what stands in the way, and where they rather are.
-        step_s: time between steps.
+        walks: (N,) mask of the rows of pedestrians on the ground.
+        cells: raster of obstacles and footways.
+        step_s: time between steps, seconds.
     """
     trip, step = columns["trip"], columns["step"]
     found = {name: columns[name].copy() for name in ("xy", "yaw", "distance", "speed")}
@@ -67,7 +68,7 @@ def round_blocks(
 
 
 def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] | None:
-    """Return a way (N, 2) that leads round what stands there; ``None`` where it meets nothing."""
+    """Return a path (N, 2) around obstacles; ``None`` if it has none."""
     inside = cells.at(way) == SOLID
     if not inside.any():
         return None
@@ -78,7 +79,7 @@ def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] 
     while k < len(runs):
         start, k = runs[k][0], k + 1
         for n in range(k, min(k + _AT_ONCE, len(runs) + 1)):
-            # Where no way leads into a court, one leads past it.
+            # If no path leads into a courtyard, one may lead past it.
             stop = runs[n - 1][1]
             low, high = max(start - 1, 0), min(stop, len(way) - 1)
             arc = cells.way(way[low], way[high])
@@ -90,7 +91,7 @@ def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] 
 
 
 def _along(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return places on a way round (K, 2) as one goes on along the way that it replaces (N, 2)."""
+    """Return points on a detour (K, 2) in proportion to progress on the replaced path (N, 2)."""
     went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])
     at = went / max(went[-1], 1e-6) * along[-1]

@@ -1,7 +1,7 @@
-"""Where people on foot are: on footways, neither on lanes that are driven on nor in buildings.
+"""Positions of pedestrians on footways, off the carriageway and out of buildings.
 
-SUMO's walkers cross the walking areas of corners in straight lines and wait anywhere on them. The
-areas reach to the middle of curves that vehicles cut, and know nothing of the walls beside them.
+SUMO's pedestrians cross the walking areas of corners in straight lines and wait anywhere on them.
+These areas reach into curves that vehicles cut, and ignore adjacent walls.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Footways", "on_footways"]
 
-#: Room that a person takes to each side, metres (Highway Capacity Manual 2010, chapter 4: a body of
-#: 0.60 m by 0.50 m).
+#: Half width of a pedestrian, metres (Highway Capacity Manual 2010, chapter 4: a body of 0.60 m by
+#: 0.50 m).
 BODY_M = 0.3
-#: Nobody is moved farther, metres: who is farther away is where no footway was found, or where a
-#: crossing begins that does not reach one, and would slide.
+#: Maximum correction, metres. Farther off, either no footway was found or a crossing begins that
+#: does not reach one, and pedestrians would slide.
 FARTHEST_M = 1.2
-#: So many rows are looked at together.
+#: Number of rows processed together.
 _ROWS = 1 << 18
 
 
 class Footways:
-    """The room that people have on the lanes of a network.
+    """The walkable area of the lanes of a network.
 
     Args:
         network: the lanes.
-        names: of lanes, by their numbers.
-        beyond_m: how far the room goes on beside a lane, where there is a footway.
+        names: names of lanes, by their indices.
+        beyond_m: width beside a lane that is included, if it is footway.
     """
 
     def __init__(
@@ -45,9 +45,9 @@ class Footways:
         self._rooms: dict[int, shapely.Geometry | None] = {}
 
     def way_in(self, lane: NDArray[np.integer], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return from points on lanes (N, 2) the way into the room there (N, 2), metres.
+        """Return displacements (N, 2) from points (N, 2) on lanes into the walkable area, metres.
 
-        It is nan for who is inside, and on lanes that are no footways or have no room for anybody.
+        nan for points inside, and on lanes that are no footways or too narrow.
         """
         way = np.full(xy.shape, np.nan)
         order = np.argsort(lane, kind="stable")
@@ -78,12 +78,12 @@ class Footways:
 
 
 def on_footways(simulated: Simulated, demand: Demand, network: RoadNetwork) -> Simulated:
-    """Return what SUMO saw with everybody who walks along or waits moved onto the footways.
+    """Return SUMO's output with pedestrians moved onto the footways.
 
-    Who is on a crossing stays, and who is on what has no room for anybody.
+    Pedestrians on crossings, and on lanes without sufficient width, stay.
 
     Args:
-        simulated: what SUMO saw.
+        simulated: SUMO's output.
         demand: the trips that it refers to.
         network: the lanes.
     """

@@ -1,4 +1,4 @@
-"""Ways of everybody in a long motion, kept on disk, of which a stretch at a time is read."""
+"""Paths of all actors in a long motion, kept on disk and read stretch by stretch."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from urbantwin.traffic.demand.demand import Trip
 
 __all__ = ["KeptColumns", "KeptWays", "some_actors"]
 
-#: So many rows are looked at together.
+#: Number of rows processed together.
 _ROWS = 500_000
 
 Columns = dict[str, NDArray[Any]]
 
 
 class KeptColumns:
-    """Columns that are added one after the other.
+    """Columns to which rows are appended.
 
     Args:
-        folder: where they are kept; in memory, where not given.
+        folder: folder of the columns; ``None`` keeps them in memory.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -34,7 +34,7 @@ class KeptColumns:
         self._count = 0
 
     def add(self, columns: Columns) -> None:
-        """Keep rows that follow those before."""
+        """Append rows."""
         if self._folder is None:
             self._parts.append(columns)
             return
@@ -45,7 +45,7 @@ class KeptColumns:
         self._count += len(columns["trip"])
 
     def opened(self) -> Columns:
-        """Return all columns; what is read of those on disk stays in memory until let go."""
+        """Return all columns, memory-mapped if on disk."""
         if self._folder is not None:
             return {
                 name: np.memmap(self._file(name), kind, "r", shape=(self._count, *shape))
@@ -57,7 +57,7 @@ class KeptColumns:
         return self._parts[0]
 
     def span(self, name: str, first: int, last: int) -> NDArray[Any]:
-        """Return a column from a row to another, which is not among them."""
+        """Return a column between two rows, the second excluded."""
         if self._folder is None:
             return np.asarray(self.opened()[name][first:last])
         kind, shape = self._kinds[name]
@@ -67,7 +67,7 @@ class KeptColumns:
         return values.reshape(-1, *shape)
 
     def rows(self, rows: NDArray[np.integer]) -> Columns:
-        """Return some rows; of those on disk no others come into memory."""
+        """Return some rows; on disk, only these are read."""
         if self._folder is None:
             return {name: values[rows] for name, values in self.opened().items()}
         begins = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
@@ -92,14 +92,14 @@ class KeptColumns:
 
 @dataclass(frozen=True, eq=False)
 class KeptWays:
-    """Everybody's way before anybody sees anybody.
+    """Paths of all actors before conflicts are resolved.
 
     Attributes:
-        columns: poses by actor and step; of who is among ``gone`` rows before ``since`` are none.
-        trips: whose they are.
-        who: who is who (`bending.with_bodies`).
-        rigid: vehicles that do not bend though their trips say so.
-        gone: what they would have been.
+        columns: poses by actor and step; rows before ``since`` of actors in ``gone`` are void.
+        trips: their trips.
+        who: their identities (`bending.with_bodies`).
+        rigid: vehicles that are rigid although their trips have articulated ones.
+        gone: bodies of these vehicles before they were replaced.
         since: see ``columns``.
         steps: the first step, and the one after the last.
     """
@@ -114,10 +114,10 @@ class KeptWays:
 
 
 def some_actors(actor: NDArray[np.integer]) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows of some actors after the other, each actor's in their order.
+    """Yield the rows of groups of actors, each actor's in their order.
 
     Args:
-        actor: (N,) whose row each is.
+        actor: (N,) actor of each row.
     """
     order = np.argsort(actor, kind="stable")
     ends = np.append(np.flatnonzero(np.diff(actor[order])) + 1, len(order))

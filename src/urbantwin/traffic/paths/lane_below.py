@@ -1,4 +1,4 @@
-"""Which lane an actor is on, from where it is, where it faces, and who may use the lane."""
+"""The lane of an actor, from its position, heading and class."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.taxonomy import road_user
 
 __all__ = ["LanesBelow"]
 
-#: What a lane costs that its user may not use; against radians of turn and metres off its middle.
+#: Cost of a lane that the actor may not use, relative to radians of turn and metres off its middle.
 _FORBIDDEN = 4.0
 _OFF_MIDDLE_PER_M = 0.3
 _LEVEL_PER_M = 1.0
@@ -23,7 +23,7 @@ _NOT_USED = ("curb", "median", "island")
 
 @dataclass(frozen=True, eq=False)
 class LanesBelow:
-    """The lanes of a network, to be asked by place."""
+    """The lanes of a network, queried by position."""
 
     roads: RoadNetwork
     _lanes: list[Lane] = field(init=False)
@@ -43,14 +43,14 @@ class LanesBelow:
     ) -> NDArray[np.object_]:
         """Return the id of the lane (N,) below each pose of an actor; empty beside all lanes.
 
-        Of several lanes it is the one that the actor may use, that leads where it faces, in whose
-        middle it is, and at whose height.
+        Of several lanes, it prefers one that the actor may use, in its direction, near its middle
+        and at its height.
 
         Args:
-            xy: (N, 2) places, site frame, metres.
-            yaw: (N,) headings, rad; of no account for people.
-            actor_class: who it is.
-            z: (N,) heights where they are known, metres.
+            xy: (N, 2) positions, site frame, metres.
+            yaw: (N,) headings, rad; ignored for pedestrians.
+            actor_class: class of the actor.
+            z: (N,) heights, if known, metres.
         """
         found = np.full(len(xy), "", object)
         point, number = self._tree.query(shapely.points(xy), predicate="intersects")
@@ -63,7 +63,7 @@ class LanesBelow:
             mine = np.flatnonzero(number == lane_number)
             lane = self._lanes[lane_number]
             who = point[mine]
-            # Walking areas have no line of their own: they are taken where nothing else is.
+            # Walking areas have no line of their own: they are used if there is no other lane.
             allowed = user in lane.allowed and (lane.kind in _WALKED) == walks
             cost[mine] = 0.0 if allowed else _FORBIDDEN
             if lane.kind != "walkingarea" and len(lane.centre) > 1:
@@ -83,7 +83,7 @@ class LanesBelow:
 def _beside(
     line: NDArray[np.float64], xy: NDArray[np.float64], yaw: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far points are from a line, metres, and how far they face from its direction."""
+    """Return distances of points from a line, metres, and heading differences from it."""
     string, points = shapely.LineString(line), shapely.points(xy)
     along = np.asarray(shapely.line_locate_point(string, points))
     step = np.linalg.norm(np.diff(line, axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""What stands in the way of actors: walls, posts, furniture of the static scene, in plan."""
+"""Static obstacles of actors in plan: walls, posts, furniture of the scene."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from urbantwin.traffic.paths.box_plan import PlanBoxes
 
 __all__ = ["Blocks", "Obstacles", "Outlines"]
 
-#: What is near whom is found first by cells of this size, metres.
+#: Size of the cells that the search for near shapes begins with, metres.
 _CELL_M = 1.0
 
 
 class Outlines:
-    """Shapes in plan; how far it is to the nearest is kept cell by cell, once it was asked.
+    """Shapes in plan, with cached distances to the nearest by cell.
 
     Args:
-        shapes: S of them, site frame.
+        shapes: S shapes, site frame.
     """
 
     def __init__(self, shapes: ArrayLike) -> None:
@@ -32,9 +32,9 @@ class Outlines:
         self._cells, self._away = np.zeros(0, np.int64), np.zeros(0)
 
     def near(self, xy: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the rows (R,) of points (N, 2) that shapes may be nearer to than ``reach`` (N,).
+        """Return the rows (R,) of points (N, 2) that may be nearer to a shape than ``reach`` (N,).
 
-        It is looked at cell by cell, so that rows that are near each other cost as one.
+        Distances are computed by cell, so that neighbouring rows share the cost.
         """
         if not len(xy) or not len(self._tree):
             return np.zeros(0, np.int64)
@@ -45,11 +45,11 @@ class Outlines:
     def beside(
         self, boxes: PlanBoxes, within_m: float = 0.0
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the rows (P,) of boxes that come near to shapes, and which these are (P,).
+        """Return the rows (P,) of boxes near shapes, and the indices of these shapes (P,).
 
         Args:
-            boxes: N of them.
-            within_m: boxes are grown by so much to each side, metres.
+            boxes: N boxes.
+            within_m: growth of the boxes on each side, metres.
         """
         near = self.near(boxes.xy, np.hypot(*boxes.half.T) + within_m)
         wide = replace(boxes, half=boxes.half + within_m).take(near)
@@ -57,7 +57,7 @@ class Outlines:
         return near[row], shape
 
     def _away_from(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return how far it is from the middle of cells (C,), sorted, to the nearest shape."""
+        """Return the distances from the centres of sorted cells (C,) to the nearest shape."""
         new = np.setdiff1d(cells, self._cells, assume_unique=True)
         if len(new):
             y = (new + (1 << 31)) % (1 << 32) - (1 << 31)
@@ -73,31 +73,31 @@ class Outlines:
         return self._away[np.searchsorted(self._cells, cells)]
 
 
-#: Classes that nobody passes through; leaves give way.
+#: Classes that are solid for actors; leaves are not.
 _SOLID = ("building", "fence", "other-structure", "trunk", "pole", "traffic-sign", "other-object")
-#: Curbs, steps and plinths up to the knee are stepped over or driven on, metres above the ground.
+#: Height above the ground up to which curbs, steps and plinths are no obstacles, metres.
 _KNEE_M = 0.45
-#: What begins above this is over the heads of people, and what above the second over all that
-#: drives (4 m: Council Directive 96/53/EC), metres.
+#: Height of the lower end from which an obstacle is above people's heads, and above all vehicles (4
+#: m: Council Directive 96/53/EC), metres.
 HEAD_M, TALL_M = 2.0, 4.0
-#: Objects that are smaller than this in plan are passed as one, metres.
+#: Size in plan below which an object is one obstacle, metres.
 _SMALL_M = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """What stands in the way at every step.
+    """Obstacles at every step.
 
     Attributes:
-        boxes: B of them in plan.
-        begins: (B,) how high above the ground, metres.
+        boxes: B boxes in plan.
+        begins: (B,) height of the lower end above the ground, metres.
     """
 
     boxes: PlanBoxes
     begins: NDArray[np.float64]
 
     def with_cars(self, cars: PlanBoxes) -> Blocks:
-        """Return these and what stands on the ground, whole."""
+        """Return these with further obstacles that begin at the ground."""
         return Blocks(
             PlanBoxes.joined([self.boxes, cars]),
             np.concatenate([self.begins, np.zeros(len(cars.yaw))]),
@@ -105,7 +105,7 @@ class Blocks:
 
     @cached_property
     def low(self) -> PlanBoxes:
-        """What people do not walk under."""
+        """Obstacles that pedestrians cannot walk under."""
         return self.boxes.take(np.flatnonzero(self.begins < HEAD_M))
 
     @cached_property
@@ -115,14 +115,14 @@ class Blocks:
     def beside(
         self, boxes: PlanBoxes, height: NDArray[np.float64], within_m: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the rows (P,) of boxes so high (N,) that blocks come near to, and which (P,)."""
+        """Return rows (P,) of boxes with heights (N,) near obstacles, and their indices (P,)."""
         row, block = self._outlines.beside(boxes, within_m)
         met = np.flatnonzero(self.begins[block] < height[row])
         return row[met], block[met]
 
 
 class Obstacles:
-    """The solid triangles of a scene, as their outlines in plan.
+    """The solid triangles of a scene, as outlines in plan.
 
     Args:
         scene: the static world, site frame.
@@ -135,7 +135,7 @@ class Obstacles:
         self._low, self._high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
         self._semantic, self._part = scene.semantic[solid], scene.part[solid]
         self._corners = corners
-        # An upright triangle is a line in plan: along its longest side.
+        # A vertical triangle is a line in plan: its longest side.
         ring = shapely.linestrings(corners[:, [0, 1, 2, 0], :2])
         flat = np.abs(_doubled_area(corners)) < 1e-6
         shape = np.empty(len(solid), object)
@@ -147,11 +147,11 @@ class Obstacles:
     def beside(
         self, boxes: PlanBoxes, z: NDArray[np.float64], height: NDArray[np.float64]
     ) -> NDArray[np.int64]:
-        """Return pairs (P, 2) of a box and a shape that meets it between knee and head.
+        """Return pairs (P, 2) of a box and a shape that overlaps it between knee and head.
 
         Args:
-            boxes: N in plan.
-            z: (N,) of the ground that they stand on.
+            boxes: N boxes in plan.
+            z: (N,) height of the ground below them, metres.
             height: (N,) metres.
         """
         row, shape = self._outlines.beside(boxes)
@@ -161,16 +161,16 @@ class Obstacles:
     def met(
         self, boxes: PlanBoxes, z: NDArray[np.float64], height: NDArray[np.float64]
     ) -> list[str]:
-        """Return what each box meets, the name of its class; nothing: an empty text."""
+        """Return the class of an obstacle that each box overlaps; an empty text if none."""
         found = [""] * len(z)
         for row, shape in self.beside(boxes, z, height).tolist():
             found[row] = self._name[int(self._semantic[shape])]
         return found
 
     def blocks(self, height: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Blocks:
-        """Return what stands above the knee of whoever is on the ground, as boxes in plan.
+        """Return the obstacles above knee height, as boxes in plan.
 
-        What is small (a post, a bench) is one box; of a wall each triangle is one.
+        Small objects (a post, a bench) are one box; of walls each triangle is one.
 
         Args:
             height: returns the height (N,) of the ground under points (N, 2).
@@ -179,7 +179,7 @@ class Obstacles:
         ground = height(middle[:, :2])
         rows = np.flatnonzero((self._high > ground + _KNEE_M) & (self._low < ground + TALL_M))
         begins = self._low[rows] - ground[rows]
-        # What hangs above heads is another thing than what it hangs from.
+        # Parts above heads are separate from what they hang from.
         key = np.column_stack([self._semantic[rows], self._part[rows], begins >= HEAD_M])
         _, group = np.unique(key, axis=0, return_inverse=True)
         plan = self._corners[rows, :, :2]
@@ -216,13 +216,13 @@ class Obstacles:
 
 
 def _least_boxes(parts: Sequence[NDArray[np.float64]]) -> PlanBoxes:
-    """Return the least box in plan about each part (F, 3, 2)."""
+    """Return the smallest box in plan around each part (F, 3, 2)."""
     found = np.zeros((len(parts), 5))
     for number, part in enumerate(parts):
         around = shapely.oriented_envelope(shapely.MultiPoint(part.reshape(-1, 2)))
         corners = shapely.get_coordinates(around)
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        side, across = np.diff(np.resize(corners, (3, 2)), axis=0)  # of a line, there and back
+        side, across = np.diff(np.resize(corners, (3, 2)), axis=0)  # a line gives two equal sides
         across = across if len(corners) > 2 else np.zeros(2)
         yaw = np.arctan2(side[1], side[0])
         found[number] = *middle, yaw, np.hypot(*side) / 2, np.hypot(*across) / 2

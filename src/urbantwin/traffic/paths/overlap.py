@@ -1,4 +1,4 @@
-"""Overlaps: actors whose boxes pass through each other's, or through what stands in the scene."""
+"""Overlaps of actors' boxes with each other, or with the scene."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ __all__ = [
     "told_of",
 ]
 
-#: Boxes overlap that share more than this in plan, square metres, on one level, metres.
+#: Shared area in plan, square metres, above which boxes overlap, and maximum difference of levels,
+#: metres.
 OVERLAP_M2, LEVEL_M = 0.05, 2.0
-#: What comes into an actor's box by less than this has touched it, metres.
+#: Overlap with the scene up to which an actor only touches it, metres.
 TOUCH_M = 0.05
-#: So many are told one by one.
+#: Maximum number of overlaps listed individually.
 _TOLD = 20
-#: Rows that are looked at together.
+#: Number of rows processed together.
 _ROWS = 50_000
 _COLUMNS = ("time_s", "asset", "x", "y", "z", "yaw", "length", "width", "height")
 
@@ -42,10 +43,10 @@ class Overlapping:
     """Rows of actors that overlap.
 
     Attributes:
-        pairs: (P, 2) rows; the second is -1 - k where it is the k-th parked vehicle.
-        area: (P,) how much they share in plan, square metres.
-        hits: (H,) rows that meet something static, ascending.
-        what: (H,) what that is.
+        pairs: (P, 2) rows; the second is -1 - k for the k-th parked vehicle.
+        area: (P,) shared area in plan, square metres.
+        hits: (H,) rows that overlap something static, ascending.
+        what: (H,) class of the static object.
     """
 
     pairs: NDArray[np.int64]
@@ -54,7 +55,7 @@ class Overlapping:
     what: NDArray[np.object_]
 
     def among(self, kept: NDArray[np.bool_]) -> Overlapping:
-        """Return what is left of it among some of the rows (N,), as numbers among these."""
+        """Return the overlaps among some of the rows (N,), renumbered."""
         number = np.cumsum(kept) - 1
         stands = self.pairs < 0
         there = (kept[self.pairs] | stands).all(axis=1)
@@ -66,12 +67,12 @@ class Overlapping:
 def overlaps_of(
     actors: pa.Table | ActorRows, parked: pa.Table, step_s: float, scene: LabelledMesh
 ) -> dict[str, Any]:
-    """Return who overlaps whom or what at any step, each pair once; see `overlaps_told`.
+    """Return all overlaps of a motion, each pair once; see `overlaps_told`.
 
     Args:
-        actors: of a motion.
-        parked: its parked vehicles, which stand at every step.
-        step_s: time between its steps.
+        actors: rows of a motion.
+        parked: its parked vehicles, which are there at every step.
+        step_s: time between its steps, seconds.
         scene: the static world.
     """
     rows = as_rows(actors)
@@ -83,20 +84,20 @@ def overlaps_of(
 def overlaps_told(
     found: Overlapping, actors: Iterable[pa.Table], parked: pa.Table
 ) -> dict[str, Any]:
-    """Return who overlaps whom or what at any step, each pair once.
+    """Return a report of overlaps, each pair once.
 
     Args:
         found: the rows that overlap.
         actors: the rows, part by part.
-        parked: who stands at every step.
+        parked: the parked vehicles.
 
     Returns:
-        ``actors``: pairs of actors whose boxes share more than ``OVERLAP_M2`` in plan at any step,
-        but for bodies of one vehicle; ``between``: the same by their classes. ``scene``: actors of
-        whose box something static takes more than a touch, between knee and head; ``with``: the
-        same by class and what it is.
-        ``worst``: the pairs that share most, with when, where and how much. ``hits``: who meets
-        something static, and what, when and where first.
+        ``actors``: number of pairs whose boxes share more than ``OVERLAP_M2`` in plan at any step,
+            except bodies of one vehicle; ``between``: the same by classes. ``scene``: number of
+            actors whose box overlaps something static by more than a touch, between knee and head;
+            ``with``: the same by class and object. ``worst``: the pairs with the largest shared
+            area, with time and place. ``hits``: the first overlap of each actor with something
+            static.
     """
     columns = ("track", "class", "time_s", "x", "y")
     rows, told = told_of(actors, np.concatenate([found.pairs.ravel(), found.hits]), columns)
@@ -151,14 +152,14 @@ def rows_that_overlap(
     obstacles: Obstacles,
     who: NDArray[np.integer],
 ) -> Overlapping:
-    """Return the rows of actors that overlap anybody or anything.
+    """Return the rows of actors that overlap others or the scene.
 
     Args:
-        actors: of a motion, part by part, each of whole steps.
+        actors: rows of a motion, in parts of whole steps.
         parked: its parked vehicles.
-        step_s: time between its steps.
-        obstacles: of the static world.
-        who: (N,) of whom rows are: who stands still meets something static in one row at least.
+        step_s: time between its steps, seconds.
+        obstacles: static obstacles.
+        who: (N,) actor of each row: a standing actor is tested against the scene only once.
     """
     still = _columns(parked)
     standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
@@ -185,12 +186,12 @@ def rows_that_overlap(
 def told_of(
     actors: Iterable[pa.Table], wanted: NDArray[np.int64], columns: Sequence[str]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.object_]]]:
-    """Return rows (R,) that are wanted, ascending, and what they have in some columns.
+    """Return the selected rows (R,), ascending, and their values in some columns.
 
     Args:
-        actors: part by part.
-        wanted: rows; below 0 is none.
-        columns: their names.
+        actors: rows part by part.
+        wanted: selected rows; negative ones are ignored.
+        columns: names of the columns.
     """
     rows = np.unique(wanted[wanted >= 0])
     found: dict[str, list[NDArray[np.object_]]] = {name: [] for name in columns}
@@ -205,9 +206,9 @@ def told_of(
 
 
 def _parts(actors: pa.Table) -> Iterator[tuple[int, pa.Table]]:
-    """Yield the rows of whole steps, so many at a time that an hour does not take gigabytes.
+    """Yield groups of whole steps, to limit memory.
 
-    With the number of their first row.
+    Each with the number of its first row.
     """
     time_s = actors["time_s"].to_numpy()
     first = 0
@@ -233,9 +234,9 @@ def _shared(
     standing: PlanBoxes,
     outlines: Outlines,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return pairs (P, 2) of rows that overlap, and how much they share (P,).
+    """Return pairs (P, 2) of rows that overlap, and their shared area (P,).
 
-    Rows of who stands follow after those of who moves.
+    Rows of parked vehicles follow those of moving ones.
     """
     beside, stands = outlines.beside(boxes)
     first = len(boxes.yaw)
@@ -256,8 +257,8 @@ def _hit(
     obstacles: Obstacles,
     who: NDArray[np.integer],
 ) -> tuple[NDArray[np.int64], NDArray[np.object_]]:
-    """Return the rows (H,) that meet something static, and what (H,)."""
-    # Who stands where it stood before meets nothing new.
+    """Return the rows (H,) that overlap something static, and its class (H,)."""
+    # An unchanged pose needs no further test.
     by_who = np.argsort(who, kind="stable")
     place = np.round(np.column_stack([who, boxes.xy * 20, boxes.yaw * 50])[by_who])
     rows = np.sort(by_who[(np.diff(place, axis=0, prepend=np.nan) != 0).any(axis=1)])

@@ -18,17 +18,17 @@ from urbantwin.roads import RoadNetwork
 
 __all__ = ["Ground", "stand"]
 
-_CLEARANCE_M = 1.5  # rays start this far above the lane: below the deck of any road that crosses it
-_STEEPEST = np.radians(17.0)  # a steeper fit is a wheel on a wall's top, not a road
-_ROUNDS = 2  # the wheels' places depend on the tilt that they decide; the second round is exact
+_CLEARANCE_M = 1.5  # start of rays above the lane: below the deck of any crossing road
+_STEEPEST = np.radians(17.0)  # a steeper fit means a wheel on top of a wall
+_ROUNDS = 2  # the contacts' positions depend on the tilt; the second round is exact
 
 
 class Ground:
-    """The ground as actors stand on it, on the level on which their lane runs.
+    """The ground below actors, on the level of their lane.
 
     Args:
         mesh: triangles of the ground.
-        roads: knows how high each lane runs.
+        roads: the road network, for the height of each lane.
     """
 
     def __init__(self, mesh: LabelledMesh, roads: RoadNetwork) -> None:
@@ -37,11 +37,11 @@ class Ground:
         self._highest = float(mesh.vertices[:, 2].max(initial=0.0)) + _CLEARANCE_M
 
     def top(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the height (N,) of the highest ground at points (N, 2); nan where is none."""
+        """Return the height (N,) of the highest ground at points (N, 2); nan if there is none."""
         return self.height(xy, np.full(len(xy), self._highest))
 
     def levels(self, names: Sequence[str]) -> NDArray[np.int64]:
-        """Return the level (L,) of lanes by their names; 0 of those that are not known."""
+        """Return the level (L,) of lanes by name; 0 for unknown ones."""
         known = self._roads.lane_by_id
         rails = {f"{track.id}_0": track.level for track in self._roads.tracks}
         found = [known[name].level if name in known else rails.get(name, 0) for name in names]
@@ -50,7 +50,7 @@ class Ground:
     def ceiling(
         self, xy: NDArray[np.float64], lane: NDArray[np.int32], names: tuple[str, ...]
     ) -> NDArray[np.float64]:
-        """Return the height (N,) where rays start for points (N, 2) on lanes (N,)."""
+        """Return the start height (N,) of rays for points (N, 2) on lanes (N,)."""
         start = np.full(len(xy), self._highest)
         rails = {f"{track.id}_0": track for track in self._roads.tracks if not track.level}
         order = np.argsort(lane, kind="stable")
@@ -63,12 +63,12 @@ class Ground:
         return start
 
     def height(self, xy: NDArray[np.float64], ceiling: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the height (N,) of the ground under points (N, 2); nan where there is none."""
+        """Return the height (N,) of the ground under points (N, 2); nan if there is none."""
         return self._probe.height_below(np.column_stack([xy, ceiling]))
 
 
 def _height_along(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the height (N,) of a line (P, 3) where it is nearest to points (N, 2)."""
+    """Return the height (N,) of the nearest point of a line (P, 3) to points (N, 2)."""
     at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.points(xy))
     return np.asarray(np.interp(at, stations_of_points(line[:, :2]), line[:, 2]))
 
@@ -80,17 +80,17 @@ def stand(
     yaw: NDArray[np.float64],
     ceiling: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Stand one asset on the ground at N poses.
+    """Place one asset on the ground at N poses.
 
-    The least-squares plane through the ground under the contacts gives height, pitch and roll;
-    two contacts in line give no roll, a single one neither.
+    The least-squares plane through the ground under the contacts gives height, pitch and roll; two
+    contacts in line give no roll, a single one neither.
 
     Args:
         ground: the ground.
-        contacts: (K, 3) where the asset touches it, in the asset's frame.
+        contacts: (K, 3) contacts of the asset, in its own frame.
         xy: (N, 2) the asset's origin, site frame.
         yaw: (N,) heading, rad.
-        ceiling: (N,) where rays start.
+        ceiling: (N,) start height of rays.
 
     Returns:
         z, pitch and roll, each (N,); z is nan where the origin or a contact is not over ground.

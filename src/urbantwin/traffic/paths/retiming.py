@@ -1,9 +1,9 @@
-"""Retiming: the same way, driven later and as its class can drive.
+"""Retiming: the same path, driven later and within the limits of its class.
 
-A way is a place as a function of time. Here only the time changes: at each step the actor goes as
-far as it can without passing a bound, braking in time and no harder than it has to, and faster
-nowhere than it went itself or than a curve allows. It falls behind and makes up for it; it is never
-ahead of what it did.
+A path gives the position as a function of time. Here only the time changes: at each step the actor
+moves as far as possible without passing a bound. It brakes in time and as gently as possible, and
+nowhere exceeds its original speed or that of curves. It falls behind and catches up; it is never
+ahead of the original.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from urbantwin.traffic.compiled.waiting import driven
 
 __all__ = ["BEHIND_M", "LIMITS", "Let", "Limits", "Pace", "Way", "curve_speeds", "retimed"]
 
-#: How far one falls behind at the most, metres.
+#: Maximum delay, metres.
 BEHIND_M = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class Let:
-    """That somebody lets another go first when they meet.
+    """A constraint to yield to another actor.
 
     Attributes:
-        first: the other's way.
-        since: the step of its own way since which they would lie in each other.
-        begin: the first of its steps in which it has to do with the other.
-        bound: how far it may be in these steps, metres; infinite where it is free.
+        first: number of the other's path.
+        since: own step of the first overlap.
+        begin: first own step of the constraint.
+        bound: maximum position in these steps, metres; infinite without a bound.
     """
 
     first: int
@@ -48,16 +48,16 @@ class Let:
 
 @dataclass(eq=False)
 class Way:
-    """Somebody's way while it is there without a gap.
+    """The path of a vehicle during a visit without gaps.
 
     Attributes:
-        number: of the way.
-        bodies: (B, N) rows of the columns by time, of whoever goes first and those that it draws.
+        number: number of the path.
+        bodies: (B, N) rows of the columns by time, of the first body and the towed ones.
         kind: its class.
-        pace: how it may go.
-        at: (N,) how far it is now, metres.
-        start: the step of the motion in which it begins.
-        lets: whom it lets go first.
+        pace: its original progress and speed limits.
+        at: (N,) current position along the path, metres.
+        start: step of the motion in which it begins.
+        lets: constraints to yield to others.
     """
 
     number: int
@@ -79,7 +79,7 @@ class Way:
         at: NDArray[np.float64],
         part: slice = slice(None),
     ) -> NDArray[Any]:
-        """Return what a body's values (rows, ...) are where the way is so far, in a part of it."""
+        """Return a body's values (rows, ...) at positions along the path, within a part of it."""
         strictly = self._strictly[part]
         when = np.interp(at, strictly, np.arange(len(strictly), dtype=np.float64))
         low = np.minimum(when.astype(int), len(strictly) - 1)
@@ -89,37 +89,36 @@ class Way:
         return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
 
     def row_at(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return when it was so far itself, in its own steps, not whole."""
+        """Return the fractional own step at which the original reached positions."""
         return np.interp(at, self._strictly, np.arange(len(self._strictly), dtype=np.float64))
 
     def part(self, low_m: float, high_m: float) -> slice:
-        """Return the steps within which the way goes from one length to another."""
+        """Return the steps within which the path goes from one position to another."""
         first, last = np.searchsorted(self._strictly, [low_m, high_m])
         return slice(max(int(first) - 1, 0), int(last) + 2)
 
 
-#: Ways are looked at so finely, metres, and curves over so long a piece, metres.
+#: Resolution of paths, metres, and length over which curvature is taken, metres.
 GRID_M = 0.2
 _CURVE_M = 1.6
-#: Sideways acceleration that nobody who drives exceeds, m/s2, nor slows down below, m/s.
+#: Maximum lateral acceleration, m/s2, and least speed limit by curves, m/s.
 _SIDEWAYS_MS2, _SLOWEST_MS = 3.2, 1.0
-#: Who makes up for time goes a little faster than it did near there: by this share and by so much,
-#: m/s, near being so far, metres.
+#: Factor and increment, m/s, on the original speed within a distance, metres, for catching up.
 _FASTER, _FASTER_MS, _NEAR_M = 1.1, 0.5, 10.0
-#: Who is less behind than this is where it was, metres; who starts harder than its class by less
-#: than this share may.
+#: Delay below which an actor counts as on time, metres; factor on a class's acceleration that is
+#: tolerated.
 _SAME_M, _HARDER = 0.005, 1.3
-#: How far one looks ahead, seconds.
+#: Look-ahead time, seconds.
 _AHEAD_S = 10.0
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a class does on its way, m/s2.
+    """Limits of a class, m/s2.
 
     Attributes:
-        starts: the most that it speeds up.
-        brakes: how hard it brakes, as gently as it can: what is tried one after the other.
+        starts: maximum acceleration.
+        brakes: decelerations to try, the gentlest first.
     """
 
     starts: float
@@ -143,12 +142,12 @@ LIMITS = {
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    """How an actor may go along its way.
+    """Progress of an actor along its path, and its speed limits.
 
     Attributes:
-        at: (N,) how far it went itself by each step, metres, not decreasing.
-        speeds: (G,) greatest speed every ``GRID_M`` of the way, m/s.
-        step_s: time between steps.
+        at: (N,) original position at each step, metres, not decreasing.
+        speeds: (G,) maximum speed every ``GRID_M`` of the path, m/s.
+        step_s: time between steps, seconds.
     """
 
     at: NDArray[np.float64]
@@ -156,7 +155,7 @@ class Pace:
     step_s: float
 
     def allowed(self, brake: float) -> NDArray[np.float64]:
-        """Return the greatest speed (G,) with which one can brake so for what comes, m/s."""
+        """Return the maximum speed (G,) from which later limits are reached with a braking, m/s."""
         reach = 2 * brake * GRID_M * np.arange(len(self.speeds))
         least = np.minimum.accumulate((np.square(self.speeds) + reach)[::-1])[::-1]
         return np.asarray(np.sqrt(least - reach))
@@ -165,12 +164,12 @@ class Pace:
 def curve_speeds(
     at: NDArray[np.float64], yaw: NDArray[np.float64], step_s: float
 ) -> NDArray[np.float64]:
-    """Return the greatest speed every ``GRID_M`` of a way (G,), m/s.
+    """Return the maximum speed every ``GRID_M`` of a path (G,), m/s.
 
     Args:
-        at: (N,) how far the actor is at each step, metres, not decreasing.
+        at: (N,) position of the actor at each step, metres, not decreasing.
         yaw: (N,) its heading, rad, continuous.
-        step_s: time between steps.
+        step_s: time between steps, seconds.
     """
     grid = np.arange(0.0, at[-1] + GRID_M, GRID_M)
     went = np.gradient(at, step_s)
@@ -196,15 +195,15 @@ def retimed(
     since: int = 1,
     until: int | None = None,
 ) -> NDArray[np.float64]:
-    """Return how far the actor is at each step (N,), metres, of what it can do the gentlest.
+    """Return the actor's position at each step (N,), metres, with the gentlest sufficient braking.
 
     Args:
-        pace: how it may go.
-        bound: (N,) farther than which it is not to be, metres; infinite where it is free.
-        limits: of its class.
-        was: (N,) how far it was so far; as ``pace`` says, where not given.
-        since: the first step that may be another.
-        until: the step from which on it does as it did, once it is where it was.
+        pace: its progress and speed limits.
+        bound: (N,) maximum positions, metres; infinite without a bound.
+        limits: limits of its class.
+        was: (N,) its current positions; ``None``: those of ``pace``.
+        since: first step that may change.
+        until: step from which the current positions are kept, once they are reached.
     """
     most = np.minimum(bound, pace.at)
     was = pace.at if was is None else was
@@ -224,7 +223,7 @@ def retimed(
 
 
 def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
-    """Return in which steps (N,) the actor does what its class does not."""
+    """Return the steps (N,) in which the actor exceeds its class's limits."""
     if len(pace.at) < 2:
         return np.zeros(len(pace.at), np.bool_)
     speed = np.gradient(pace.at, pace.step_s)
@@ -235,5 +234,5 @@ def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
 
 
 def _most(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """Return the greatest of the values (N,) within so many to each side."""
+    """Return the greatest of the values (N,) within a number of steps to each side."""
     return np.asarray(maximum_filter1d(values, 2 * reach + 1, mode="nearest"))

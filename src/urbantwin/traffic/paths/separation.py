@@ -1,19 +1,18 @@
-"""Separation: ways of vehicles bent a little, where somebody or something is beside them.
+"""Lateral separation of vehicles from others and from obstacles beside them.
 
-SUMO's vehicles know of lanes, not of the shapes that lanes take where they meet, nor of who stands
-at the kerb. So their ways are changed after the simulation, as little and as smoothly as it takes.
-Each one's displacement minimises
+SUMO's vehicles ignore the shapes of lanes where they meet, and obstacles at the kerb. So their
+paths are changed after the simulation, as little and as smoothly as possible. The displacement of
+each minimises
 
-    sum over time of  |d|^2 + s^4 |d''|^2  (+ very stiff d' while it stands),
+  sum over time of  |d|^2 + s^4 |d''|^2  (+ very stiff d' while standing),
 
-with s the time within which it changes, under one constraint for each two boxes that come near
-each other at a step: they are apart along one direction. It is solved by the alternating direction
-method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3, 2011; for contacts
-of moving bodies Overby et al., IEEE TVCG 23, 2017): the paths are banded systems, the pairs are
-projections, one formula each.
+with s the time of a change, under one constraint per step for each two boxes near each other: they
+are apart along one direction. It is solved by the alternating direction method of multipliers (Boyd
+et al., Foundations and Trends in Machine Learning 3, 2011; for contacts of moving bodies Overby et
+al., IEEE TVCG 23, 2017): the paths are banded systems, the pairs are projections in closed form.
 
-Who drives goes aside as far as its lane allows; the heavier, the less. People see to themselves
-(`crowd`). Where somebody has to wait, `yielding` finds who.
+Vehicles move aside as far as their lane allows, heavier ones less. Pedestrians are handled in
+`crowd`. Waiting is decided in `yielding`.
 """
 
 from __future__ import annotations
@@ -40,41 +39,41 @@ __all__ = [
     "separated",
 ]
 
-#: Room between boxes, metres.
+#: Gap between boxes, metres.
 GAP_M = 0.04
-#: Less than this is no change, metres.
+#: Displacement below which nothing changes, metres.
 MOVED_M = 0.01
-#: Pairs are looked after that come this near, metres.
+#: Distance within which pairs are considered, metres.
 NEAR_M = 0.3
 STANDING_MS = 0.15
-#: Actors move past each other at more than this, m/s, and pass on one side; else they are moved
-#: apart wherever it is shortest.
+#: Relative speed above which actors pass each other on one side, m/s; slower ones are separated
+#: along the shortest direction.
 _PASSING_MS = 0.4
-#: Who would have to step aside by more than this, metres, goes the shortest way out: those of the
-#: size of people, and beside longer ones.
+#: Lateral displacement above which the shortest direction is used, metres: for small actors, and
+#: beside longer ones; and half length above which an actor is long, metres.
 ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
-#: No vehicle stands farther than this ahead of where it stopped, metres: it may be a stop line.
+#: Maximum displacement ahead of a standing vehicle, metres: it may be at a stop line.
 _CREEP_M = 0.3
-#: Two who drive part aside if they lie less than this in each other, metres, along a way that leads
-#: either of them ahead by less than this share.
+#: Maximum overlap of two vehicles that is resolved laterally, metres, and maximum component of the
+#: direction along either of them.
 _BESIDE_M, _ALONG = 0.6, 0.5
-#: Who gives aside by this share goes round people who have no room.
+#: Least square root of the lateral yielding share of vehicles that avoid pedestrians.
 _LIGHT = 0.05**0.5
-#: Weight of the constraints against that of the paths, and rounds of both.
+#: Weight of the constraints relative to the paths, and number of rounds.
 _RHO, _ROUNDS = 8.0, 40
-_KEEP = 1e7  # weight of who is not to be moved
-_STIFF_S = 100.0  # how stiffly who stands keeps to its place
+_KEEP = 1e7  # weight of fixed actors
+_STIFF_S = 100.0  # stiffness of standing actors
 
 
 @dataclass(frozen=True)
 class _Give:
-    """How readily a class gives way.
+    """Readiness of a class to move.
 
     Attributes:
-        along: share of what a person gives, along its way.
+        along: share relative to a pedestrian, along its path.
         aside: share to the side.
-        change_s: time within which it changes its way.
-        most_m: farthest that it is moved, along and aside, metres.
+        change_s: time of a change of its path, seconds.
+        most_m: maximum displacement, along and aside, metres.
     """
 
     along: float
@@ -84,34 +83,34 @@ class _Give:
 
 
 _GIVES = {
-    # People go aside themselves (`crowd`).
+    # Pedestrians are handled in `crowd`.
     "pedestrian": _Give(1e-6, 1e-6, 1.0, (0.0, 0.0)),
-    # Who drives goes a little aside; going later is another step (`yielding`).
+    # Vehicles move a little aside; delays are decided in `yielding`.
     "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
     "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
     "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
     "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
     "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
     "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
-    # Who runs on rails stays on them.
+    # Trams stay on their rails.
     "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
-#: Bodies of a vehicle that bends stay where the joints between them hold.
+#: Bodies of an articulated vehicle are fixed by their joints.
 _JOINED = _Give(1e-6, 1e-6, 2.0, (0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """Where actors are, one row each and step; an actor's rows follow each other in time.
+    """N rows of actors, sorted by actor and time.
 
     Attributes:
-        actor: (N,) whose row it is.
-        boxes: in plan, at their steps.
+        actor: (N,) actor of each row.
+        boxes: boxes in plan, at their steps.
         speed: (N,) m/s.
-        level: (N,) of the road that they are on: actors of two levels never meet.
-        lane: (N,) number of the lane that they are on.
-        classes: the class of each actor, by its number.
-        vehicles: the vehicle that each actor is a body of, by its number.
+        level: (N,) level of the road: actors of two levels never conflict.
+        lane: (N,) index of the lane.
+        classes: class of each actor.
+        vehicles: vehicle that each actor is a body of.
     """
 
     actor: NDArray[np.integer]
@@ -142,9 +141,9 @@ class Moving:
     def pairs(
         self, within_m: float, xy: NDArray[np.float64], wanted: NDArray[np.bool_] | None = None
     ) -> NDArray[np.int64]:
-        """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``.
+        """Return the pairs (P, 2) of rows that are near each other at positions ``xy``.
 
-        One of both at least is among those that are wanted (N,).
+        At least one of both is among those wanted (N,).
         """
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m, wanted)
         one, other = pairs.T
@@ -154,15 +153,15 @@ class Moving:
 
 
 class PartingPaths:
-    """The paths of the actors of some rows, as banded systems; what stands follows after them.
+    """The paths of some rows, as banded systems, with obstacles appended.
 
     Args:
-        moving: their rows.
+        moving: the rows.
         changed: (N,) which of them may be moved.
-        blocks: what stands in the way.
-        height: (N,) of whom they are, metres.
-        step_s: time between steps.
-        already: (N,) how far to the left of its own way each is at first, metres.
+        blocks: obstacles.
+        height: (N,) heights of the actors, metres.
+        step_s: time between steps, seconds.
+        already: (N,) initial displacement to the left of the own path, metres.
     """
 
     def __init__(
@@ -186,24 +185,24 @@ class PartingPaths:
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])
         self.already = np.column_stack([np.zeros(len(already)), already])
-        # Who is farther aside than it may be, as it was turned since, need not go back at once.
+        # An actor beyond its limit need not return at once.
         self.most = np.maximum(kind[:, 3:], np.abs(self.already))
         self.change = kind[:, 2] / step_s
         c, s = np.cos(moving.boxes.yaw), np.sin(moving.boxes.yaw)
-        #: Where displacements along and aside lead, (N, 2, 2).
+        #: Directions of displacements along and aside, (N, 2, 2).
         self.axes = np.stack([np.column_stack([c, s]), np.column_stack([-s, c])], axis=1)
         self.axes *= self.scale[..., None] * changed[:, None, None]
 
     def place(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where displacements (N, 2) along and aside lead, (N, 2) site frame."""
+        """Return the positions (N, 2) for displacements (N, 2) along and aside, site frame."""
         return np.asarray(self.moving.boxes.xy + np.einsum("na,nad->nd", moved, self.axes))
 
     def apart(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return displacements (N, 2) nearer to those with which nobody overlaps."""
+        """Return displacements (N, 2) nearer to those without overlaps."""
         place, count = self.place(moved), len(moved)
         pairs, way, least = self._contacts(place)
         near, beside = pairs[:, 0], np.minimum(pairs[:, 1], count)
-        # How a pair's distance along its way changes with the displacements of both.
+        # Change of a pair's distance along its direction with the displacements of both.
         axes = np.concatenate([self.axes, np.zeros((1, 2, 2))])
         sides = np.stack([near, beside], axis=1)
         slope = np.einsum("psad,pd->psa", axes[sides], way) * np.array([1.0, -1.0])[:, None]
@@ -219,9 +218,9 @@ class PartingPaths:
     def _contacts(
         self, place: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return pairs (P, 2), the way along which they are to part, and how far yet (P,).
+        """Return pairs (P, 2), directions of separation (P, 2), and missing distances (P,).
 
-        The second of a pair that is no row is a block, or the place where one stopped.
+        The second of a pair may be an obstacle, or the place where an actor stopped.
         """
         count = len(place)
         boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks.boxes
@@ -244,10 +243,10 @@ class PartingPaths:
         )
 
     def _aside(self, boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which pairs (P,) can part by going aside.
+        """Return which pairs (P,) can be separated laterally.
 
-        Two who drive do where they go beside each other and lie little in each other; beside
-        people who is light enough.
+        Two vehicles can if they are side by side and overlap little; beside pedestrians light
+        vehicles can.
         """
         deep, way = meetings(boxes, pairs)
         ahead = boxes.axes[pairs, 0]
@@ -260,7 +259,7 @@ class PartingPaths:
     def _over(
         self, place: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return who stands too far ahead (R,), the way back (R, 2), and how far (R,)."""
+        """Return standing vehicles too far ahead (R,), the way back (R, 2), and distance (R,)."""
         ahead = self.moving.boxes.axes[:, 0]
         by = ((place - self.moving.boxes.xy) * ahead).sum(axis=1)
         stands = ~self.on_foot & (self.moving.speed < STANDING_MS)
@@ -268,11 +267,11 @@ class PartingPaths:
         return rows, -ahead[rows], by[rows] - _CREEP_M
 
     def _system(self) -> NDArray[np.float64]:
-        """Return the paths' matrix (3, N) in upper banded form: place, change, bend."""
+        """Return the paths' matrix (3, N) in upper banded form: position, change, bending."""
         joined, stands = self.joined, self.moving.speed < STANDING_MS
         band = np.zeros((3, len(stands)))
         band[2] = np.where(self.kept, _KEEP, 1.0)
-        # First differences, where one of both stands.
+        # First differences, if one of both stands.
         tie = np.where(joined & (stands[1:] | stands[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
         band[2, 1:] += tie
         band[2, :-1] += tie
@@ -301,10 +300,10 @@ def _ways(
     actor: NDArray[np.integer],
     pairs: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return along which way each pair is to part (P, 2), and how far yet (P,), metres.
+    """Return the direction of separation of each pair (P, 2), and the missing distance (P,).
 
-    Who moves past somebody passes on the side on which they are when they are nearest, for the
-    whole of the meeting; others part wherever it is shortest.
+    An actor passes another on the side on which they are at the least distance, for the whole
+    encounter; others are separated along the shortest direction.
     """
     one, other = pairs.T
     _, shortest = meetings(boxes, pairs)
@@ -324,7 +323,7 @@ def _ways(
     passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, aside) - sign * offset < most)
     way = np.where(passes[:, None], aside, shortest)
     least = _reach(boxes, pairs, way) + GAP_M - (way * between).sum(axis=1)
-    # On which side does not matter before they are beside each other.
+    # The side does not matter before they are beside each other.
     onward = past / np.maximum(pace, 1e-9)[:, None]
     ahead = np.abs((onward * between).sum(axis=1)) > _reach(boxes, pairs, onward) + GAP_M
     return way, np.where(passes & ahead, -np.inf, least)
@@ -333,17 +332,17 @@ def _ways(
 def _reach(
     boxes: PlanBoxes, pairs: NDArray[np.int64], way: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the sum of what both boxes of a pair reach along a way (P,)."""
+    """Return the sum of the extents of both boxes of a pair along a direction (P,)."""
     along = np.abs(np.einsum("psad,pd->psa", boxes.axes[pairs], way))
     return np.asarray((along * boxes.half[pairs]).sum(axis=(1, 2)))
 
 
-#: Paths are changed for so long before and after a meeting, seconds.
+#: Time before and after an encounter in which paths are changed, seconds.
 _BEFORE_S = 5.0
-#: The ways along which pairs part are found anew so often, at the most.
+#: Maximum number of updates of the directions of separation.
 _OUTER = 6
-#: Who is bent into something that stands, by more than this, metres, keeps to its way, and the
-#: others are bent anew: so often at the most.
+#: Overlap above which a path bent into an obstacle is restored, metres, and the others solved
+#: again; maximum number of attempts.
 _TOUCH_M, _TRIES = 0.04, 3
 
 
@@ -356,24 +355,24 @@ def separated(
     begin: int | None = None,
     tell: Progress = untold,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
+    """Return positions of actors with fewer overlaps (N, 2), and their speeds (N,).
 
-    Who meets nobody, and who is on foot, keeps its path to the bit.
+    Actors without conflicts, and pedestrians, keep their paths bit-identical.
 
     Args:
-        moving: everybody.
-        blocks: what stands in the way, at whatever step.
-        height: (N,) of each, metres.
-        step_s: time between steps.
-        aside: (N,) how far to the left of its own way each is already, metres; not at all where not
-            given. Nobody goes farther aside in all than it may.
-        begin: the first step that may be another, where it is not the first of all.
+        moving: all actors.
+        blocks: obstacles at every step.
+        height: (N,) heights of the actors, metres.
+        step_s: time between steps, seconds.
+        aside: (N,) existing displacement to the left of the own path, metres, which counts towards
+            the limit; ``None``: none.
+        begin: first step that may change; ``None``: any.
         tell: called with the fraction done (0..1) and what is being done.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     driving = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
     drives = driving if begin is None else driving & (moving.boxes.step >= begin)
-    # Whom people meet among themselves changes nothing here.
+    # Conflicts among pedestrians change nothing here.
     near = moving.pairs(ASIDE_M, xy, driving)
     meeting = np.zeros(len(xy), np.bool_)
     meeting[near[meetings(moving.boxes, near)[0] > -GAP_M]] = True
@@ -385,7 +384,7 @@ def separated(
     for attempt in range(_TRIES):
         if not changed.any():
             return xy, speed
-        # The later attempts are rare.
+        # Later attempts are rare.
         telling = between(tell, 1 - 0.5**attempt, 1 - 0.5 ** (attempt + 1))
         bent = _parted(moving, changed, blocks, height, step_s, already, telling)
         into = _bent_into(moving, bent[0], changed, blocks, height)
@@ -404,9 +403,9 @@ def _parted(
     aside: NDArray[np.float64],
     tell: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where actors are (N, 2), and their speeds (N,), some rows (N,) being changed."""
+    """Return positions (N, 2) and speeds (N,) of actors with some rows (N,) changed."""
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
-    # Whoever else comes near keeps its path, and so does everybody before and after.
+    # Other actors nearby keep their paths, and so do all actors before and after.
     near = moving.pairs(2 * ASIDE_M, xy, changed)
     there = changed | _within(changed, moving.actor, 2)
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
@@ -432,9 +431,9 @@ def _bent_into(
     blocks: Blocks,
     height: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the stretches of ways, as rows (N,), that are bent into something that stands.
+    """Return the stretches of paths, as rows (N,), that are bent into an obstacle.
 
-    Those are not that lead into something that stands as they were.
+    Stretches that already overlapped an obstacle are excluded.
     """
     rows = np.flatnonzero(changed & (xy != moving.boxes.xy).any(axis=1))
     own = moving.boxes.take(rows)
@@ -452,10 +451,10 @@ def _bent_into(
 def _around(
     moving: Moving, meeting: NDArray[np.bool_], near: NDArray[np.int64], step_s: float
 ) -> NDArray[np.bool_]:
-    """Return the rows (N,) that are to be changed where some rows meet somebody.
+    """Return the rows (N,) to change because some rows have conflicts.
 
-    That is a while before and after them, of whoever comes near then too; who stands is moved for
-    as long as it stands.
+    They include a time before and after, and other actors nearby; standing actors are moved for the
+    whole time of standing.
     """
     reach = round(_BEFORE_S / step_s)
     still = moving.speed < STANDING_MS
@@ -474,7 +473,7 @@ def _around(
 
 
 def _within(wanted: NDArray[np.bool_], actor: NDArray[np.integer], reach: int) -> NDArray[np.bool_]:
-    """Return which rows (N,) follow a wanted one of the same actor by so many or fewer."""
+    """Return which rows (N,) follow a wanted one of the same actor within ``reach`` rows."""
     row = np.arange(len(wanted))
     last = np.maximum.accumulate(np.where(wanted, row, -1))
     return np.asarray((last >= 0) & (row - last <= reach) & (actor[last] == actor))

@@ -1,10 +1,9 @@
-"""Stretches of time: a long motion is parted one after the other, each going on from the last.
+"""Stretches of time in which a long motion is resolved, each continuing from the last.
 
-People and vehicles part by looking at all that happens (`crowd`, `separation`, `yielding`), which
-takes hundreds of bytes for every pose. So a long motion is gone through in stretches. Each looks
-somewhat beyond its end, as people and drivers do, and leaves behind where everybody is in its last
-two steps: how late on its way, and how far beside it. In the next one everybody goes on from there,
-comes back to its way and makes up for the time as it would in one stretch.
+Conflicts are resolved with all poses of a period in memory (`crowd`, `separation`, `yielding`), at
+hundreds of bytes per pose. So a long motion is processed in stretches. Each looks somewhat beyond
+its end, and passes on the states of its last two steps: delays and lateral offsets. In the next
+stretch actors continue from there, return to their paths and catch up as they would in one stretch.
 """
 
 from __future__ import annotations
@@ -24,31 +23,31 @@ __all__ = ["WALKS", "LeftOff", "Stretch", "Ways", "far_at", "no_walks", "stretch
 
 Columns = dict[str, NDArray[Any]]
 
-#: A stretch is so long, and looks so far beyond its end, seconds: who waits for somebody does so
-#: up to half a minute before they meet (`yielding`).
+#: Duration of a stretch, and look-ahead beyond its end, seconds: vehicles wait up to half a minute
+#: before an encounter (`yielding`).
 _LONG_S, _BEYOND_S = 240.0, 30.0
-#: What people are like besides their poses: by how many rows they are late, by how much their
-#: heading differs from that of their way, for how many steps they were held up, and let others by.
+#: States of pedestrians besides poses: delay in rows, difference of the heading from that of the
+#: path, number of steps held up, and number of steps of letting others pass.
 WALKS = ("lag", "turn", "held", "let")
-#: So many rows of people's ways are looked at before where they are: to the kerb that they left.
+#: Number of rows of pedestrians' paths before their position that are included: back to the kerb.
 _BACK = 100
-#: Who is beside its way comes back to it within so far, metres.
+#: Distance within which a vehicle returns to its path, metres.
 _BACK_M = 12.0
-#: Less than this is no difference, metres or rad, and rows.
+#: Tolerances for equality, metres or rad, and rows.
 _SAME, _SAME_ROWS = 1e-6, 1e-6
-#: So many rows of a way are kept before where somebody is.
+#: Number of rows of a path before the position that are kept.
 _KEPT = 40
 _WIDE = np.int64(1) << 32
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Steps that are parted together.
+    """Steps that are resolved together.
 
     Attributes:
-        begin: the first that is decided.
-        end: the one after the last that is.
-        seen: the one after the last that is looked at.
+        begin: first step that is decided.
+        end: step after the last that is decided.
+        seen: step after the last that is considered.
     """
 
     begin: int
@@ -57,12 +56,12 @@ class Stretch:
 
 
 def stretches(first: int, last: int, step_s: float) -> list[Stretch]:
-    """Return the stretches of the steps from one to another, which is not among them.
+    """Return the stretches of a range of steps.
 
     Args:
         first: the first step.
         last: the step after the last.
-        step_s: time between steps.
+        step_s: time between steps, seconds.
     """
     long, beyond = round(_LONG_S / step_s), round(_BEYOND_S / step_s)
     count = max(round((last - first) / long), 1)
@@ -73,7 +72,7 @@ def stretches(first: int, last: int, step_s: float) -> list[Stretch]:
 
 @dataclass(frozen=True, eq=False)
 class LeftOff:
-    """Where everybody was in the last two steps of a stretch.
+    """States of all actors in the last two steps of a stretch.
 
     Attributes:
         step: the step after them.
@@ -85,7 +84,7 @@ class LeftOff:
 
     @classmethod
     def of(cls, columns: Columns, step: int) -> LeftOff:
-        """Return where everybody was in the two steps before a step."""
+        """Return the states in the two steps before a step."""
         rows = np.flatnonzero((columns["step"] >= step - 2) & (columns["step"] < step))
         rows = rows[np.lexsort([columns["step"][rows], columns["trip"][rows]])]
         return cls(step, {name: values[rows] for name, values in columns.items()})
@@ -93,7 +92,7 @@ class LeftOff:
     def rows_among(
         self, columns: Columns, wanted: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int64], Columns]:
-        """Return which rows (K,) of columns that are wanted are here, and what they were."""
+        """Return which wanted rows (K,) of columns are in these steps, with their states."""
         rows = np.flatnonzero(wanted & (columns["step"] >= self.step - 2))
         rows = rows[columns["step"][rows] < self.step]
         place, found = self._places(columns["trip"][rows], columns["step"][rows])
@@ -101,7 +100,7 @@ class LeftOff:
         return rows[found], there
 
     def of_actor(self, actor: int) -> Columns:
-        """Return the one or two poses of somebody, or none."""
+        """Return the poses of an actor, at most two."""
         low, high = np.searchsorted(self.columns["trip"], [actor, actor + 1])
         return {name: values[low:high] for name, values in self.columns.items()}
 
@@ -118,13 +117,13 @@ class LeftOff:
 
 @dataclass(frozen=True)
 class _Visit:
-    """Rows of somebody's way that follow each other in time.
+    """Consecutive rows of an actor's path.
 
     Attributes:
-        low: the first of them.
-        high: the one after the last.
-        begin: the step of the first.
-        actor: whose.
+        low: first row.
+        high: row after the last.
+        begin: step of the first row.
+        actor: the actor.
     """
 
     low: int
@@ -139,16 +138,16 @@ class _Visit:
 
 
 class Ways:
-    """Everybody's way, as it was before anybody saw anybody.
+    """Paths of all actors before conflicts are resolved.
 
     Args:
         ways: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``, ``distance``,
             ``lane``.
-        walks: (A,) of each actor whether it is on foot.
+        walks: (A,) whether each actor is a pedestrian.
         kinds: (A,) its class.
         vehicles: (A,) the vehicle that it is a body of.
-        rear_m: (A,) how far behind its middle its rear axle is; 0 without one.
-        step_s: time between steps.
+        rear_m: (A,) distance of its rear axle behind its centre; 0 without one.
+        step_s: time between steps, seconds.
     """
 
     def __init__(
@@ -183,17 +182,16 @@ class Ways:
             group.sort(key=lambda one: one.actor)
 
     def within(self, stretch: Stretch, left: LeftOff | None) -> Columns:
-        """Return the ways of a stretch, as they go on from where everybody was.
+        """Return the paths of a stretch, continuing from the previous states.
 
-        They have a further column: how far each is ``aside`` to the left of its way, metres.
-
-        Of people they begin somewhat before where they are on their way; of who drives with the
-        last two steps of the stretch before.
+        They have a further column: the displacement ``aside`` to the left of the path, metres.
+        Paths of pedestrians begin somewhat before their position; those of vehicles with the last
+        two steps of the previous stretch.
         """
         return self._first(stretch) if left is None else self._further(stretch, left)
 
     def _first(self, stretch: Stretch) -> Columns:
-        """Return the ways until the end of the first stretch, in their order."""
+        """Return the paths until the end of the first stretch, in their order."""
         visits = self._walked + [visit for group in self._driven for visit in group]
         rows = [
             np.arange(one.low, min(one.high, one.low + max(stretch.seen - one.begin, 0)))
@@ -202,7 +200,7 @@ class Ways:
         return self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64))
 
     def _further(self, stretch: Stretch, left: LeftOff) -> Columns:
-        """Return the ways of a stretch after the first."""
+        """Return the paths of a stretch after the first."""
         rows, parts = [], []
         for one in self._walked:
             if one.begin >= stretch.seen or one.end <= stretch.begin:
@@ -224,7 +222,7 @@ class Ways:
         return self._kept.rows(rows) | {"aside": np.zeros(len(rows))}
 
     def _driven_on(self, group: list[_Visit], stretch: Stretch, left: LeftOff) -> list[Columns]:
-        """Return how a vehicle's bodies go on from where they were."""
+        """Return the continuation of a vehicle's bodies."""
         begin = group[0].begin
         since = max(stretch.begin - 2, begin)
         until = min(stretch.seen, group[0].end)
@@ -257,10 +255,10 @@ class Ways:
     def _where(
         self, group: list[_Visit], last: int, done: list[Columns]
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far on its way a vehicle was in a row that is done, as a row, not whole.
+        """Return a vehicle's position on its path as a fractional row.
 
-        And how far its bodies (B, 2) were beside their ways there, and by how much they were
-        turned (B,).
+        Also the displacements of its bodies (B, 2) from their paths there, and their rotations
+        (B,).
         """
         low = group[0].low
         went, was = self._kept.span("distance", low, low + last + 1), done[0]["distance"][-1]
@@ -279,9 +277,9 @@ class Ways:
     def _back_on_its_way(
         self, rows: NDArray[np.int64], row: float, off: NDArray[np.float64], turned: float
     ) -> Columns:
-        """Return rows of a body's way that leads from where it is, in a row not whole, back to it.
+        """Return a body's path that leads from a displaced position at a fractional row back to it.
 
-        What is before lies beside the way as far.
+        Earlier points have the full displacement.
         """
         way = self._rows(rows)
         went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way["xy"], axis=0).T))])
@@ -298,7 +296,7 @@ class Ways:
         return way
 
     def _catching_up(self, way: Columns, row: float, first: int, done: Columns) -> Way:
-        """Return how somebody goes on, from a row of its way, not whole, and a row in time."""
+        """Return a vehicle's continuation from a fractional row of its path and a row in time."""
         moved = np.hypot(*np.diff(way["xy"], axis=0).T)
         own = np.concatenate([[0.0], np.cumsum(moved)])
         kind = self.kinds[int(way["trip"][0])]
@@ -313,7 +311,7 @@ class Ways:
         return Way(0, np.arange(len(own))[None], kind, pace, at, 0)
 
     def _at(self, way: Columns, at: Way, since: int) -> Columns:
-        """Return the rows of a body's way, from one on, as somebody goes on along it."""
+        """Return the rows of a body's path from a row on, along the continuation."""
         place = at.at[since:]
         found = {name: values[since:].copy() for name, values in way.items()}
         for name in ("xy", "yaw", "distance", "aside"):
@@ -327,11 +325,11 @@ class Ways:
 def far_at(
     far: NDArray[np.float64], come: NDArray[np.float64], last: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return what a quantity of rows (N,) is at rows that are not whole (K,).
+    """Return the values of a quantity of rows (N,) at fractional rows (K,).
 
     Args:
-        far: (N,) of each row.
-        come: (K,) the rows.
+        far: (N,) values of the rows.
+        come: (K,) fractional rows.
         last: (N,) the last row of the same actor.
     """
     low = come.astype(np.int64)
@@ -340,6 +338,6 @@ def far_at(
 
 
 def no_walks(count: int) -> Columns:
-    """Return the columns of `WALKS` of who is not on foot, or as its way has it."""
+    """Return the columns of `WALKS` for vehicles, or pedestrians exactly on their paths."""
     whole = {name: np.zeros(count, np.int64) for name in ("held", "let")}
     return {"lag": np.zeros(count), "turn": np.zeros(count), **whole}

@@ -1,4 +1,4 @@
-"""The size of an actor as annotators draw it: one for the whole track, whatever the limbs do."""
+"""Box size of an actor as annotators draw it: constant over the track."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ __all__ = ["track_size"]
 
 
 def track_size(asset: Asset) -> tuple[float, float, float]:
-    """Return length, width and height of an actor's box that does not breathe, metres.
+    """Return length, width and height of an actor's constant box, metres.
 
-    Of who walks it is the middle of the sizes that a cycle of steps goes through: an annotator
-    fits one box to a track, and neither to the widest step nor to the moment when the legs pass
-    each other (a man's length goes from 0.32 to 0.97 m). Of everything else it is the mesh's.
+    For pedestrians it is the median of the sizes over a gait cycle: annotators fit one box to a
+    track, neither to the widest step nor to the moment when the legs pass each other (a man's
+    length varies from 0.32 to 0.97 m). For all others it is the mesh's size.
     """
     if asset.phases == 1:
         return asset.length, asset.width, asset.height

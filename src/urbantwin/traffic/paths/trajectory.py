@@ -1,11 +1,13 @@
-"""Trajectories: SUMO's positions, which jump where lanes meet, smoothed into drivable paths.
+"""Trajectories: SUMO's positions, which jump between lanes, smoothed into drivable paths.
 
-SUMO moves an actor along the centre lines of lanes. Where two lines meet they need not touch nor
-have their drawn length, so the drawn position can leap by a metre in a step while the simulated
-speed knows of nothing. The simulated distance is therefore kept, as the integral of the speed,
-and the drawn position is smoothed as a function of it. A standing actor stands still, and nobody
-moves backwards: lanes that lie beside each other in a bend have one length for SUMO, so that who
-changes between them leaps by metres along the road, and takes longer to make up for it.
+SUMO moves an actor along the centre lines of lanes. Consecutive lines need not touch nor have their
+geometric length, so that the position may jump by a metre while the simulated speed does not
+change. Therefore the integral of the speed is kept as distance, and the position is smoothed as a
+function of it.
+
+A standing actor stays still, and none moves backwards. In SUMO parallel lanes of a curve have one
+length, so that a vehicle that changes between them jumps by metres along the road, which is spread
+over a longer distance.
 """
 
 from __future__ import annotations
@@ -23,18 +25,18 @@ __all__ = ["Trajectory", "smoothed", "steered"]
 def steered(
     xy: NDArray[np.float64], yaw: NDArray[np.float64], rear_m: float
 ) -> NDArray[np.float64]:
-    """Return the headings (N,) of a vehicle whose middle takes a path: its rear axle follows.
+    """Return the headings (N,) of a vehicle whose centre follows a path; the rear axle trails.
 
     The rear axle moves along the heading (the bicycle model; Rajamani, Vehicle Dynamics and
-    Control, 2012, section 2.2), so the heading is the tractrix's of the path: on a straight piece
-    tan(d / 2) falls off with exp(-s / rear_m), d being the angle from the heading to the path.
-    Who stands keeps the heading. In a steady curve of radius R the heading is behind the middle's
+    Control, 2012, section 2.2), so the heading is the tractrix's of the path. On a straight piece
+    tan(d / 2) decays with exp(-s / rear_m), d being the angle from the heading to the path. A
+    standing vehicle keeps its heading. In a steady curve of radius R the heading lags the centre's
     course by asin(rear_m / R).
 
     Args:
-        xy: (N, 2) middle of the vehicle, m.
-        yaw: (N,) heading, of which the first counts, rad.
-        rear_m: how far behind the middle the rear axle is.
+        xy: (N, 2) centre of the vehicle, m.
+        yaw: (N,) heading, of which only the first is used, rad.
+        rear_m: distance of the rear axle behind the centre.
     """
     if rear_m <= 0 or len(yaw) < 2:
         return yaw.copy()
@@ -49,26 +51,27 @@ def steered(
 
 
 _GRID_M = 0.1
-#: Vehicles follow their curves (local parabolas), the faster the more gently: a driver takes about
-#: a second to turn the wheel. People cut the corners of walking areas, where SUMO sends them to and
-#: fro by a metre (local lines).
+#: Widths of fit windows. Vehicles follow their curves (local parabolas), more gently at higher
+#: speed, since a driver takes about a second to turn the wheel. Pedestrians cut the corners of
+#: walking areas, where SUMO moves them to and fro by a metre (local lines).
 _WINDOWS_M = {"vehicle": (6.0, 10.0, 14.0, 18.0), "person": (2.6,)}
 _STEERING_S = 1.0
 _DEGREE = {"vehicle": 2, "person": 1}
-_SHORT_M = 0.5  # who moved less than this has no direction of travel
-#: Who leaps farther than this along the road makes up for it within so far before and after.
+_SHORT_M = 0.5  # a path with a smaller extent has no direction of travel
+#: Jump along the road above which it is corrected, and distance before and after over which it is
+#: spread, metres.
 _LEAP_M, _MAKE_UP_M = 0.75, 15.0
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One actor's way, (N,) samples in time.
+    """The path of one actor, (N,) samples in time.
 
     Attributes:
-        xy: (N, 2) middle of the actor's bounds, site frame, m.
+        xy: (N, 2) centre of the actor's bounds, site frame, m.
         yaw: (N,) heading, counter-clockwise from east, rad, continuous (not wrapped).
         distance_m: (N,) distance travelled since the first sample.
-        speed: (N,) m/s, SUMO's but where a leap is made up for.
+        speed: (N,) m/s, SUMO's except where a jump is corrected.
     """
 
     xy: NDArray[np.float64]
@@ -86,19 +89,19 @@ def smoothed(
     length_m: float,
     walks: bool,
 ) -> Trajectory:
-    """Return the trajectory of one actor whose samples follow each other without a gap.
+    """Return the trajectory of one actor from consecutive samples.
 
     Position and heading are fitted by local polynomials over the distance travelled (Savitzky and
-    Golay, Analytical Chemistry 36, 1964), which keep curves and level leaps. Vehicles keep SUMO's
-    heading, from the rear to the front along the lane; people face where they walk.
+    Golay, Analytical Chemistry 36, 1964), which keep curves and smooth jumps. Vehicles keep SUMO's
+    heading, from the rear to the front along the lane; pedestrians face their direction of travel.
 
     Args:
         front: (N, 2) SUMO's position: the middle of the front, m.
         angle_deg: (N,) SUMO's angle, clockwise from north.
         speed: (N,) m/s, over the step that ends at each sample.
-        step_s: time between samples.
-        length_m: the actor's length, from the front to the rear.
-        walks: whether this is a pedestrian.
+        step_s: time between samples, seconds.
+        length_m: the actor's length.
+        walks: whether it is a pedestrian.
     """
     yaw = np.unwrap(np.pi / 2 - np.radians(angle_deg))
     distance = np.concatenate([[0.0], np.cumsum(speed[1:]) * step_s])
@@ -137,22 +140,22 @@ def _without_leaps(
     distance: NDArray[np.float64],
     step_s: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return front (N, 2), heading (N,) and speed (N,) of who does not leap along the road.
+    """Return front (N, 2), heading (N,) and speed (N,) without jumps along the road.
 
-    It goes the same way, a little slower or faster around the leap.
+    The path stays; the speed changes a little around the jump.
     """
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
     onward = (np.diff(front, axis=0) * ahead[:-1]).sum(axis=1)
     leaps = np.abs(onward - np.diff(distance)) > _LEAP_M
     if not leaps.any():
         return front, yaw, speed
-    # The way: where it went on, without what it went back.
+    # The path of forward motion, without steps back.
     kept = [0]
     for row in range(1, len(front)):
         if (front[row] - front[kept[-1]]) @ ahead[kept[-1]] > 0:
             kept.append(row)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front[kept], axis=0).T))])
-    # How far it is ahead of the distance that SUMO knows, levelled.
+    # Smoothed lead over the simulated distance.
     grid = np.arange(-_MAKE_UP_M, distance[-1] + _MAKE_UP_M, _GRID_M)
     gain = np.interp(grid, distance[kept], way - distance[kept])
     width = 2 * round(_MAKE_UP_M / _GRID_M) + 1
@@ -170,7 +173,7 @@ def _without_leaps(
 def _by_distance(
     distance: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return distinct distances and the mean value at each (where the actor stood, one mean)."""
+    """Return distinct distances and the mean value at each (one where the actor stood)."""
     distinct, group = np.unique(np.round(distance, 3), return_inverse=True)
     return distinct, np.bincount(group, values) / np.bincount(group)
 
@@ -178,14 +181,14 @@ def _by_distance(
 def _level(
     values: NDArray[np.float64], spacing: float, kind: str, wanted_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Fit local polynomials twice, so that the result bends without corners.
+    """Fit local polynomials twice, so that the result has no corners.
 
     Args:
-        values: (N,) what is to be smoothed, every ``spacing`` metres.
+        values: (N,) values to smooth, every ``spacing`` metres.
         spacing: metres.
-        kind: whose way it is.
-        wanted_m: (N,) width of the window that is wanted at each; between two widths that are
-            fitted the result lies between their fits.
+        kind: ``vehicle`` or ``person``.
+        wanted_m: (N,) wanted width of the window at each; results between two fitted widths are
+            interpolated.
     """
     windows = _WINDOWS_M[kind]
     fits = []
@@ -206,13 +209,13 @@ def _level(
 
 @cache
 def _hat(window: int, degree: int) -> NDArray[np.float64]:
-    """Return the matrix (window, window) from values to those of the polynomial fitted to them."""
+    """Return the matrix (window, window) from values to those of the fitted polynomial."""
     powers = np.vander(np.linspace(-1, 1, window), degree + 1)
     return np.asarray(powers @ np.linalg.pinv(powers))
 
 
 def _fitted(values: NDArray[np.float64], hat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each value by the fit to the window around it; near the ends, to the last window."""
+    """Return each value of the fit to the window around it; near the ends, of the last window."""
     window, half = len(hat), len(hat) // 2
     inner = np.convolve(values, hat[half][::-1], "valid")
     return np.concatenate([hat[:half] @ values[:window], inner, hat[half + 1 :] @ values[-window:]])

@@ -1,4 +1,4 @@
-"""The ground that people walk on: what stands near their ways, and where there is footway."""
+"""The ground of pedestrians: obstacles near their paths, and footways."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ __all__ = [
     "box_rows",
 ]
 
-#: Room that people keep from what stands in their way, metres, from their middle.
+#: Distance of pedestrians' centres from obstacles, metres.
 ROOM_M = 0.4
-#: Of what is so near to people's ways the outlines are joined, metres.
+#: Distance from paths within which obstacles are considered, metres.
 _NEAR_M = 12.0
-#: Ways are looked at so coarsely for that, metres.
+#: Resolution of paths for that search, metres.
 _COARSE_M = 4.0
-#: So many points are looked at together.
+#: Number of points processed together.
 _POINTS = 1 << 17
-#: A court is solid that has less footway than this share.
+#: Share of footway below which a courtyard counts as solid.
 _COURT = 0.2
 
 
 class Solids:
-    """The outlines of walls, posts and furniture near people's ways, with the room they leave.
+    """Outlines of walls, posts and furniture near pedestrians' paths, with clearance.
 
-    A scene's walls are plates, of which each has two sides: one who has come into a house would be
-    led on into it. Joined, they have one outside.
+    Walls of a scene are plates with two sides, between which a pedestrian would be led into a
+    house. Joined, they have one outside.
 
     Args:
-        blocks: what stands in the way, in plan.
-        points: (N, 2) where people walk, site frame.
-        footway: where there is footway, there is no solid house.
+        blocks: obstacles in plan.
+        points: (N, 2) positions of pedestrians, site frame.
+        footway: footways, which are never solid.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Solids:
         found = []
         if len(blocks.yaw) and len(points):
             shapes = blocks.polygons
-            # Of all points of an hour at once that would take a hundred megabytes.
+            # In parts, to limit memory.
             some = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
             every = [np.unique(np.round(one / _COARSE_M), axis=0) for one in some]
             cells = np.unique(np.concatenate(every), axis=0) * _COARSE_M
@@ -70,7 +70,7 @@ class Solids:
 
 
 def _filled(part: shapely.Polygon, footway: shapely.Geometry) -> shapely.Polygon:
-    """Return an outline without the courts that nobody walks in."""
+    """Return an outline without courtyards that have little footway."""
     courts = [shapely.Polygon(ring) for ring in part.interiors]
     kept = [
         court.exterior
@@ -80,27 +80,27 @@ def _filled(part: shapely.Polygon, footway: shapely.Geometry) -> shapely.Polygon
     return shapely.Polygon(part.exterior, kept)
 
 
-#: What is in a cell: nothing, something that stands there, no footway.
+#: Values of a cell: an obstacle, or no footway; 0 is free.
 SOLID, OFF = 1, 2
 #: Size of the cells, metres.
 _CELL_M = 0.2
-#: A metre off the footway counts as so many on it.
+#: Cost of a metre off the footway, in metres on it.
 _OFF_COSTS = 4.0
-#: Ways round are looked for so far around their ends, metres; one that is longer than this is none:
-#: there is a way through that the scene lacks.
+#: Search range of detours around their ends, and maximum length, metres: if it is longer, the scene
+#: lacks a passage.
 AROUND_M, _LONGEST_M = 10.0, 30.0
-#: Steps from cell to cell are levelled over so many.
+#: Number of cells over which a path is smoothed.
 _LEVELLED = 5
 
 
 class WalkedCells:
-    """The cells about people's ways.
+    """Raster around pedestrians' paths.
 
     Args:
-        points: (N, 2) where people walk, site frame.
-        solids: outlines of what stands in the way.
-        footway: where people rather are.
-        margin_m: so far about the points.
+        points: (N, 2) positions of pedestrians, site frame.
+        solids: outlines of obstacles.
+        footway: area that pedestrians prefer.
+        margin_m: margin around the points, metres.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class WalkedCells:
         ends = points if len(points) else np.zeros((1, 2))
         low, high = ends.min(axis=0) - margin_m, ends.max(axis=0) + margin_m
         shape = tuple(int(n) for n in np.ceil((high - low) / _CELL_M)[::-1])
-        # Rows go from the south to the north here: the raster's are turned.
+        # Rows go from south to north, unlike those of the raster.
         grid = Affine(_CELL_M, 0.0, low[0], 0.0, -_CELL_M, low[1] + shape[0] * _CELL_M)
         cells = np.full(shape, OFF, np.uint8)
         if not footway.is_empty:
@@ -129,16 +129,16 @@ class WalkedCells:
         return np.asarray(np.clip(cell, 0, np.array(self.cells.shape) - 1))
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return what is at points (N, 2)."""
+        """Return the values at points (N, 2)."""
         row, column = self._of(points).T
         return np.asarray(self.cells[row, column])
 
     def way(
         self, first: NDArray[np.float64], last: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Return the way (K, 2) from one place to another round what stands between; or none.
+        """Return the path (K, 2) between two points around obstacles; ``None`` if there is none.
 
-        An end where something stands is moved to where nothing does.
+        An end within an obstacle is moved to the nearest free cell.
         """
         ends = self._of(np.array([first, last]))
         reach = round(AROUND_M / _CELL_M)
@@ -157,27 +157,27 @@ class WalkedCells:
         return np.asarray(uniform_filter1d(line, _LEVELLED, axis=0, mode="nearest"))
 
 
-#: What stands is looked up in cells of this size, metres.
+#: Size of the cells for the look-up of obstacles, metres.
 _STILL_CELL_M = 2.0
-#: Who has little room keeps so far from what stands, metres, from the middle.
+#: Least distance of centres from obstacles in narrow places, metres.
 _TIGHT_M = 0.1
 
 
 class WalkedGround:
-    """What people go between.
+    """Static surroundings of pedestrians.
 
     Attributes:
-        boxes: (B, 7) what stands on the ground, see ``compiled.crowd.walked``, like what follows.
-        still: where the numbers of what stands begin of each cell.
-        numbers: those numbers.
-        within: those cells.
-        cells: what is where they walk.
+        boxes: (B, 7) obstacles on the ground, see ``compiled.crowd.walked``, like the following.
+        still: begin of the indices of obstacles for each cell.
+        numbers: these indices.
+        within: the grid of these cells.
+        cells: raster of obstacles and footways.
 
     Args:
-        xy: (N, 2) where people walk, site frame.
-        blocks: what stands on the ground.
-        solids: outlines of what stands in people's way.
-        footway: who is on it stays there.
+        xy: (N, 2) positions of pedestrians, site frame.
+        blocks: obstacles on the ground.
+        solids: outlines of obstacles for pedestrians.
+        footway: area that pedestrians on it do not leave.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ def box_rows(
 def _still_cells(
     xy: NDArray[np.float64], blocks: PlanBoxes
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return what stands near each cell where people walk, see ``compiled.crowd.walked``."""
+    """Return the obstacles near each cell with pedestrians, see ``compiled.crowd.walked``."""
     low = xy.min(axis=0) - 2 * _STILL_CELL_M
     cell = ((xy - low) / _STILL_CELL_M).astype(np.int64)
     shape = cell.max(axis=0) + 3
@@ -225,7 +225,7 @@ def _still_cells(
     counts = np.zeros(int(shape.prod()) + 1, np.int64)
     number = row * shape[0] + column
     np.add.at(counts, number[which] + 1, 1)
-    # Cells are numbered by row, and so are the squares.
+    # Cells are numbered by row, like the squares.
     return (
         np.cumsum(counts),
         block[order].astype(np.int64),

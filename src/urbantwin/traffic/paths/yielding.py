@@ -1,9 +1,9 @@
-"""Yielding: who would pass through somebody else waits, and who cannot drive as it did goes later.
+"""Yielding: vehicles wait to avoid overlaps, and those that exceed their limits drive later.
 
-`separation` bends paths, and leaves what no small change mends: vehicles whose lanes lie in each
-other, who cut in, who come too near in a bend. Of each two who still overlap one lets the other go
-first, whichever loses less by it, and keeps to its own way (`retiming`). Whoever comes behind waits
-in its turn. The same takes out what SUMO does and no vehicle can: braking and turning too hard.
+`separation` bends paths, and leaves conflicts that no small change resolves: lanes that overlap,
+cutting in, tight curves. Of each two that still overlap, the one that loses less time yields and
+keeps its path (`retiming`). Vehicles behind wait in turn. The same step removes accelerations of
+SUMO that no vehicle can have: braking and turning too hard.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from urbantwin.traffic.paths.separation import Moving
 
 __all__ = ["Before", "yielded"]
 
-#: Pairs overlap that share more than this in plan, square metres.
+#: Shared area in plan above which pairs overlap, square metres.
 _OVERLAP_M2 = 0.02
-#: Room that is left before whom one lets go first, and beside it, metres.
+#: Gap ahead of the yielding vehicle, and lateral gap, metres.
 _AHEAD_M, _BESIDE_M = 0.7, 0.02
-#: What lying in somebody costs, by depth and time, against falling behind by the same.
+#: Weight of overlap (depth times time) relative to delay (distance times time).
 _THROUGH = 1e3
 _ROUNDS = 12
-#: Waiting helps that leaves less than this share of what two lie in each other.
+#: Yielding is accepted if it leaves less than this share of the overlap.
 _HELPS = 0.5
-#: Steps that are looked at together: an hour's pairs would take gigabytes.
+#: Number of steps processed together, to limit memory.
 _STEPS = 300
-#: Two who meet have to do with each other so long before and after at the most, seconds, and until
-#: they are so far apart, metres; who meet again later than this meet anew, seconds.
+#: Time before and after the first overlap in which two vehicles interact, seconds; distance that
+#: ends the encounter, metres; and time after which another overlap is a new encounter, seconds.
 _BEFORE_S, _AFTER_S, _PARTED_M, _AGAIN_S = 30.0, 120.0, 60.0, 10.0
-#: So long before that it goes as it did, seconds: it looks ahead no farther.
+#: Look-back time before a change, seconds: drivers look no farther ahead.
 _LOOKS_S = 12.0
-#: How hard somebody drives is looked at over this time, seconds; what nobody does to the side,
-#: m/s2, and by how much it may start harder than its class does.
+#: Time over which accelerations are averaged, seconds; maximum lateral acceleration, m/s2; and
+#: factor on a class's acceleration that is tolerated.
 _OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
-#: Who is less than this behind, metres, is where it was.
+#: Delay below which a vehicle counts as on time, metres.
 _SAME_M = 0.005
-#: Who falls behind farther than this has the speed of its picture, not SUMO's, metres.
+#: Delay above which the reported speed is the derivative of the position, not SUMO's, metres.
 _BLENDS_M = 0.5
 
 Columns = dict[str, NDArray[Any]]
@@ -61,15 +61,15 @@ Columns = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """How the same traffic went until something changed.
+    """The same traffic up to the moment at which an event changes it.
 
     Attributes:
-        stretches: of each stretch of time, by trip and step: ``trip``, ``step`` and how far it was
-            ``behind``, metres: after each turn of waiting (N, T).
-        until: the first step that may differ.
-        own: actors that do what they were told to, whatever comes of it.
-        rigid: vehicles that do not bend though their trips say so.
-        begin: the first step that is looked at, where it is not the first of all.
+        stretches: for each stretch of time, by trip and step: ``trip``, ``step`` and the delay
+            ``behind``, metres, after each turn of waiting (N, T).
+        until: first step that may differ.
+        own: actors of the event, whose motion is never changed.
+        rigid: vehicles that are rigid although their trips have articulated ones.
+        begin: first step that is considered; ``None``: the first of all.
     """
 
     stretches: tuple[Columns, ...]
@@ -79,11 +79,11 @@ class Before:
     begin: int | None = None
 
     def stretch(self, number: int) -> Before:
-        """Return how it went in one stretch of time, or in none that was looked at."""
+        """Return the traffic of one stretch; empty if it does not exist."""
         return replace(self, stretches=self.stretches[number : number + 1])
 
     def turn(self, number: int) -> Before:
-        """Return how it went in one turn of waiting, ``behind`` being (N,)."""
+        """Return the traffic of one turn of waiting, with ``behind`` (N,)."""
         found = tuple({**one, "behind": one["behind"][:, number]} for one in self.stretches)
         return replace(self, stretches=found)
 
@@ -96,17 +96,18 @@ def yielded(
     before: Before | None = None,
     tell: Progress = untold,
 ) -> Columns:
-    """Return poses of which fewer overlap, and which everybody's class can drive.
+    """Return poses with fewer overlaps, within the limits of each class.
 
-    They have a further column, ``behind``: how far each is behind where it was, metres.
+    They have a further column ``behind``: the delay relative to the original, metres.
 
     Args:
         columns: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``,
             ``distance``, ``lane``.
-        moving: who they are, on which level, and whose bodies.
-        half: (N, 2) half the sizes that nobody is to come into, metres.
-        step_s: time between steps.
-        before: how the same traffic went until something changed, which nobody foresees.
+        moving: classes, levels and vehicles of the actors.
+        half: (N, 2) half sizes of the boxes that must not overlap, metres.
+        step_s: time between steps, seconds.
+        before: the same traffic up to the moment at which an event, which no driver foresees,
+            changes it.
         tell: called with the fraction done (0..1) and what is being done.
     """
     if not len(columns["trip"]):
@@ -142,7 +143,7 @@ class _Yielding:
         for number, bodies in enumerate(self.bodies):
             self.whose[bodies.ravel()] = number
         self.ways: dict[int, Way] = {}
-        #: Who lets a way's actor go first.
+        #: Paths that yield to a path.
         self.followers: dict[int, set[int]] = {}
         begin = before.begin if before else None
         self.changed = np.ones(len(actor), np.bool_) if begin is None else step >= begin
@@ -163,7 +164,7 @@ class _Yielding:
             self.were = dict(zip(whose[place].tolist(), behind, strict=True)) if len(place) else {}
 
     def run(self, tell: Progress) -> Columns:
-        """Let one after the other wait, until nobody overlaps or nothing helps."""
+        """Let vehicles wait, one after the other, until nothing overlaps or nothing helps."""
         first = between(tell, 0.0, 0.2)
         for number in each(range(len(self.bodies)), first, "waiting for each other"):
             if self._too_hard(number) or self._begun(number).any():
@@ -171,7 +172,7 @@ class _Yielding:
                 self._go(way, self._solved(way, (), 0, len(way.at)))
         hopeless: set[tuple[int, int, int]] = set()
         for turn in range(_ROUNDS):
-            # The later rounds have less to do.
+            # Later rounds have less to do.
             telling = between(tell, 1 - 0.8 * 0.5**turn, 1 - 0.8 * 0.5 ** (turn + 1))
             overlaps = self._overlaps(between(telling, 0.0, 0.4))
             found = [meeting for meeting in overlaps if meeting not in hopeless]
@@ -183,7 +184,7 @@ class _Yielding:
         return self._columns()
 
     def _begun(self, number: int) -> NDArray[np.float64]:
-        """Return how far somebody was behind in its steps before anything changed (M,), metres."""
+        """Return a vehicle's delays in its steps before a change (M,), metres."""
         rows = self.bodies[number][0]
         were = self.were.get(int(self.columns["trip"][rows[0]]), np.zeros(0))
         steps = (self.before.until if self.before else 0) - int(self.columns["step"][rows[0]])
@@ -205,7 +206,7 @@ class _Yielding:
         return self.ways[number]
 
     def _too_hard(self, number: int) -> bool:
-        """Return whether somebody brakes, starts or turns harder than its class can."""
+        """Return whether a vehicle brakes, accelerates or turns harder than its class can."""
         kind, rows = self._kind(number), self.bodies[number][0]
         over = max(round(_OVER_S / self.step_s), 1)
         if not self.able[number] or len(rows) <= 2 * over:
@@ -225,7 +226,7 @@ class _Yielding:
         return False
 
     def _overlaps(self, tell: Progress) -> list[tuple[int, int, int]]:
-        """Return the pairs of ways that overlap, and since which step; of whom has changed."""
+        """Return the pairs of changed paths that overlap, with the first step of each overlap."""
         step = self.moving.boxes.step
         steps = np.unique(step[self.changed])
         self.changed[:] = False
@@ -245,7 +246,7 @@ class _Yielding:
         return round(seconds / self.step_s)
 
     def _pairs(self, rows: NDArray[np.int64]) -> list[tuple[tuple[int, int], int]]:
-        """Return the pairs of ways that overlap in some rows, and in which step."""
+        """Return the pairs of paths that overlap in some rows, with the step."""
         boxes, some = self.moving.boxes, self.moving.take(rows)
         pairs = rows[some.pairs(0.0, some.boxes.xy)]
         ways = np.sort(self.whose[pairs], axis=1)
@@ -256,7 +257,7 @@ class _Yielding:
         return [((a, b), step) for (a, b), step in zip(ways[deep].tolist(), steps, strict=True)]
 
     def _decided(self, one: int, other: int, step: int) -> bool:
-        """Let one of two who overlap since a step wait; return whether that may help."""
+        """Let one of two overlapping vehicles wait; return whether that may help."""
         before = self._through(one, other, step)
         best: tuple[float, float, Way, NDArray[np.float64], tuple[Let, ...]] | None = None
         for mine, first in ((one, other), (other, one)):
@@ -289,13 +290,13 @@ class _Yielding:
         return True
 
     def _follow(self, way: Way, first: int, low: int, high: int) -> None:
-        """Let somebody wait anew for whoever goes otherwise between two steps of the motion."""
+        """Update a vehicle's waiting for another that changed between two steps."""
         lets, spans = [], []
         for let in way.lets:
             met = let.first == first and let.begin + way.start < high
             if met and let.until + way.start > low:
                 spans.append((let.begin, let.until))
-                let = self._let(way, first, let.since)  # noqa: PLW2901 - the same, anew
+                let = self._let(way, first, let.since)  # noqa: PLW2901 - the updated constraint
                 spans.append((let.begin, let.until))
             lets.append(let)
         if spans:
@@ -306,7 +307,7 @@ class _Yielding:
     def _solved(
         self, way: Way, lets: tuple[Let, ...], begin: int, until: int
     ) -> NDArray[np.float64]:
-        """Return how far somebody is who lets others go first, and did not so within some steps."""
+        """Return a vehicle's positions under constraints that changed within some steps."""
         bound = np.full(len(way.at), np.inf)
         for let in lets:
             part = bound[let.begin : let.until]
@@ -318,12 +319,12 @@ class _Yielding:
         return retimed(way.pace, bound, LIMITS[way.kind], was, since, until)
 
     def _let(self, way: Way, first: int, since: int) -> Let:
-        """Return how far somebody may be not to come into another's boxes, when they meet."""
+        """Return the bound on a vehicle's position that keeps it out of another's boxes."""
         boxes = self.moving.boxes
         begin, until = self._meeting(way, first, since)
         bound = np.full(until - begin, np.inf)
         width = int(BEHIND_M / GRID_M) + 1
-        # What of its way it may be on then.
+        # Range of possible positions during the encounter.
         low = max(int(way.pace.at[begin] / GRID_M) - width, 0)
         grid = GRID_M * np.arange(low, int(way.pace.at[until - 1] / GRID_M) + 2)
         grid = np.minimum(grid, way.pace.at[-1])
@@ -338,7 +339,7 @@ class _Yielding:
                 part = slice(after - begin - way.start, after - begin - way.start + len(theirs))
                 at = first_contacts(top[part], width, own, _plan(boxes.take(theirs)), _BESIDE_M)
                 np.minimum(bound[part], (at + low) * GRID_M, out=bound[part])
-        # As long as it was before the other, and not on the way into it, it need not be behind it.
+        # While it was ahead of the other, and not in conflict yet, there is no bound.
         early = max(since - begin, 0)
         over = bound[:early] < way.at[begin : begin + early] - 0.05
         clear = np.flatnonzero(~over)
@@ -350,12 +351,12 @@ class _Yielding:
     def _during(
         self, number: int, rows: NDArray[np.int64], low: int, high: int
     ) -> tuple[NDArray[np.int64], int]:
-        """Return the rows of a way between two steps of the motion, and the step of the first."""
+        """Return the rows of a path between two steps of the motion, and the step of the first."""
         first = max(low, self.starts[number])
         return rows[first - self.starts[number] : max(high - self.starts[number], 0)], first
 
     def _meeting(self, way: Way, first: int, since: int) -> tuple[int, int]:
-        """Return from which of a way's steps until which it has to do with another."""
+        """Return the range of a path's steps in which it interacts with another."""
         begin = max(since - self._steps(_BEFORE_S), 0)
         until = min(since + self._steps(_AFTER_S), len(way.at))
         rows, after = self._during(
@@ -373,7 +374,7 @@ class _Yielding:
         at: NDArray[np.float64],
         gap_m: float,
     ) -> PlanBoxes:
-        """Return a body's boxes where the way is so far, longer at the front by a gap."""
+        """Return a body's boxes at positions along the path, extended ahead by a gap."""
         part = way.part(float(at.min()), float(at.max()))
         xy = way.between(self.columns["xy"], body, at, part)
         yaw = way.between(self.columns["yaw"], body, at, part)
@@ -385,7 +386,7 @@ class _Yielding:
     def _through(
         self, mine: int, first: int, step: int, at: NDArray[np.float64] | None = None
     ) -> float:
-        """Return how deep two lie in each other around a step, metres times seconds."""
+        """Return the overlap of two vehicles around a step, metres times seconds."""
         boxes, total = self.moving.boxes, 0.0
         low = max(step - self._steps(_BEFORE_S), self.starts[mine], self.starts[first])
         high = step + self._steps(_AFTER_S)
@@ -404,7 +405,7 @@ class _Yielding:
         return total
 
     def _go(self, way: Way, at: NDArray[np.float64]) -> tuple[int, int]:
-        """Let somebody be so far (N,) at its steps; return between which of them that is new."""
+        """Set a vehicle's positions (N,); return the range of steps that changed."""
         at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
         new = np.flatnonzero(at != way.at)
         way.at = at
@@ -420,7 +421,7 @@ class _Yielding:
         return span.start, span.stop
 
     def _columns(self) -> Columns:
-        """Return the columns with everybody where it is now."""
+        """Return the columns with all vehicles at their new positions."""
         found = {name: values.copy() for name, values in self.columns.items()}
         found["behind"] = np.zeros(len(found["trip"]))
         for way in self.ways.values():
@@ -435,7 +436,7 @@ class _Yielding:
                     found[name][rows[late]] = way.between(self.columns[name], body, way.at)[late]
                 nearest = rows[np.round(when).astype(int)]
                 found["lane"][rows[late]] = self.columns["lane"][nearest][late]
-                # What SUMO calls its speed is not quite how fast its picture goes.
+                # SUMO's speed differs slightly from the derivative of the position.
                 own = np.interp(when, np.arange(len(was)), self.columns["speed"][rows] - was)
                 pace = np.interp(when, np.arange(len(was)), was)
                 share = np.minimum(now / np.maximum(pace, 0.5), 1.0)
@@ -445,6 +446,6 @@ class _Yielding:
 
 
 def _plan(boxes: PlanBoxes) -> NDArray[np.float64]:
-    """Return boxes as rows (N, 6): middle, cosine and sine of the heading, half the size."""
+    """Return boxes as rows (N, 6): centre, cosine and sine of the heading, half the size."""
     heading = np.column_stack([np.cos(boxes.yaw), np.sin(boxes.yaw)])
     return np.hstack([boxes.xy, heading, boxes.half])
