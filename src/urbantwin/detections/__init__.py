@@ -1,4 +1,4 @@
-"""Detections: boxes with scores that a detector found in frames, ours or another's."""
+"""Detections: boxes with scores of any detector."""
 
 from typing import TYPE_CHECKING
 

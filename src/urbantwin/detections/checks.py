@@ -1,4 +1,4 @@
-"""What every form of detections is checked for when it is read."""
+"""Checks of detections, common to all formats."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["checked"]
 
-#: No object is larger, none is farther away, metres.
+#: Maximum size and distance of an object, metres.
 _LARGEST_M, _FARTHEST_M = 100.0, 1e5
-#: More than two turns are no angle that a network or a person writes in radians.
+#: Maximum heading, radians: larger values are degrees.
 _MOST_YAW = 4 * np.pi
 
 
 def checked(found: Detections, file: Path) -> Detections:
-    """Return detections as they are, with headings from -pi to pi.
+    """Return valid detections, with headings wrapped to -pi..pi.
 
     Raises:
-        InputError: a number is not finite, a box has no extent or none of an object's, a score
-            is outside of 0..1, a heading is in degrees, or a class is unknown.
+        InputError: a number is not finite, a box has no extent or an impossible one, a score is
+            outside of 0..1, a heading is in degrees, or a class is unknown.
     """
     _refuse(found, ~np.isfinite(found.box).all(axis=1), "has a box that is not finite", file)
     _refuse(found, ~np.isfinite(found.score), "has a score that is not finite", file)

@@ -1,4 +1,4 @@
-"""Boxes with scores: what a detector or a tracker says of the frames of a recording."""
+"""Boxes with scores in the frames of a recording, from a detector or a tracker."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ __all__ = ["Detections", "joined"]
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What was found in frames.
+    """Detected boxes in frames.
 
     Attributes:
-        frames: names of all frames that were looked at, in order; also those without a box.
-        frame: (N,) int64, which of ``frames`` a box is in.
+        frames: names of all processed frames, in order; also those without a box.
+        frame: (N,) int64, index in ``frames`` of each box.
         box: (N, 7) float64 in the frame of the points: centre x, y, z, length (along heading),
             width, height in metres, yaw in radians counter-clockwise from +x.
         class_names: (N,) each one of ``taxonomy.ACTOR_CLASSES``.
         score: (N,) float64, 0..1.
-        track: (N,) int64, the same object's number in every frame; -1 where it is not followed.
-        time_s: (frames,) float64, when each frame was taken, seconds; None where nothing says.
-        filled: (N,) bool, where a tracker put a box that nobody detected; None where none did.
+        track: (N,) int64, number of the object over all frames; -1 if it is not tracked.
+        time_s: (frames,) float64, time of each frame, seconds; None if unknown.
+        filled: (N,) bool, boxes that a tracker interpolated without a detection; None if there are
+            none.
     """
 
     frames: tuple[str, ...]
@@ -37,7 +38,7 @@ class Detections:
     filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse columns of different lengths: a caller's mistake, never a file's."""
+        """Raise ValueError for columns of different lengths: a caller's mistake, never a file's."""
         count = len(self.frame)
         lengths = {len(self.box), len(self.class_names), len(self.score), len(self.track)}
         lengths |= set() if self.filled is None else {len(self.filled)}
@@ -49,20 +50,20 @@ class Detections:
             raise ValueError(f"{len(self.time_s)} times of {len(self.frames)} frames")
 
     def __len__(self) -> int:
-        """Return how many boxes there are."""
+        """Return the number of boxes."""
         return len(self.frame)
 
     @property
     def tracked(self) -> bool:
-        """Whether any box is of an object that is followed."""
+        """Whether any box is of a tracked object."""
         return bool((self.track >= 0).any())
 
     def of(self, frame_index: int) -> Detections:
-        """Return the boxes of one frame; ``frames`` and their numbers stay."""
+        """Return the boxes of one frame; ``frames`` and their numbers are unchanged."""
         return self.only(self.frame == frame_index)
 
     def only(self, chosen: ArrayLike) -> Detections:
-        """Return some of the boxes: a mask (N,) or indices; ``frames`` stay."""
+        """Return the boxes of a mask (N,) or of indices; ``frames`` is unchanged."""
         rows = np.arange(len(self))[np.asarray(chosen)]
         return replace(
             self,
@@ -80,12 +81,12 @@ def joined(
     found: Sequence[tuple[NDArray[np.float64], Sequence[str], NDArray[np.float64]]],
     time_s: NDArray[np.float64] | None = None,
 ) -> Detections:
-    """Return the detections of frame after frame as one table, none of them tracked.
+    """Return the detections of several frames as one table, without tracks.
 
     Args:
         frames: names of the frames.
-        found: of each frame in the same order, boxes (n, 7), names of classes and scores (n,).
-        time_s: when each frame was taken.
+        found: boxes (n, 7), class names and scores (n,) of each frame, in the same order.
+        time_s: time of each frame, seconds.
     """
     counts = [len(boxes) for boxes, _, _ in found]
     total = sum(counts)

@@ -1,4 +1,4 @@
-"""Detections in a folder of ours: ``detections.parquet`` and ``detections.json``."""
+"""A folder of detections: ``detections.parquet`` and ``detections.json``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["KIND", "SCHEMA", "check_detections_folder", "put_detections", "read_
 __all__ += ["write_detections"]
 
 KIND = "detections"
-#: Which columns and fields there are; a later one adds to them.
+#: Version of the columns and fields; later versions add to them.
 SCHEMA = 1
 _EXPECTED = "a folder of detections"
 _TABLE = "detections.parquet"
@@ -31,7 +31,7 @@ _COLUMNS = {
     **dict.fromkeys((*BOX, "score"), "number"),
     "track": "whole",
 }
-#: Whether a tracker put the box there; only what a tracker wrote has it.
+#: Optional column of trackers: boxes that were interpolated.
 _FILLED = "filled"
 
 
@@ -43,7 +43,7 @@ class _Manifest(Part):
 
 
 def check_detections_folder(target: Path, inputs: Sequence[Path | None] = ()) -> None:
-    """Refuse an output folder that cannot be written, before any work.
+    """Raise an error if an output folder cannot be written, before any work.
 
     Raises:
         InputError: see `artefact.check_folder`.
@@ -57,13 +57,13 @@ def write_detections(
     made_by: Mapping[str, Any],
     inputs: Sequence[Path | None] = (),
 ) -> None:
-    """Write detections; the folder appears whole or not at all.
+    """Write detections atomically.
 
     Args:
-        folder: to write; older detections are replaced.
-        detections: in the order in which they are to stand.
-        made_by: what made them (a model, a tracker, its settings): what JSON can hold.
-        inputs: what they were made from: none of it may be inside.
+        folder: output folder; older detections are replaced.
+        detections: the detections; their order is kept.
+        made_by: the model or tracker and its settings, as JSON values.
+        inputs: paths that the detections were made from; none may be inside ``folder``.
 
     Raises:
         InputError: the folder cannot be written.
@@ -73,7 +73,7 @@ def write_detections(
 
 
 def put_detections(folder: Path, detections: Detections, made_by: Mapping[str, Any]) -> None:
-    """Write the files of detections into a folder that exists; see `write_detections`."""
+    """Write the files of detections into an existing folder; see `write_detections`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -103,10 +103,10 @@ def put_detections(folder: Path, detections: Detections, made_by: Mapping[str, A
 
 
 def read_detections(path: Path) -> Detections:
-    """Read what `write_detections` wrote.
+    """Return the detections that `write_detections` wrote.
 
     Raises:
-        InputError: a file is missing or damaged, or says what cannot be (see `checks`).
+        InputError: a file is missing, damaged, or holds invalid values (see `checks`).
     """
     file = path / f"{KIND}.json"
     told = validated(read_json(file, kind=KIND), _Manifest, file=file, expected=_EXPECTED)

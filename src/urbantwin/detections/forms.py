@@ -1,4 +1,4 @@
-"""Detections as other programs write them: KITTI's text, OpenPCDet's pickle, nuScenes' JSON."""
+"""Readers of other formats of detections: KITTI's text, OpenPCDet's pickle, nuScenes' JSON."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ Box = tuple[float, float, float, float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class FoundIn:
-    """What was found in one frame.
+    """The detections of one frame.
 
     Attributes:
-        frame: its name.
+        frame: name of the frame.
         box: (n, 7) in the frame of the points.
-        called: (n,) classes as the program calls them.
-        score: (n,).
+        called: (n,) class names of the detector.
+        score: (n,) scores.
     """
 
     frame: str
@@ -52,7 +52,7 @@ class FoundIn:
 
     @classmethod
     def of_rows(cls, frame: str, rows: Sequence[tuple[Box, str, float]]) -> FoundIn:
-        """Return boxes, classes and scores that are told row by row."""
+        """Build from rows of box, class name and score."""
         return cls(
             frame,
             np.array([box for box, _, _ in rows], np.float64).reshape(-1, 7),
@@ -62,16 +62,16 @@ class FoundIn:
 
 
 def _class_of(called: str) -> str | None:
-    """Return a detector's class, or that of another large vehicle, which reports count as such."""
+    """Return the detector class of a class name, or another large vehicle's actor class."""
     actor = actor_class(called)
     return detected_class(actor) or (actor if actor in LARGE else None)
 
 
 def table_of(found: Sequence[FoundIn], file: Path) -> tuple[Detections, tuple[str, ...]]:
-    """Return the boxes of classes that detectors have here, and a note of the others.
+    """Return the boxes of known classes, and notes about the others.
 
     Raises:
-        InputError: a number cannot be, no class is known, or a frame is there twice.
+        InputError: a number is invalid, no class is known, or a frame occurs twice.
     """
     twice = [name for name, count in Counter(one.frame for one in found).items() if count > 1]
     if twice:
@@ -100,7 +100,7 @@ _CODE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU][0-9]{1,6}|O8?)")
 
 
 class _Type:
-    """What a pickle says of a NumPy type; NumPy's own takes flags that make numbers pointers."""
+    """A NumPy type of a pickle; NumPy's own type accepts flags that make numbers pointers."""
 
     def __init__(self, code: object) -> None:
         found = _CODE.fullmatch(code) if isinstance(code, str) else None
@@ -115,7 +115,7 @@ class _Type:
         self.order = state[1]
 
     def array(self, content: object, shape: tuple[int, ...], *, columns: bool) -> Any:  # noqa: ANN401
-        """Return the array of bytes, or of a list where they are objects."""
+        """Return the array from bytes, or from a list for objects."""
         order: Literal["C", "F"] = "F" if columns else "C"
         if self.code.startswith("O"):
             if not isinstance(content, list):
@@ -126,14 +126,14 @@ class _Type:
         if not isinstance(content, bytes | bytearray):
             raise pickle.UnpicklingError("wants numbers of no bytes")
         if self.code.startswith("U"):
-            # NumPy takes any number for a letter, and Python then fails wherever the text goes.
+            # NumPy accepts any number as a character, on which Python fails later.
             bytes(content).decode("utf-32-be" if self.order == ">" else "utf-32-le")
         kind = np.dtype(("" if self.order == "|" else self.order) + self.code)
         return np.frombuffer(bytes(content), kind).reshape(shape, order=order)
 
 
 class _Array:
-    """An array of a pickle, before and after it is told what it holds."""
+    """An array of a pickle, filled by ``__setstate__``."""
 
     value: Any = None
 
@@ -143,10 +143,10 @@ class _Array:
 
 
 class _Harmless(pickle.Unpickler):
-    """Makes nothing but what is here: a pickle's calls of NumPy reach stand-ins, never NumPy."""
+    """Unpickler that maps NumPy's constructors to stand-ins and refuses all others."""
 
     def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401 - as the library has it
-        # NumPy 2 calls its core another name; the oldest protocols have no bytes of their own.
+        # NumPy 2 renamed its core; the oldest pickle protocols have no bytes type.
         wanted = module.replace("numpy._core", "numpy.core").replace("__builtin__", "builtins")
         made = {
             "numpy.ndarray": None,
@@ -191,7 +191,7 @@ def _value(told: object) -> Any:  # noqa: ANN401
 
 
 def openpcdet_file(path: Path) -> Path | None:
-    """Return the pickle that a path is or holds; None where there is none."""
+    """Return the pickle that a path is or contains; None if there is none."""
     if path.is_file() and path.suffix == ".pkl":
         return path
     file = path / "result.pkl"
@@ -199,10 +199,10 @@ def openpcdet_file(path: Path) -> Path | None:
 
 
 def read_openpcdet(file: Path) -> tuple[Detections, tuple[str, ...]]:
-    """Read a pickle of results; see `forms.read_any_form`.
+    """Return the detections of a pickle, and notes; see `read_any_form`.
 
     Raises:
-        InputError: it is damaged, wants more than arrays, or is not laid out so.
+        InputError: the pickle is damaged, needs more than arrays, or has another layout.
     """
     content = read_bytes(file, _OPENPCDET)
     try:
@@ -236,19 +236,19 @@ _NAMES = ("results_nusc.json", "results.json")
 
 
 def nuscenes_file(path: Path) -> Path | None:
-    """Return the file of results that a path is or holds; None where there is none."""
+    """Return the results file that a path is or contains; None if there is none."""
     if path.is_file() and path.suffix == ".json":
         return path
     return next((path / name for name in _NAMES if (path / name).is_file()), None)
 
 
 def read_nuscenes_json(file: Path, recording: Recording) -> tuple[Detections, tuple[str, ...]]:
-    """Read a file of results; see `forms.read_any_form`.
+    """Return the detections of a results file, and notes; see `read_any_form`.
 
-    Samples are those of the recording's tables, or frames by name where it has none.
+    Samples are those of the recording's tables, or frame names if it has no tables.
 
     Raises:
-        InputError: it is not laid out so, is of no frame, or the frames have no place in a world.
+        InputError: the file has another layout or unknown frames, or the frames have no poses.
     """
     told = read_json_document(file, _NUSCENES)
     results = told.get("results") if isinstance(told, dict) else None
@@ -312,7 +312,7 @@ _KITTI = "16 values of KITTI: class, 14 numbers of a label, score"
 
 
 def _texts(path: Path) -> list[Path]:
-    """Return the texts of a folder, or of ``data`` in it, as KITTI's own programs write them."""
+    """Return the text files of a folder or of its subfolder ``data`` (KITTI's own layout)."""
     for folder in (path, path / "data"):
         found = sorted(folder.glob("*.txt")) if folder.is_dir() else []
         if found:
@@ -321,17 +321,17 @@ def _texts(path: Path) -> list[Path]:
 
 
 def is_kitti_text(path: Path) -> bool:
-    """Return whether a folder holds texts."""
+    """Return whether a folder contains text files."""
     return bool(_texts(path))
 
 
 def read_kitti_text(path: Path, recording: Recording) -> tuple[Detections, tuple[str, ...]]:
-    """Read a folder of texts; see `forms.read_any_form`.
+    """Return the detections of a folder of text files, and notes; see `read_any_form`.
 
-    A frame without a text was not looked at; one with an empty text holds nothing.
+    A frame without a file was not processed; one with an empty file has no detections.
 
     Raises:
-        InputError: a line is not right, or the recording has no calibrations.
+        InputError: a line is invalid, or the recording has no calibration files.
     """
     calibrations = recording.path / "calib"
     if recording.layout != "kitti" or not calibrations.is_dir():
@@ -364,15 +364,15 @@ def read_kitti_text(path: Path, recording: Recording) -> tuple[Detections, tuple
 def read_any_form(
     path: Path, recording: Callable[[], Recording] | None
 ) -> tuple[Detections, tuple[str, ...]]:
-    """Read detections in whatever form they are; return them, and what a reader must know.
+    """Return detections in any supported format, and notes about them.
 
     Args:
         path: a folder or a file.
-        recording: opens the recording that they are of: KITTI's are in the frame of a camera,
-            nuScenes' in the world, and only a recording says where these are.
+        recording: opens the recording of the detections, needed for formats in other frames:
+            KITTI's are in a camera frame, nuScenes' in the world frame.
 
     Raises:
-        InputError: it is none of the forms, a file is damaged, or there is no recording.
+        InputError: unknown format, a damaged file, or no recording.
     """
     if (path / "detections.json").is_file():
         return read_detections(path), ()

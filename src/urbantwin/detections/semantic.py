@@ -1,4 +1,4 @@
-"""Classes of points beside detections: ``semantic/NAME.label``, as datasets have them."""
+"""Semantic classes of points beside detections: ``semantic/NAME.label``, as in datasets."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ def write_semantic(folder: Path, name: str, semantic: NDArray[np.uint8]) -> None
     """Write the classes of one frame's points.
 
     Args:
-        folder: of the detections.
-        name: of the frame.
-        semantic: (N,) ids of ``taxonomy.semantic_classes``, in the order of the points as they are
-            read (those that are no return left out); 0 where nothing is said.
+        folder: folder of the detections.
+        name: name of the frame.
+        semantic: (N,) ids of ``taxonomy.semantic_classes``, in the order in which the points are
+            read (without beams that have no return); 0 where unlabelled.
     """
     (folder / _FOLDER).mkdir(exist_ok=True)
     semantic.astype("<u4").tofile(folder / _FOLDER / f"{name}.label")
 
 
 def read_semantic(folder: Path, name: str, points: int) -> NDArray[np.int64] | None:
-    """Read what `write_semantic` wrote of a frame of ``points`` points; None where nothing is.
+    """Return the classes of a frame of ``points`` points; None if the file is missing.
 
     Raises:
-        InputError: it is of another number of points.
+        InputError: the file is of another number of points.
     """
     file = folder / _FOLDER / f"{name}.label"
     if not file.is_file():

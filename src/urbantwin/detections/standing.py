@@ -1,7 +1,7 @@
-"""What always stands at a fixed site and is taken for people or riders: posts, signs, hedges.
+"""Static objects at a fixed site that are mistaken for people or riders: posts, signs, hedges.
 
-A detector sees one frame and cannot know it; whoever has frames of another hour from the same
-sensors can: nobody stands at the same place in half of them.
+A detector sees one frame and cannot recognise them. Frames of another hour from the same sensors
+can: no person is at the same position in half of them.
 """
 
 from __future__ import annotations
@@ -17,40 +17,41 @@ from urbantwin.errors import InputError
 
 __all__ = ["FEWEST_FRAMES", "frames_about", "standing_places", "without_standing"]
 
-#: Classes that thin things are taken for. A parked car is a car, however long it stands.
+#: Classes for which thin static objects are mistaken. A parked car remains a car.
 _SLIGHT = ("bicycle", "motorcycle", "pedestrian")
-#: Detections this near to each other are of one thing, metres: half a person's width, and what the
-#: centre of a box varies by.
+#: Detections within this distance are of one object, metres: half a person's width, and the
+#: variation of box centres.
 _APART_M = 0.4
-#: A thing stands where it is found in this share of the frames,
+#: An object is static if it is detected in this share of the frames,
 _OFTEN = 0.5
-#: of no fewer than so many.
+#: of at least this number.
 FEWEST_FRAMES = 10
 
 
 def frames_about(
     places: NDArray[np.float64], frame: NDArray[np.int64], apart_m: float
 ) -> tuple[list[list[int]], NDArray[np.int64]]:
-    """Return which of N places lie about each, itself too, and in how many frames they are (N,).
+    """Return the neighbours of each position, itself included, and the number of their frames (N,).
 
     Args:
-        places: (N, 2) x and y.
-        frame: (N,) of each.
-        apart_m: places no farther from each other are one.
+        places: (N, 2) x and y, metres.
+        frame: (N,) frame of each position.
+        apart_m: radius of the neighbourhood, metres.
     """
     near = cKDTree(places).query_ball_point(places, apart_m).tolist() if len(places) else []
     return near, np.array([len(np.unique(frame[one])) for one in near], np.int64)
 
 
 def standing_places(found: Detections, file: Path | None = None) -> NDArray[np.float64]:
-    """Return places (K, 2), x and y, where what is found stands all the time.
+    """Return the positions (K, 2), x and y, of static objects among detections.
 
     Args:
-        found: in frames of sensors that stand still, over longer than anybody stays at one place.
-        file: where it was read from, for errors.
+        found: detections of fixed sensors, over a longer time than any person stays at one
+            position.
+        file: source of the detections, for errors.
 
     Raises:
-        InputError: there are too few frames to tell.
+        InputError: there are too few frames.
     """
     count = len(found.frames)
     if count < FEWEST_FRAMES:
@@ -66,11 +67,11 @@ def standing_places(found: Detections, file: Path | None = None) -> NDArray[np.f
 
 
 def without_standing(found: Detections, places: NDArray[np.float64]) -> Detections:
-    """Return detections without those of people and riders at places of `standing_places`.
+    """Return detections without people and riders at positions of `standing_places`.
 
     Args:
-        found: in frames of the same sensors, in the same frame of reference.
-        places: (K, 2) x and y.
+        found: detections of the same sensors, in the same frame of reference.
+        places: (K, 2) x and y, metres.
     """
     if not len(places) or not len(found):
         return found

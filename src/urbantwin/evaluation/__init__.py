@@ -1,4 +1,4 @@
-"""Detections judged by labels: precision, errors, false alarms, how sure all that is."""
+"""Evaluation of detections against labels: precision, errors, false alarms, intervals."""
 
 from typing import TYPE_CHECKING
 

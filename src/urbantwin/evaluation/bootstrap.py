@@ -1,4 +1,4 @@
-"""How sure a figure is: frames drawn again, neighbours together (moving blocks, Künsch 1989)."""
+"""Confidence intervals by resampling frames in moving blocks (Künsch 1989)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from urbantwin.evaluation.truth import Truth
 __all__ = ["SEED", "block_length", "drawn_frames", "interval", "same_objects"]
 
 SEED = 19
-#: Fewer blocks than this in a recording say little of other hours and places.
+#: Minimum number of blocks in a recording; fewer do not represent other hours and places.
 _FEWEST_BLOCKS = 4
-#: Who stands is labelled within this distance in the next frame, metres.
+#: Stopped objects are labelled within this distance in the next frame, metres.
 _AT_REST_M = 0.5
-#: This share of boxes that are of an object seen before is worth a word.
+#: Share of boxes of repeated objects above which a doubt is reported.
 _OFTEN = 0.1
 
 
 def same_objects(truth: Truth) -> NDArray[np.int64]:
-    """Return a number (L,) for every labelled object that is the same wherever it is again.
+    """Return an object number (L,) for every label, equal for labels of the same object.
 
-    Its track; where the data follows nobody, what stands at the same place in the next frame is
-    the same.
+    Objects are identified by track. Without tracks, labels of one class at the same position in
+    consecutive frames are the same object.
     """
     if (truth.track >= 0).any():
         found = truth.track.copy()
@@ -45,10 +45,10 @@ def same_objects(truth: Truth) -> NDArray[np.int64]:
 
 
 def block_length(truth: Truth) -> tuple[int, str | None]:
-    """Return how many frames in a row are drawn together, and what is doubtful about it.
+    """Return the number of consecutive frames drawn together, and a doubt about it or None.
 
-    As many as the object in the middle is labelled in, counted by boxes: frames that show the same
-    objects are no independent trials.
+    The length is the median number of frames that show one object, weighted by boxes: frames with
+    the same objects are not independent.
     """
     count = len(truth.frames)
     if count < 2 or not len(truth):
@@ -71,7 +71,7 @@ def block_length(truth: Truth) -> tuple[int, str | None]:
 
 
 def drawn_frames(count: int, length: int, draws: int) -> NDArray[np.int64]:
-    """Return how often each frame (draws, count) is drawn, in blocks that go on at the start."""
+    """Return how often each frame is drawn (draws, count), in blocks that wrap at the end."""
     random = np.random.default_rng([SEED, count, length])
     blocks = -(-count // length)
     starts = random.integers(0, count, (draws, blocks))
@@ -82,7 +82,7 @@ def drawn_frames(count: int, length: int, draws: int) -> NDArray[np.int64]:
 
 
 def interval(values: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the 2.5th and 97.5th percentile of what draws gave; None if there is too little."""
+    """Return the 2.5th and 97.5th percentile of draws; None with fewer than 20 values."""
     known = values[~np.isnan(values)]
     if len(known) < 20:
         return None

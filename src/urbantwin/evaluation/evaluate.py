@@ -1,4 +1,4 @@
-"""A detector's boxes against labels: every figure of a report, as its algorithm."""
+"""Evaluation of a detector's boxes against labels: all values of a report."""
 
 from __future__ import annotations
 
@@ -43,21 +43,22 @@ __all__ = ["DRAWS", "Figures", "Judged", "evaluate"]
 
 _RANGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, np.inf)
 _POINTS = (0, 10, 30, 100, 300, np.inf)
-#: The levels of docs/reference/labels.md.
+#: Levels of occlusion of docs/reference/labels.md.
 _HIDDEN = (0.0, 0.2, 0.6, 1.01)
-#: What figures are broken down by, and how the bins are told.
+#: Properties by which results are broken down, and the units of their bins.
 KINDS = {"range": "m", "points": "points", "occlusion": "% hidden"}
 
 
 @dataclass(frozen=True, eq=False)
 class Bin:
-    """Some of the objects, and the detections that are wrong for them where they find nothing.
+    """A subset of the objects, and the detections that count as false alarms for it.
 
     Attributes:
         kind: one of ``KINDS``.
         title: "10 to 20 m".
-        labels: (L,) bool.
-        detections: (N,) bool. Of what is hidden nothing tells: all of them.
+        labels: (L,) bool, objects of the bin.
+        detections: (N,) bool, detections of the bin; all for occlusion, which detections do not
+            have.
     """
 
     kind: str
@@ -67,7 +68,7 @@ class Bin:
 
 
 def bins_of(seen: Seen) -> Iterator[Bin]:
-    """Yield all bins, with objects in them or without."""
+    """Yield all bins, including empty ones."""
     truth = seen.truth
     for low, high in pairwise(_RANGES_M):
         yield Bin(
@@ -93,11 +94,11 @@ def bins_of(seen: Seen) -> Iterator[Bin]:
 
 
 def box_errors(found: NDArray[np.float64], true: NDArray[np.float64]) -> dict[str, Any]:
-    """Return means over pairs of a detected and a labelled box (P, 7), P >= 1.
+    """Return mean errors over pairs of a detected and a labelled box (P, 7), P >= 1.
 
     ``ate_m``, ``ase`` and ``aoe_rad`` are nuScenes' (Caesar et al. 2020): distance of centres in
-    plan; 1 - IoU after centres and headings are laid on each other; smallest difference of yaw.
-    Signed errors are found less true.
+    plan; 1 - IoU after aligning centres and headings; smallest difference of yaw. Signed errors are
+    detected minus labelled.
     """
     away = found[:, :2] - true[:, :2]
     place = np.hypot(*away.T)
@@ -126,25 +127,25 @@ def box_errors(found: NDArray[np.float64], true: NDArray[np.float64]) -> dict[st
     }
 
 
-#: Draws of frames for an interval; fewer where that would take long.
+#: Draws of frames for an interval; fewer if there are many detections.
 DRAWS = 500
 _MOST_DRAWN = 10_000_000
-#: False alarms a frame at which the recall is told.
+#: False alarms per frame at which the recall is reported.
 _FALSE_ALARMS = (0.1, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What became of one class.
+    """The results of one class.
 
     Attributes:
         name: one of ``criterion.JUDGED``.
-        roles: (L,) of every labelled object.
+        roles: (L,) role of every labelled object (`truth.roles_of`).
         order: (M,) detections of the class by falling score.
-        found: what was found by the distance that breakdowns go by.
-        reasons: why each of ``found`` is wrong; empty where it is right.
-        threshold: the score with the best F1, 0 where nothing was found.
-        figures: for the report.
+        found: matches by the distance criterion of breakdowns.
+        reasons: why each of ``found`` is wrong; empty if it is right.
+        threshold: the score with the best F1, 0 without matches.
+        figures: values for the report.
     """
 
     name: str
@@ -158,14 +159,14 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """What became of all classes.
+    """The results of all classes.
 
     Attributes:
         seen: detections and labels.
-        pairs: which are near each other.
-        classes: by name; classes with neither objects nor detections are left out.
-        block: how many frames in a row are drawn together for intervals.
-        doubts: what speaks against the figures.
+        pairs: pairs of nearby detections and labels.
+        classes: results by name; classes with neither objects nor detections are left out.
+        block: number of consecutive frames drawn together for intervals.
+        doubts: reasons to doubt the results.
     """
 
     seen: Seen
@@ -184,15 +185,15 @@ def evaluate(
     draws: int = DRAWS,
     tell: Progress = untold,
 ) -> Figures:
-    """Judge detections.
+    """Evaluate detections.
 
     Args:
-        seen: detections beside labels.
-        layout: of the recording.
-        classes: which to judge, of ``criterion.JUDGED``; all that there are if None.
+        seen: detections and labels.
+        layout: layout of the recording.
+        classes: classes of ``criterion.JUDGED`` to evaluate; all present ones if None.
         vans: count KITTI's vans as cars.
-        draws: of frames, for intervals.
-        tell: how far it is.
+        draws: number of draws of frames for intervals.
+        tell: called with the progress.
 
     Raises:
         InputError: a class is unknown, or no class has objects.
@@ -294,7 +295,7 @@ def _judged(
 def _false_alarms(
     seen: Seen, found: Matched, reasons: Sequence[str], threshold: float, frames: int
 ) -> dict[str, Any]:
-    """Return what is wrong above the score with the best F1."""
+    """Return the false alarms at or above the score with the best F1."""
     above = ~found.right & (seen.detections.score[found.detection] >= threshold)
     counts = {
         reason: sum(bool(yes) and one == reason for yes, one in zip(above, reasons, strict=True))
@@ -318,7 +319,7 @@ def _of_bin(
     found: Matched,
     threshold: float,
 ) -> dict[str, Any]:
-    """Return the figures of a bin: objects of other bins neither help nor hurt."""
+    """Return the values of a bin, in which objects of other bins are neutral."""
     inside = np.where((roles > 0) & ~one.labels, -1, roles)
     counts = seen.in_view & one.detections
     row: dict[str, Any] = {"by": one.kind, "bin": one.title, "objects": int((inside > 0).sum())}
@@ -329,12 +330,12 @@ def _of_bin(
     return row
 
 
-#: What is a doubt about the boxes' convention: this far off, for most boxes, of so many.
+#: Minimum number of boxes, and median error of the axis, for a doubt about the box convention.
 _FEWEST_DOUBTED, _QUARTER_DEG = 10, 60.0
 
 
 def _doubts(one: Judged) -> list[str]:
-    """Return what the errors say of another convention of boxes."""
+    """Return signs in the errors of another box convention."""
     errors = one.figures["errors"]
     if errors is None or errors["boxes"] < _FEWEST_DOUBTED:
         return []

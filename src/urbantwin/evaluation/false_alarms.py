@@ -1,4 +1,4 @@
-"""What wrong detections are: of what is there, how often, and whether always at one place."""
+"""False alarms by reason, and recurring ones at one position."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from urbantwin.evaluation.reading import Seen
 
 __all__ = ["REASONS", "false_alarm_reasons", "standing_false_alarms"]
 
-#: Why a detection is wrong, the first that holds.
+#: Reasons why a detection is wrong; the first that applies counts.
 REASONS = {
     "twice": "of an object that another detection has found",
     "misplaced": "near an object of its class or overlapping it, but not near enough",
     "class": "at an object of another class",
     "nothing": "where no labelled object is",
 }
-#: False alarms within this distance of each other are at one place, metres.
+#: False alarms within this distance are at one position, metres.
 _PLACE_M = 1.0
-#: In this share of the frames, and in no fewer than so many frames.
+#: Minimum share and number of frames in which recurring false alarms occur.
 _OFTEN, _FEWEST = 0.5, 4
 
 
 def false_alarm_reasons(
     found: Matched, pairs: Pairs, roles: NDArray[np.int64], criterion: Criterion
 ) -> list[str]:
-    """Return why each detection (M,) is wrong, one of ``REASONS``; empty where it is right.
+    """Return why each detection (M,) is wrong, one of ``REASONS``; empty if it is right.
 
     Args:
-        found: the detections of a class.
-        pairs: of all detections and objects.
-        roles: (L,) of every object for that class.
-        criterion: by which they are right.
+        found: detections of a class.
+        pairs: pairs of all detections and objects.
+        roles: (L,) role of every object for that class.
+        criterion: criterion by which detections are right.
     """
     wrong = set(found.detection[~found.right].tolist())
     reasons = dict.fromkeys(wrong, "nothing")
@@ -57,16 +57,16 @@ def false_alarm_reasons(
 
 
 def standing_false_alarms(seen: Seen, detections: NDArray[np.int64]) -> Mapping[str, float] | None:
-    """Return how many wrong detections come at one place in half of the frames or more.
+    """Return the number of wrong detections that recur at one position in half of the frames.
 
-    Where a sensor stands still, such are of what always stands there: posts, signs, hedges.
+    With a fixed sensor these are static objects: posts, signs, hedges.
 
     Args:
         seen: the frames.
-        detections: (W,) numbers of the wrong ones.
+        detections: (W,) indices of the wrong detections.
 
     Returns:
-        How many of them do, and at how many places; None with too few frames to tell.
+        The number of recurring detections, and of their positions; None with too few frames.
     """
     count = len(seen.truth.frames)
     if count < _FEWEST:

@@ -1,4 +1,4 @@
-"""Which detections are right, which are wrong, and which do not count."""
+"""Matching of detections to objects: right, wrong, or not counted."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["Matched", "matched"]
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """The detections of one class that count, by falling score.
+    """The counted detections of one class, by falling score.
 
     Attributes:
-        detection: (M,) number of the detection.
-        label: (M,) number of the object that it found, -1 where it is wrong.
-        total: how many objects there were to find.
+        detection: (M,) index of the detection.
+        label: (M,) index of the matched object, -1 if the detection is wrong.
+        total: number of objects to be found.
     """
 
     detection: NDArray[np.int64]
@@ -29,7 +29,7 @@ class Matched:
 
     @property
     def right(self) -> NDArray[np.bool_]:
-        """Which of them (M,) found an object."""
+        """Mask (M,) of the detections that match an object."""
         return self.label >= 0
 
 
@@ -40,18 +40,18 @@ def matched(
     counts: NDArray[np.bool_],
     criterion: Criterion,
 ) -> Matched:
-    """Let detections find objects, by falling score: each the best that none found before.
+    """Match detections to objects by falling score, each to the best unmatched object.
 
-    So do PASCAL VOC (Everingham et al. 2010), nuScenes and Argoverse 2. A detection that finds
-    none counts as wrong, but for those of objects that do not count and for those outside of what
-    is labelled.
+    PASCAL VOC (Everingham et al. 2010), nuScenes and Argoverse 2 match in the same way. A detection
+    without a match is wrong, unless it lies on an object that does not count or outside of the
+    labelled region.
 
     Args:
-        pairs: of all detections and objects.
+        pairs: pairs of all detections and objects.
         order: detections (M,) of the class, by falling score.
-        roles: (L,) of every object, see `truth.roles_of`.
-        counts: (N,) of every detection, whether it is wrong where it finds nothing.
-        criterion: what is to be met.
+        roles: (L,) role of every object, see `truth.roles_of`.
+        counts: (N,) whether a detection is wrong if it has no match.
+        criterion: the matching criterion.
     """
     rank = np.full(len(counts), -1, np.int64)
     rank[order] = np.arange(len(order))

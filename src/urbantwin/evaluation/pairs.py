@@ -1,4 +1,4 @@
-"""Detections and labelled objects of the same frame that are near each other, or overlap."""
+"""Pairs of detections and labelled objects of the same frame that are near or overlap."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ __all__ = ["Pairs", "pairs_of"]
 _FARTHEST_M = max(one.limit for one in CRITERIA if one.measure == "distance_m")
 
 
-#: A detection with this much of its footprint in an object that does not count is of that object.
+#: Share of a detection's footprint within an object from which it belongs to that object.
 _MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs (P,) of a detection and an object, with what they have in common.
+    """Pairs (P,) of a detection and an object.
 
     Attributes:
-        detection: (P,) number of the detection.
-        label: (P,) number of the object.
-        distance_m: (P,) of their centres in plan.
+        detection: (P,) index of the detection.
+        label: (P,) index of the object.
+        distance_m: (P,) distance of the centres in plan, metres.
         bev_iou: (P,) intersection over union in plan.
-        iou_3d: (P,) in space.
-        covered: (P,) share of the detection's footprint that lies in the object's.
+        iou_3d: (P,) intersection over union in space.
+        covered: (P,) share of the detection's footprint within the object's.
     """
 
     detection: NDArray[np.int64]
@@ -43,16 +43,16 @@ class Pairs:
 
     @property
     def mostly_inside(self) -> NDArray[np.bool_]:
-        """Which detections (P,) lie in the object by half or more in plan."""
+        """Mask (P,) of the detections with at least half of their footprint in the object."""
         return np.asarray(self.covered >= _MOSTLY)
 
     def worth(self, criterion: Criterion) -> NDArray[np.float64]:
-        """Return how good each pair (P,) is by a criterion: more is better."""
+        """Return the quality of each pair (P,) by a criterion: larger is better."""
         found: NDArray[np.float64] = getattr(self, criterion.measure)
         return -found if criterion.measure == "distance_m" else found
 
     def meet(self, criterion: Criterion) -> NDArray[np.bool_]:
-        """Return which pairs (P,) meet a criterion."""
+        """Return the mask of the pairs (P,) that satisfy a criterion."""
         limit = criterion.limit
         worth = self.worth(criterion)
         return worth >= -limit if criterion.measure == "distance_m" else worth >= limit
@@ -62,7 +62,7 @@ def pairs_of(detections: Detections, truth: Truth) -> Pairs:
     """Return all pairs whose centres are within 4 m in plan or whose footprints may overlap.
 
     Args:
-        detections: of the same frames as the truth, in its order.
+        detections: detections of the same frames as the truth, in its order.
         truth: the labelled objects.
     """
     found: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []

@@ -1,4 +1,4 @@
-"""Average precision, and what a detector does at one threshold of its score."""
+"""Average precision, and the operating point at one threshold of the score."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def average_precision(found: Matched) -> float | None:
 def nuscenes_precision(found: Matched) -> float | None:
     """Return the average precision as nuScenes defines it (Caesar et al. 2020), 0..1.
 
-    The precision, interpolated at 101 levels of recall, above 10 % of recall and as far as it is
-    above 10 %.
+    It is the mean of the excess of precision over 10 %, interpolated at 101 levels of recall, for
+    recalls above 10 %, scaled to 0..1.
     """
     if not found.total:
         return None
@@ -43,13 +43,13 @@ def nuscenes_precision(found: Matched) -> float | None:
 
 @dataclass(frozen=True)
 class Operation:
-    """What a detector does when boxes below a score are left out.
+    """Performance of a detector without the boxes below a score.
 
     Attributes:
         score: the threshold.
         precision: share of its boxes that are right.
         recall: share of the objects that are found.
-        false_alarms_per_frame: wrong boxes a frame.
+        false_alarms_per_frame: wrong boxes per frame.
     """
 
     score: float
@@ -65,17 +65,17 @@ class Operation:
 
 
 def best_operation(found: Matched, score: NDArray[np.float64], frames: int) -> Operation | None:
-    """Return the threshold with the best F1; None where nothing is found or to be found.
+    """Return the threshold with the best F1; None without objects or matches.
 
     Args:
         found: detections of a class.
-        score: (N,) of every detection.
-        frames: how many frames there are.
+        score: (N,) score of every detection.
+        frames: number of frames.
     """
     if not found.total or not found.right.any():
         return None
     scores = score[found.detection]
-    last = np.append(scores[1:] < scores[:-1], True)  # boxes of one score stay or go together
+    last = np.append(scores[1:] < scores[:-1], True)  # a threshold cannot separate equal scores
     hits = np.cumsum(found.right)
     count = np.arange(1, len(hits) + 1)
     f1 = np.where(last, 2 * hits / (count + found.total), -1.0)
@@ -91,7 +91,7 @@ def best_operation(found: Matched, score: NDArray[np.float64], frames: int) -> O
 def recall_at_false_alarms(
     found: Matched, score: NDArray[np.float64], frames: int, per_frame: float
 ) -> float | None:
-    """Return the most recall with at most so many false alarms a frame; None without objects."""
+    """Return the best recall with at most ``per_frame`` false alarms; None without objects."""
     if not found.total:
         return None
     if not len(found.right):
@@ -110,18 +110,18 @@ def resampled_precision(
     objects_of_frame: NDArray[np.int64],
     draws: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Return the average precision (D,) had frames been drawn so often; NaN without objects.
+    """Return the average precision (D,) for resampled frames; NaN without objects.
 
     Args:
         found: detections of a class.
-        detection_frame: (N,) of every detection.
-        objects_of_frame: (F,) objects to be found in each frame.
+        detection_frame: (N,) frame of every detection.
+        objects_of_frame: (F,) number of objects to be found in each frame.
         draws: (D, F) how often each frame is drawn.
     """
     hits_at = np.flatnonzero(found.right)
     if not len(hits_at):
         return np.where(draws @ objects_of_frame > 0, 0.0, np.nan)
-    # What comes after the last object that is found changes nothing.
+    # Detections after the last match do not change the result.
     upto = hits_at[-1] + 1
     frame = detection_frame[found.detection[:upto]]
     right = found.right[:upto]

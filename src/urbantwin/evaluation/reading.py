@@ -1,4 +1,4 @@
-"""Detections beside the labelled frames of a recording, read frame by frame."""
+"""Reading of the labelled frames of a recording beside detections."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["Seen", "read_labelled", "shared_frames"]
 
-#: Boxes whose points in plan are this far above or below, metres, are not of these points.
+#: Boxes this far above or below the points at their position belong to another frame, metres.
 _APART_M = 1.0
-#: That many of them say that all are in another frame.
+#: Share and number of such boxes from which all detections are in another frame.
 _MOST, _FEWEST = 0.9, 10
 
 
@@ -32,14 +32,14 @@ class Seen:
     """Detections and labels of the same frames.
 
     Attributes:
-        detections: of the labelled frames alone.
-        truth: the labels of the same frames.
-        number: (frames,) which frame of the recording each is.
-        in_view: (N,) of every detection, whether it stands where all is labelled.
-        num_points: (N,) points in it.
-        range_m: (N,) from the nearest sensor, in plan.
-        view: where all is labelled, in words.
-        notes: what a reader of figures must know.
+        detections: detections of the labelled frames.
+        truth: labels of the same frames.
+        number: (frames,) number of each frame in the recording.
+        in_view: (N,) whether each detection is in the labelled region.
+        num_points: (N,) points in each detection.
+        range_m: (N,) distance from the nearest sensor in plan, metres.
+        view: description of the labelled region.
+        notes: notes that qualify the results.
     """
 
     detections: Detections
@@ -53,12 +53,12 @@ class Seen:
 
 
 def shared_frames(found: Sequence[str], recorded: Sequence[str], path: Path) -> dict[int, int]:
-    """Return number of a recording's frame -> number of the same frame among the detections'.
+    """Return the recording's frame number -> frame number of the detections, for common frames.
 
-    Names are compared as they are, then without endings, then by the number that they end with.
+    Names are compared literally, then without suffixes, then by the number at their end.
 
     Raises:
-        InputError: no frame is in both.
+        InputError: there is no common frame.
     """
     keys: tuple[Callable[[str], str], ...] = (str, lambda name: name.split(".")[0], frame_number)
     for key in keys:
@@ -89,18 +89,18 @@ def read_labelled(
     most_m: float | None = None,
     tell: Progress = untold,
 ) -> Seen:
-    """Read the frames that have both labels and predictions.
+    """Read the frames that have both labels and detections.
 
     Args:
-        detections: of any frames.
-        recording: with labels.
-        fewest_points: boxes with fewer do not count.
-        most_m: objects farther from every sensor do not count, nor do detections there.
-        tell: how far it is.
+        detections: detections of any frames.
+        recording: a recording with labels.
+        fewest_points: labelled boxes with fewer points do not count.
+        most_m: maximum distance of counted objects and detections from the nearest sensor, metres.
+        tell: called with the progress.
 
     Raises:
-        InputError: no frame is in both, none has labels, a file is bad, or the detections are in
-            another frame.
+        InputError: there is no common frame, no frame has labels, a file is invalid, or the
+            detections are in another frame of reference.
     """
     shared = shared_frames(detections.frames, recording.names, recording.path)
     view = view_of(recording)
@@ -194,10 +194,10 @@ def _ranges(boxes: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
 def _points_in(
     points: NDArray[np.float64], boxes: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return of boxes (N, 7) the points in them, and how far those in plan are above them.
+    """Return the number of points in each box (N, 7), and the height of points above the box.
 
-    The latter is 0 where points of the same place in plan are as high as the box, and NaN where
-    there are none.
+    The height is that of the nearest point outside in plan, negative below the box; 0 if points are
+    inside, and NaN without points in plan.
     """
     counts, above = np.zeros(len(boxes), np.int64), np.full(len(boxes), np.nan)
     order = np.argsort(points[:, 0])
@@ -220,7 +220,7 @@ def _points_in(
 
 
 def _refuse_other_frame(frames: Sequence[_FrameSeen], detections: Detections) -> None:
-    """Refuse boxes that nearly all lie far above or below the points."""
+    """Raise an error if nearly all boxes lie far above or below the points."""
     above = np.concatenate([one.above_m for one in frames])
     known = above[~np.isnan(above)]
     if len(known) < _FEWEST or (np.abs(known) > _APART_M).mean() < _MOST:

@@ -1,4 +1,4 @@
-"""What ``evaluation.json`` holds, and the folder with its page and pictures."""
+"""Contents of ``evaluation.json``, and the report folder with its page and pictures."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ DEFINITIONS: dict[str, str] = {
 }
 
 
-#: Of every class that is judged, apart for people who see no red or no green (Okabe and Ito).
+#: Colours of the classes, distinguishable by colour-blind people (Okabe and Ito).
 CLASS_COLOURS = {
     "car": "#0072b2",
     "truck": "#e69f00",
@@ -78,7 +78,7 @@ CLASS_COLOURS = {
 
 
 def draw_figures(figures: Figures, path: Path) -> None:
-    """Write the picture as a PNG."""
+    """Write the picture of the results as PNG."""
     figure = blank(15, 4.6)
     grid = figure.add_gridspec(1, 3, left=0.045, right=0.985, top=0.8, bottom=0.12, wspace=0.18)
     legend(
@@ -112,7 +112,7 @@ def _curves(axes: Axes, figures: Figures) -> None:
 
 
 def _by(axes: Axes, figures: Figures, kind: str, title: str) -> None:
-    """Draw the share that is found at the best threshold, a line for each class."""
+    """Draw the share of objects found at the best threshold, one line per class."""
     plain(axes, title)
     bins = list(
         dict.fromkeys(
@@ -134,9 +134,9 @@ def _by(axes: Axes, figures: Figures, kind: str, title: str) -> None:
 
 _COLUMNS = 4
 _FOUND = COLOURS["synthetic"]
-#: Half the edge of a picture: at least this, or so many times the length, metres.
+#: Half the edge of a picture: the larger of a minimum (metres) and a multiple of the box length.
 _LEAST_M, _TIMES = 5.0, 1.2
-#: Above the lowest point about it, so that what is on the ground stands out, metres.
+#: Points higher than this above the ground are drawn darker, metres.
 _GROUND_M = 0.2
 
 
@@ -149,9 +149,9 @@ def draw_cases(
     """Draw cases, each from above and from the side.
 
     Args:
-        cases: at least one.
-        figures: whose labels and detections are drawn.
-        recording: whose points.
+        cases: at least one case.
+        figures: results with the labels and detections to draw.
+        recording: recording with the points.
         path: the PNG to write.
     """
     rows = -(-len(cases) // _COLUMNS)
@@ -210,7 +210,7 @@ def _draw(
     for box, colour, width in _boxes(one, figures):
         away = np.hypot(*(box[:2] - one.box[:2]))
         if away > 1.5 * reach + box[3:5].sum() / 2:
-            continue  # out of both pictures: of a poor detector hundreds are
+            continue  # outside of both pictures; poor detectors have hundreds
         corners = box_corners(box)
         above.add_patch(Polygon(corners[:4, :2], fill=False, edgecolor=colour, linewidth=width))
         nose = box[:2] + np.array([np.cos(box[6]), np.sin(box[6])]) * box[3] / 2
@@ -231,7 +231,7 @@ def _draw(
 
 
 def _boxes(one: Case, figures: Figures) -> list[tuple[NDArray[np.float64], str, float]]:
-    """Return the boxes of the frame with their colours and widths, the case's own last."""
+    """Return the boxes of the frame with colours and line widths; the case's own box is last."""
     truth, found = figures.seen.truth, figures.seen.detections
     own = figures.classes[one.class_name]
     drawn: list[tuple[NDArray[np.float64], str, float]] = []
@@ -247,7 +247,7 @@ def _boxes(one: Case, figures: Figures) -> list[tuple[NDArray[np.float64], str, 
 
 
 KIND = "evaluation"
-#: So many misses and so many false alarms are drawn.
+#: Number of misses and of false alarms drawn.
 _SHOWN = 8
 _TITLES = {"bev_iou": "BEV IoU {:g}", "iou_3d": "3D IoU {:g}", "distance_m": "within {:g} m"}
 
@@ -262,14 +262,14 @@ def write_evaluation(
     """Write ``evaluation.json``, ``evaluation.html`` and ``pictures/`` into a folder.
 
     Args:
-        folder: where.
-        figures: of all classes.
-        recording: whose points are drawn.
-        told: names of predictions and data, and the settings.
-        semantic: what `semantic.judged_semantic` says.
+        folder: output folder.
+        figures: results of all classes.
+        recording: recording with the points.
+        told: names of the detections and data, and the settings.
+        semantic: result of `semantic.judged_semantic`.
 
     Returns:
-        What ``evaluation.json`` holds.
+        The contents of ``evaluation.json``.
     """
     seen = figures.seen
     pictures = folder / "pictures"
@@ -329,7 +329,7 @@ def write_evaluation(
 
 
 def in_short(report: Mapping[str, Any]) -> str:
-    """Return the headline: every class at its distance and at an overlap of a half, in per cent."""
+    """Return the headline: precision per class at its distance and at half overlap, in %."""
     points, said = report["semantic"], []
     of_points = f"classes of points: mean IoU {_percent(points['mean_iou'])}" if points else ""
     if points and not any(row["detections"] for row in report["classes"].values()):

@@ -1,7 +1,7 @@
-"""Classes of points against labelled ones: intersection over union of each, and their mean.
+"""Evaluation of semantic classes of points: intersection over union per class, and its mean.
 
-As SemanticKITTI judges (Behley et al. 2019): over the points of all frames together; points whose
-label says nothing do not count. A class counts in the mean where any point is labelled with it.
+As in SemanticKITTI (Behley et al. 2019), values are over the points of all frames; unlabelled
+points do not count. The mean is over the classes with labelled points.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["confusion_of", "judged_semantic"]
 
-#: Labels that say nothing: unlabelled, outlier.
+#: Labels that do not count: unlabelled, outlier.
 _NOTHING = (0, 1)
 _IDS = 256
 
@@ -27,12 +27,12 @@ _IDS = 256
 def confusion_of(
     labelled: NDArray[np.int64], said: NDArray[np.int64], looked_at: NDArray[np.bool_] | None = None
 ) -> NDArray[np.int64]:
-    """Return how many points of each class (rows) are said to be of each (columns), (256, 256).
+    """Return the confusion matrix (256, 256): labelled classes (rows), predicted (columns).
 
     Args:
-        labelled: (N,) ids.
-        said: (N,) ids.
-        looked_at: (N,) which points count; all if not given.
+        labelled: (N,) labelled ids.
+        said: (N,) predicted ids.
+        looked_at: (N,) mask of the points that count; all if not given.
     """
     counts = (labelled < _IDS) & (said < _IDS) & ~np.isin(labelled, _NOTHING)
     if looked_at is not None:
@@ -45,18 +45,18 @@ def confusion_of(
 def judged_semantic(
     detections: Path, recording: Recording, tell: Progress
 ) -> dict[str, Any] | None:
-    """Return the figures of classes of points; None where either side says nothing of them.
+    """Return the values of semantic classes; None without labels or predictions.
 
-    Points that the model did not look at (beyond its range, far above the ground) do not count;
-    ``looked_at`` is the share of labelled points that it did look at.
+    Points that the model did not process (beyond its range, far above the ground) do not count;
+    ``looked_at`` is the share of labelled points that were processed.
 
     Args:
-        detections: a folder of ours.
+        detections: a folder of detections.
         recording: the labelled frames.
-        tell: called with the share that is done.
+        tell: called with the fraction done.
 
     Raises:
-        InputError: the labels are of another number of points.
+        InputError: the predictions are of another number of points.
     """
     if not (detections / "semantic").is_dir():
         return None

@@ -1,4 +1,4 @@
-"""Detections that were followed, against labelled tracks: HOTA, MOTA and IDF1.
+"""Evaluation of tracked detections against labelled tracks: HOTA, MOTA and IDF1.
 
 Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"; Bernardin
 and Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics";
@@ -20,9 +20,9 @@ from urbantwin.evaluation.evaluate import Figures, Judged
 
 __all__ = ["ALPHAS", "Moment", "clear_mot", "hota", "identities", "judged_tracks"]
 
-#: Similarities at which HOTA localises.
+#: Localisation thresholds of HOTA.
 ALPHAS = np.arange(0.05, 0.99, 0.05)
-#: As similar as this is the same object for MOTA and IDF1: as near as detections have to be.
+#: Minimum similarity for MOTA and IDF1: the distance criterion of detections.
 _SAME = 0.5
 _EPS = np.finfo(np.float64).eps
 
@@ -32,8 +32,8 @@ class Moment:
     """One frame.
 
     Attributes:
-        labelled: (G,) numbers of labelled tracks, 0 on without gaps over all frames.
-        followed: (T,) numbers of detected ones, too.
+        labelled: (G,) numbers of labelled tracks, consecutive from 0 over all frames.
+        followed: (T,) numbers of detected tracks, likewise.
         similarity: (G, T) 0..1.
     """
 
@@ -43,14 +43,14 @@ class Moment:
 
 
 def judged_tracks(figures: Figures) -> dict[str, Any] | None:
-    """Return the figures of the tracks of each class; None where either side has none.
+    """Return the tracking values of each class; None without labelled or detected tracks.
 
-    Two boxes are as similar as their centres are near in plan: 1 at the same place, 0.5 where
-    detections just count (1 m; trucks, buses 2 m), 0 twice as far away. Detections below the
-    score of the best F1 are left out, and those of objects that do not count.
+    The similarity of two boxes depends on the distance of their centres in plan: 1 at the same
+    position, 0.5 at the limit of the distance criterion (1 m; trucks, buses 2 m), 0 at twice the
+    limit. Detections below the score of the best F1 or on objects that do not count are left out.
 
     Args:
-        figures: of all classes.
+        figures: results of all classes.
     """
     seen = figures.seen
     if not (seen.truth.track >= 0).any() or not (seen.detections.track >= 0).any():
@@ -95,7 +95,8 @@ def _moments(figures: Figures, name: str, judged: Judged) -> list[Moment]:
         similarity[np.searchsorted(theirs, second[here]), np.searchsorted(ours, first[here])] = (
             alike[here]
         )
-        # Whoever belongs to what does not count is left out, and wrong ones where nothing counts.
+        # Detections on objects that do not count, and wrong ones outside of the labelled region,
+        # are excluded.
         rows, columns = _assigned(np.where(similarity >= _SAME - _EPS, similarity, 0.0))
         left = excused[ours]
         left[columns] = ~asked[theirs[rows]]
@@ -116,21 +117,21 @@ def _moments(figures: Figures, name: str, judged: Judged) -> list[Moment]:
 
 
 def _assigned(worth: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of the best assignment that are worth anything."""
+    """Return the pairs of the best assignment with a positive value."""
     rows, columns = linear_sum_assignment(-worth)
     real = worth[rows, columns] > 0
     return rows[real], columns[real]
 
 
 def _counts(moments: Sequence[Moment]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return in how many frames each labelled and each detected track is."""
+    """Return the number of frames of each labelled and each detected track."""
     labelled = np.bincount(np.concatenate([one.labelled for one in moments]))
     followed = np.bincount(np.concatenate([one.followed for one in moments]))
     return labelled.astype(np.float64), followed.astype(np.float64)
 
 
 def _summed(moments: Sequence[Moment], values: Iterable[NDArray[Any]]) -> NDArray[np.float64]:
-    """Return the sum over frames of values (G, T) for each labelled and each detected track."""
+    """Return the sum over frames of values (G, T) for each pair of labelled and detected tracks."""
     labelled, followed = _counts(moments)
     found = np.zeros((len(labelled), len(followed)))
     for one, value in zip(moments, values, strict=True):
@@ -139,7 +140,7 @@ def _summed(moments: Sequence[Moment], values: Iterable[NDArray[Any]]) -> NDArra
 
 
 def _among_all(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much of what both of a pair are similar to is each other."""
+    """Return the share of each pair in the total similarity of its two members."""
     sums = similarity.sum(0)[None, :] + similarity.sum(1)[:, None] - similarity
     return np.asarray(np.divide(similarity, sums, out=np.zeros_like(sums), where=sums > _EPS))
 
@@ -148,7 +149,7 @@ def hota(moments: Sequence[Moment]) -> dict[str, float]:
     """Return HOTA and its parts, DetA and AssA, each the mean over `ALPHAS`.
 
     Args:
-        moments: in their order, at least one label among them.
+        moments: frames in order, with at least one label.
     """
     labelled, followed = _counts(moments)
     shared = _summed(moments, (_among_all(one.similarity) for one in moments))
@@ -174,10 +175,10 @@ def hota(moments: Sequence[Moment]) -> dict[str, float]:
 
 
 def clear_mot(moments: Sequence[Moment]) -> dict[str, float | int]:
-    """Return MOTA, the mean similarity of what is found (MOTP), and how often tracks swap.
+    """Return MOTA, the mean similarity of matches (MOTP), and the number of identity swaps.
 
     Args:
-        moments: in their order, at least one label among them.
+        moments: frames in order, with at least one label.
     """
     last: dict[int, int] = {}
     before: dict[int, int] = {}
@@ -204,14 +205,14 @@ def clear_mot(moments: Sequence[Moment]) -> dict[str, float | int]:
 
 
 def identities(moments: Sequence[Moment]) -> dict[str, float]:
-    """Return IDF1: of the best assignment of whole tracks.
+    """Return IDF1, from the best assignment of whole tracks.
 
     Args:
-        moments: in their order, at least one label among them.
+        moments: frames in order, with at least one label.
     """
     labelled, followed = _counts(moments)
     shared = _summed(moments, (one.similarity >= _SAME - _EPS for one in moments))
-    # Fewest wrong frames is most right ones: a track that is assigned to none loses nothing more.
+    # Maximising right frames minimises wrong ones: an unassigned track adds no further loss.
     rows, columns = linear_sum_assignment(-shared)
     right = shared[rows, columns].sum()
     return {"idf1": float(2 * right / max(1.0, labelled.sum() + followed.sum()))}

@@ -1,4 +1,4 @@
-"""What is labelled in frames, and which of it a detector has to find."""
+"""Labelled objects of frames, and which of them a detector has to find."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from urbantwin.evaluation.criterion import JUDGED
 
 __all__ = ["FEWEST_POINTS", "Truth", "counted_objects", "counting", "roles_of", "why_not"]
 
-#: Boxes with fewer points neither help nor hurt.
+#: Boxes with fewer points are neutral.
 FEWEST_POINTS = 5
-#: What data sets call objects that they themselves do not know.
+#: Names in datasets of objects of unknown class.
 _UNKNOWN = {"unknown", "misc", "dontcare", "unknownunmovable", "unknownmovable", "other"}
-#: Too like a class to be wrong for it, too unlike to be asked for: of every data set, and of KITTI
-#: (Geiger et al. 2012, the development kit: neighbouring classes are not counted).
+#: Classes whose objects are neutral for a similar class: in all datasets, and in KITTI (Geiger et
+#: al. 2012, the development kit: neighbouring classes are not counted).
 _LIKE = {"tram": ("truck", "bus")}
 _LIKE_IN_KITTI = {"van": ("car",), "personsitting": ("pedestrian",)}
 
@@ -28,16 +28,16 @@ class Truth:
 
     Attributes:
         frames: names of the frames.
-        time_s: (frames,) when each was taken, seconds; NaN where nothing says.
-        frame: (L,) which of ``frames``.
+        time_s: (frames,) time of each frame, seconds; NaN if unknown.
+        frame: (L,) index in ``frames``.
         box: (L, 7) centre, size, yaw in the frame of the points.
-        class_names: (L,) classes of actors, or ``other``.
-        source_names: (L,) as the data calls them.
-        track: (L,) the object's number; -1 where the data does not follow it.
-        num_points: (L,) points in each.
-        occlusion: (L,) 0..1, NaN where it is not known.
-        ignored: (L,) why each does not count, empty where it does.
-        range_m: (L,) from the nearest sensor to its centre, in plan.
+        class_names: (L,) actor classes, or ``other``.
+        source_names: (L,) class names of the dataset.
+        track: (L,) number of the object; -1 without a track.
+        num_points: (L,) points in each box.
+        occlusion: (L,) 0..1, NaN if unknown.
+        ignored: (L,) reason why an object does not count, empty if it does.
+        range_m: (L,) distance from the nearest sensor to the centre in plan, metres.
     """
 
     frames: tuple[str, ...]
@@ -53,7 +53,7 @@ class Truth:
     range_m: NDArray[np.float64]
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of objects."""
         return len(self.frame)
 
 
@@ -65,7 +65,7 @@ def why_not(
     fewest_points: int = FEWEST_POINTS,
     most_m: float | None = None,
 ) -> tuple[str, ...]:
-    """Return of every box why it does not count: the data's reason, or ours; empty if it does."""
+    """Return the reason why each box does not count, the dataset's or ours; empty if it counts."""
     reasons = list(marked) if marked is not None else [""] * len(num_points)
     for index, (points, away) in enumerate(zip(num_points, range_m, strict=True)):
         if reasons[index]:
@@ -78,7 +78,7 @@ def why_not(
 
 
 def counted_objects(truth: Truth) -> frozenset[tuple[str, int]]:
-    """Return frame and track of every object that counts and is followed."""
+    """Return frame and track of every tracked object that counts."""
     return frozenset(
         (truth.frames[frame], track)
         for frame, track, ignored in zip(
@@ -89,14 +89,14 @@ def counted_objects(truth: Truth) -> frozenset[tuple[str, int]]:
 
 
 def counting(truth: Truth, objects: Collection[tuple[str, int]]) -> Truth:
-    """Return the same objects, of which those count that are named, however few points they have.
+    """Return the same objects, of which only the named ones count, whatever their points.
 
-    Two recordings of one motion are judged by the same objects so: what one of them does not see
-    counts as missed, and not as not to be found.
+    Two recordings of one motion are evaluated on the same objects in this way: an object that one
+    recording does not see is missed instead of ignored.
 
     Args:
-        truth: of one of them.
-        objects: frame and track of those that count.
+        truth: labels of one recording.
+        objects: frame and track of the objects that count.
     """
     keys = zip(truth.frame.tolist(), truth.track.tolist(), truth.ignored, strict=True)
     ignored = tuple(
@@ -107,15 +107,15 @@ def counting(truth: Truth, objects: Collection[tuple[str, int]]) -> Truth:
 
 
 def roles_of(truth: Truth, class_name: str, *, layout: str, vans: bool) -> NDArray[np.int64]:
-    """Return what each labelled object (L,) is when a class is judged.
+    """Return the role of each labelled object (L,) in the evaluation of a class.
 
-    1: to be found. -1: neither to be found nor wrong to be found. 0: another thing.
+    1: to be found. -1: neutral. 0: an object of another class.
 
     Args:
         truth: the objects.
         class_name: one of ``JUDGED``.
-        layout: of the recording: KITTI's neighbouring classes do not count.
-        vans: count KITTI's vans as cars, as those of all other data sets.
+        layout: layout of the recording: KITTI's neighbouring classes are neutral.
+        vans: count KITTI's vans as cars, as in all other datasets.
     """
     members = JUDGED[class_name]
     roles = np.zeros(len(truth), np.int64)

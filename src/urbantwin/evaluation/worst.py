@@ -1,4 +1,4 @@
-"""The misses and the false alarms that are hardest to excuse."""
+"""The worst misses and false alarms."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from urbantwin.evaluation.false_alarms import REASONS
 
 __all__ = ["Case", "worst_false_alarms", "worst_misses"]
 
-#: False alarms nearer to each other than this are shown once, metres.
+#: False alarms nearer to each other are shown once, metres.
 _APART_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One object that was not found, or one box where it should not be.
+    """A missed object or a false alarm.
 
     Attributes:
-        class_name: of the object, or as it was detected.
-        frame: which of the frames that were judged.
-        box: (7,) of the object or of the wrong detection.
-        range_m: from the nearest sensor.
-        num_points: in the box.
-        score: of a wrong detection; None for a miss.
-        told: what is said of it.
+        class_name: class of the object, or the detected class.
+        frame: index of the evaluated frame.
+        box: (7,) box of the object or of the wrong detection.
+        range_m: distance from the nearest sensor, metres.
+        num_points: points in the box.
+        score: score of a wrong detection; None for a miss.
+        told: explanation for the report.
     """
 
     class_name: str
@@ -42,7 +42,7 @@ class Case:
     told: str
 
     def row(self, frames: Sequence[str]) -> dict[str, Any]:
-        """Return it for the report."""
+        """Return the case as a row of the report."""
         return {
             "class": self.class_name,
             "frame": frames[self.frame],
@@ -55,10 +55,10 @@ class Case:
 
 
 def worst_misses(figures: Figures, most: int) -> list[Case]:
-    """Return objects that were not found at the best threshold: those with most points first.
+    """Return objects missed at the best threshold, those with most points first.
 
-    Points are compared within a class; classes take turns; what is the same object in several
-    frames is told once.
+    Points are compared within a class, and classes alternate; an object missed in several frames is
+    listed once.
     """
     truth = figures.seen.truth
     same = same_objects(truth)
@@ -76,7 +76,7 @@ def worst_misses(figures: Figures, most: int) -> list[Case]:
 
 
 def _single(figures: Figures) -> Iterable[Judged]:
-    """Return the classes without the one of all large vehicles: its members are there."""
+    """Return the classes without "large", whose members are evaluated on their own."""
     named = [one for name, one in figures.classes.items() if name != "large"]
     return named or figures.classes.values()
 
@@ -117,7 +117,7 @@ def _miss(figures: Figures, one: Judged, row: int) -> Case:
 
 
 def worst_false_alarms(figures: Figures, most: int) -> list[Case]:
-    """Return wrong detections by falling score, one for each place."""
+    """Return wrong detections by falling score, one per position."""
     seen = figures.seen
     wrong = [
         (float(seen.detections.score[detection]), detection, one.name, reason)

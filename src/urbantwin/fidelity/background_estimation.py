@@ -1,4 +1,4 @@
-"""Estimating the static background from frames of sensors that do not move."""
+"""Estimation of the static background from frames of fixed sensors."""
 
 from __future__ import annotations
 
@@ -25,24 +25,26 @@ from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
 
 __all__ = ["LEAST_FRAMES", "measure_recording", "measured_backgrounds"]
 
-#: Tells which places (N, 3) are of traffic that waits (N,).
+#: Function that returns the mask (N,) of the positions (N, 3) that belong to waiting traffic.
 Waits = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
-#: Of a range there are two looks at least: what sends back every second look is met so often in
-#: 99 of 100 cases (binomial), and found to stand still in nine of ten.
+#: Minimum number of frames. A range needs two returns: a surface that returns every second beam
+#: yields them in 99 of 100 cases (binomial), and is recognised as static in nine of ten.
 LEAST_FRAMES = 11
-#: This share of the points is of what stands still, or the sensor does not: of 24 frames of a car's
-#: sensor in different streets (KITTI) 44 %, of simulated fixed sensors more than 90 %.
+#: Minimum share of the points on static surfaces, else the sensor moves: 44 % in 24 frames of a
+#: car's sensor in different streets (KITTI), more than 90 % for simulated fixed sensors.
 _LEAST_STILL = 0.6
-#: Beams of two frames end alike within this, metres: of a fixed sensor (simulated, with traffic) 96
-#: to 98 % do, of two places 32 %, and 33 to 48 % where it went 2 m or turned by 5 degrees.
+#: Ranges of a beam in two frames agree within this, metres: 96 to 98 % do for a fixed sensor
+#: (simulated, with traffic), 32 % for two places, and 33 to 48 % if the sensor moved by 2 m or
+#: turned by 5 degrees.
 _ALIKE_M = 0.3
-#: A frame is of another place where it is less like a quarter of the others than this share of how
-#: alike any two are; no more than this share of the frames may be (a bus before the sensor).
+#: A frame shows another place if the lower quartile of its agreement with the other frames is below
+#: this share of the best agreement of two frames. At most this share of the frames may (a bus in
+#: front of the sensor).
 _LEAST_ALIKE, _MOST_ELSEWHERE = 0.65, 0.1
 
-#: Looks of a sensor that are kept at a time; of longer recordings, frames spread evenly.
+#: Maximum number of returns per sensor in memory; longer recordings are sampled evenly.
 _MOST_LOOKS = 30_000_000
-#: Fewer points than this share on a sensor's beams: it is another sensor, or another frame.
+#: Minimum share of the points on beams of the sensors, else sensor or frame of reference are wrong.
 _LEAST_ON = 0.5
 
 
@@ -55,24 +57,24 @@ def measured_backgrounds(
     interval_s: float | None = None,
     file: Path | None = None,
 ) -> list[MeasuredBackground]:
-    """Return per-beam statistics of what stands still, for each sensor.
+    """Return per-beam statistics of the static background for each sensor.
 
-    The ranges of a beam are those of `range_modes.range_modes`: what frames see beyond is not
-    background, however long it stood there.
+    The ranges of a beam are those of `range_modes.range_modes`: a range beyond which frames have
+    returns is not background, however long it was occupied.
 
     Args:
-        frames: in the order of time; two looks of one beam in a frame count once.
-        sensors: that they are of.
-        intensity_scale: what the data call full scale; guessed if not given.
-        waits: of each sensor, what tells which places (N, 3) in its own frame are of traffic that
-            waits: no background, however long it stood there.
-        interval_s: from one frame to the next; a turn of the sensors if not given.
-        file: for errors.
+        frames: frames in order of time; two returns of one beam in a frame count once.
+        sensors: beams of the recording's sensors.
+        intensity_scale: full scale of the recorded intensity; estimated from its maximum if not
+            given.
+        waits: for each sensor, a function that returns the mask of the positions (N, 3) in the
+            sensor frame that belong to waiting traffic, which is excluded.
+        interval_s: time between frames, seconds; one rotation of the sensors if not given.
+        file: the recording, for errors.
 
     Raises:
-        InputError: fewer than `LEAST_FRAMES` frames, most points lie on no beam of the sensors,
-            or lie beyond their farthest range; most points are of nothing that stands still; or
-            frames are of several places.
+        InputError: fewer than `LEAST_FRAMES` frames, most points lie on no beam of the sensors or
+            beyond their maximum range, most points are not static, or frames show several places.
     """
     looks: list[list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]]] = [
         [] for _ in sensors
@@ -145,7 +147,7 @@ def _check_places(
     numbers: Sequence[int],
     file: Path | None,
 ) -> None:
-    """Refuse frames of several places, and of a sensor that went or turned meanwhile."""
+    """Raise an error if frames show several places, or the sensor moved or turned meanwhile."""
     met = np.zeros((len(looks), one.count), np.float32)
     for row, (beam, range_m, _) in zip(met, looks, strict=True):
         row[beam] = range_m
@@ -170,10 +172,10 @@ def _check_places(
 
 
 def _with_stirring(one: MeasuredBackground, stirring: Stirring, scale: float) -> MeasuredBackground:
-    """Return a background before which something stirs.
+    """Return a background with moving foliage.
 
-    Of looks that do not end there a farther surface has its share; that which went past a nearer
-    one were counted against it.
+    Frames whose return is foliage behind the nearest static surface are excluded from the shares of
+    the surfaces.
     """
     bright = (stirring.intensity / np.float32(scale)).clip(0, 1)
     nearest = np.where(one.share > 0, one.range_m, np.inf).min(axis=0).ravel()[stirring.beam]
@@ -187,14 +189,14 @@ def _with_stirring(one: MeasuredBackground, stirring: Stirring, scale: float) ->
 
 
 def _without_traffic(one: BeamsOf, modes: RangeModes, waits: Waits) -> RangeModes:
-    """Return the ranges without those of traffic that waits; beams of nothing else have none."""
+    """Return the ranges without waiting traffic; beams without another range have no background."""
     aim = one.directions.reshape(-1, 3)
     share = modes.share.copy()
     for mode in range(share.shape[1]):
         some = np.flatnonzero(share[:, mode] > 0)
         place = aim[some] * modes.range_m[some, mode, None]
         share[some[waits(place)], mode] = 0
-    # What is seen beyond it keeps its share of the looks, which nothing passing by obstructed.
+    # Ranges beyond keep their share of the returns: nothing that passed by obstructed them.
     gone = (share.sum(axis=1) == 0) & (modes.share.sum(axis=1) > 0)
     order = np.argsort(-share, axis=1, kind="stable")
     images = {
@@ -219,23 +221,22 @@ def measure_recording(
     interval_s: float | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Measure the static world from a recording and write it.
+    """Measure the static background of a recording and write it.
 
     Args:
-        real: a recording that `readers.open_recording` takes, of sensors that stand still.
-        sensors: that it is of.
-        out: the ``.npz`` to write.
-        intensity_scale: what the data call full scale; guessed if not given.
+        real: a recording of fixed sensors that `readers.open_recording` opens.
+        sensors: beams of the recording's sensors.
+        out: the ``.npz`` file to write.
+        intensity_scale: full scale of the recorded intensity; estimated if not given.
         waits: see `measured_backgrounds`.
         interval_s: see `measured_backgrounds`.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done and the current step.
 
     Returns:
-        How many frames were read, and for each sensor how many beams there are, have a
-        background and have several ranges, and how much of the looks at it came back.
+        The number of frames read, and for each sensor a summary (`described`).
 
     Raises:
-        InputError: the recording or the scale is not what it should be.
+        InputError: the recording or the intensity scale is invalid.
     """
     if intensity_scale is not None and not intensity_scale > 0:
         raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
@@ -277,7 +278,7 @@ def measure_recording(
 
 
 def described(one: MeasuredBackground) -> dict[str, Any]:
-    """Return what a person wants to know of a background."""
+    """Return a summary of a background: numbers of beams, and the mean share of returns."""
     known = one.known
     returned = one.returned[known]
     told = np.isfinite(returned)
@@ -297,7 +298,7 @@ def _modes(
     looks: list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]],
     frames: int,
 ) -> RangeModes:
-    """Return the ranges of a sensor's beams; empties the looks."""
+    """Return the ranges of a sensor's beams; clears ``looks`` to free memory."""
     number = np.repeat(np.arange(frames, dtype=np.int32), [len(beam) for beam, *_ in looks])
     beam, range_m, light = (np.concatenate(part) for part in zip(*looks, strict=True))
     looks.clear()

@@ -15,20 +15,20 @@ __all__ = ["LEAST_FRAMES", "Background"]
 
 #: Edge of the cells of directions, degrees.
 _CELL_DEG = 0.4
-#: Rings whose points lie within this in a cell are rings of a turning sensor, degrees.
+#: Rings are those of a rotating sensor if elevations within a cell differ by less, degrees.
 _LEVEL_DEG = 0.4
 
 
 class Background:
-    """The ranges at which something always stands, by direction from a fixed sensor.
+    """The ranges of static surfaces by direction from a fixed sensor.
 
-    Directions are those of ring and column where every frame has them, else cells of 0.4 degrees
-    of ring and azimuth or of elevation and azimuth. What stands in each is found by
-    `range_modes`: it needs a look beyond what waits, so a car that is parked all the time is
-    background, and so is one that waits at a red light from the first frame to the last.
+    Directions are those of ring and column if every frame has them, otherwise cells of 0.4 degrees
+    of ring and azimuth or of elevation and azimuth. The static ranges of each direction are found
+    by `range_modes`, which needs a return from beyond a waiting object. A car that is parked
+    throughout is background, and so is one that waits from the first frame to the last.
 
     Args:
-        frames: of a sensor that stands still, in the order of time, in one frame of reference.
+        frames: frames of a fixed sensor, in order of time and in one frame of reference.
 
     Raises:
         ValueError: fewer than ``LEAST_FRAMES`` frames.
@@ -56,10 +56,10 @@ class Background:
         )
 
     def foreground(self, frame: Frame) -> NDArray[np.bool_]:
-        """Return which points (N,) of a frame stand where nothing always does.
+        """Return the mask (N,) of a frame's points that are not on static surfaces.
 
-        What lies beyond everything static in its direction is background: it was hidden. Points
-        of which no ring is known do as those beside them.
+        Points beyond all static surfaces of their direction are background: those were hidden
+        before. Points without a ring are classified as their nearest neighbours.
         """
         on = _on_beam(frame)
         some = frame if on.all() else frame.only(on)
@@ -82,7 +82,7 @@ class Background:
 
 
 def _on_beam(frame: Frame) -> NDArray[np.bool_]:
-    """Return which points (N,) have a ring, where others of the frame have."""
+    """Return the mask (N,) of points with a ring; all points if no point of the frame has one."""
     if frame.ring is None or not (frame.ring >= 0).any():
         return np.ones(len(frame.points), np.bool_)
     return np.asarray(frame.ring >= 0)
@@ -96,7 +96,7 @@ def _on_beams(frame: Frame) -> Frame:
 def _seen(
     frame: Frame,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return sensor, range, elevation and azimuth (N,) of points as their sensors see them."""
+    """Return sensor, range, elevation and azimuth (N,) of points from their sensors, in degrees."""
     sensor = np.zeros(len(frame.points), np.int64)
     if frame.sensor is not None and len(frame.sensor_places) > 1:
         sensor = frame.sensor.clip(0, len(frame.sensor_places) - 1)
@@ -108,7 +108,7 @@ def _seen(
 
 
 def _turns(frames: list[Frame]) -> bool:
-    """Return whether rings are rings: of a sensor that draws patterns, their elevations are not."""
+    """Return whether rings have constant elevations, unlike those of sensors with scan patterns."""
     names, elevations = [], []
     for frame in frames:
         sensor, _, up, around = _seen(frame)

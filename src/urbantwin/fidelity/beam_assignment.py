@@ -1,4 +1,4 @@
-"""Assigning the points of a frame to the beams of a known sensor."""
+"""Assignment of a frame's points to the beams of a known sensor."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["BeamsOf", "beams_of_model", "beams_of_rig"]
 
-#: A point farther from every beam than this share of the beams' distance is not theirs.
+#: A point farther from every beam than this share of the beam spacing belongs to none.
 _ASIDE = 1.0
-#: Units of a model are built so alike, degrees of elevation.
+#: Tolerance of the elevations between units of a model, degrees.
 _UNIT_DEG = 0.5
 _FRAMES: dict[str, Literal["sensor", "level", "site"]] = {
     "sensor": "sensor",
@@ -36,13 +36,14 @@ class BeamsOf:
     """The beams of one sensor in the frame of a recording's points.
 
     Attributes:
-        name: of the sensor in its rig.
-        sensor: its model.
-        columns: per turn.
-        turns_per_second: of its head.
-        points_SE3_sensor: where it is in the frame of the points.
-        rolling: channels that fire later look farther on.
-        number: of its points where frames tell sensors apart; ``None``: all points are its.
+        name: name of the sensor in its rig.
+        sensor: model of the sensor.
+        columns: columns per rotation.
+        turns_per_second: rotations per second.
+        points_SE3_sensor: pose of the sensor in the frame of the points.
+        rolling: channels that fire later have a larger azimuth (rolling shutter).
+        number: the sensor's number in frames of several sensors; ``None``: all points are of this
+            sensor.
     """
 
     name: str
@@ -56,7 +57,7 @@ class BeamsOf:
 
     @property
     def count(self) -> int:
-        """How many beams there are."""
+        """Number of beams."""
         return self.sensor.channels * self.columns
 
     @property
@@ -71,9 +72,9 @@ class BeamsOf:
     def of(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         """Return points (M,) on beams, each beam once, those beams (M,), and all ranges (N,).
 
-        By ring, where the rings of the frame are the sensor's channels, in the order of their
-        elevation or as its maker numbers them: units differ a little from their model. Else by
-        the nearest direction.
+        Points are assigned by ring if the rings of the frame match the sensor's channels, in order
+        of elevation or in the manufacturer's order, since units differ slightly from their model.
+        Otherwise they are assigned to the nearest direction.
         """
         away = self.points_SE3_sensor.inverse().apply(frame.points)
         range_m: NDArray[np.float64] = np.linalg.norm(away, axis=1)
@@ -121,16 +122,16 @@ def beams_of_model(
     turns_per_second: float | None = None,
     pose: tuple[float, float, float, float, float, float] | None = None,
 ) -> BeamsOf:
-    """Return the beams of a model of the catalogue, or of a sensor's file.
+    """Return the beams of a sensor of the catalogue or of a sensor file.
 
     Args:
-        model: its name or file.
-        columns: per turn; the model's default if not given.
-        turns_per_second: of its head; the model's default if not given.
+        model: the model's name, or the file.
+        columns: columns per rotation; the model's default if not given.
+        turns_per_second: rotations per second; the model's default if not given.
         pose: x, y, z in metres and yaw, pitch, roll in degrees in the frame of the points.
 
     Raises:
-        InputError: no such model, it has no such columns, or it scans a pattern.
+        InputError: unknown model, unsupported number of columns, or a sensor with a scan pattern.
     """
     sensor = model_of(model)
     if sensor.pattern is not None:
@@ -154,17 +155,17 @@ def beams_of_rig(
     only: str | None = None,
     frame: str | None = None,
 ) -> list[BeamsOf]:
-    """Return the beams of a rig's sensors, or of one of them that recorded alone.
+    """Return the beams of all sensors of a rig, or of one of them.
 
     Args:
-        rig: placed on its twin.
-        only: the name of the sensor that the recording is of; all of the rig's if not given.
-        frame: that the points are in: ``sensor`` or ``level``, of the recording's first sensor, or
-            ``site``; as the rig says if not given.
+        rig: the rig, placed on its twin.
+        only: name of the sensor that recorded; all of the rig's if not given.
+        frame: frame of the points: ``sensor`` or ``level``, of the first of these sensors, or
+            ``site``; the rig's own setting if not given.
 
     Raises:
-        InputError: it rides, it has no such sensor, a sensor that moves or scans a pattern, or
-            there is no such frame.
+        InputError: the rig is mounted on an actor, there is no such sensor or frame, or a sensor
+            sways or has a scan pattern.
     """
     points_in = _FRAMES.get(frame or rig.frame)
     if points_in is None:

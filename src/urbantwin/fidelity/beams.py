@@ -1,4 +1,4 @@
-"""Beam by beam: how far ranges are apart, and whether the same beams return."""
+"""Comparison per beam: differences of ranges, and whether the same beams return."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urbantwin.fidelity.frame import Frame
 
 __all__ = ["AZIMUTH_CELL_DEG", "BeamAgreement", "beam_agreement", "beams_are_known"]
 
-#: Where columns are not known on both sides, beams of a ring are matched in cells so wide.
+#: Without known columns, beams of a ring are matched in azimuth cells of this width.
 AZIMUTH_CELL_DEG = 0.4
 
 
@@ -42,31 +42,30 @@ class BeamAgreement:
 
 
 def beams_are_known(real: Frame, synthetic: Frame) -> str | None:
-    """Return how beams can be matched: by ``column`` or ``azimuth``; None where they cannot.
+    """Return how beams can be matched, by ``column`` or ``azimuth``; None if they cannot be.
 
-    The number of beams (of sensors, and of rings that return anything) must be the same.
+    Both frames must have the same number of sensors, and of rings with returns.
     """
     if real.ring is None or synthetic.ring is None or _beams(real) != _beams(synthetic):
         return None
     if real.column is None or synthetic.column is None:
         return "azimuth"
-    # Firings of another rate, or numbered otherwise, are not the same column.
+    # columns of different firing rates or numberings do not match
     last = sorted((int(real.column.max()), int(synthetic.column.max())))
     return "column" if last[1] - last[0] <= 0.02 * max(last[1], 1) else "azimuth"
 
 
 def beam_agreement(real: Frame, synthetic: Frame) -> BeamAgreement | None:
-    """Compare two frames of one sensor beam by beam; None where beams are not known.
+    """Compare two frames of one sensor per beam; None if beams are unknown.
 
-    Rings are put in the order of their median elevation, sensor by sensor: data numbers them
-    from the top, from the bottom or as they fire. A beam is a ring and a column, or a ring and a
-    cell of azimuth as seen from the sensor (of several points in one, the nearest). What neither
-    frame ever returned is no beam here: rings or columns without any return do not count as
-    agreement.
+    Rings are sorted by their median elevation per sensor: datasets number them from the top, from
+    the bottom or in firing order. A beam is a ring and a column, or a ring and a cell of azimuth
+    (of several points in one, the nearest). Rings or columns without a return in either frame are
+    not counted.
 
     Args:
-        real: with ``ring`` and, if it has them, ``column`` and ``sensor``.
-        synthetic: the same sensor at the same place.
+        real: frame with ``ring`` and, if available, ``column`` and ``sensor``.
+        synthetic: frame of the same sensor at the same place.
     """
     how = beams_are_known(real, synthetic)
     if how is None:

@@ -51,16 +51,16 @@ class P95Hausdorff:
 
     @classmethod
     def of(cls, distances: NearestDistances) -> P95Hausdorff:
-        """Return the 95th percentiles (linear between ranks) of distances already known."""
+        """Return the 95th percentiles (linear between ranks) of known distances."""
         return cls(
             real_to_synthetic=float(np.percentile(distances.real_to_synthetic, 95)),
             synthetic_to_real=float(np.percentile(distances.synthetic_to_real, 95)),
         )
 
 
-#: Points of each cloud that the density-aware distance looks at.
+#: Maximum number of points of each cloud for the density-aware distance.
 DENSITY_POINTS = 20_000
-#: Distance over which a neighbour's worth falls to 1/e, metres (1 / alpha of the paper).
+#: Distance over which the weight of a neighbour falls to 1/e, metres (1 / alpha of the paper).
 DENSITY_SCALE_M = 1.0
 
 
@@ -115,12 +115,12 @@ def _one_way(a: PointTree, b: PointTree, scale_m: float) -> float:
     return float((1 - np.exp(-distance / scale_m) / crowd).mean())
 
 
-#: Points of each cloud that are assigned to each other.
+#: Maximum number of points of each cloud for the exact earth mover's distance.
 EARTH_MOVER_POINTS = 750
-#: Directions of the sliced distance, and quantiles that each slice is compared at.
+#: Directions of the sliced distance, and quantiles compared per slice.
 SLICES = 64
 SLICE_QUANTILES = 512
-#: More points than this are projected as a sample of so many.
+#: Maximum number of projected points; larger clouds are sampled.
 SLICE_POINTS = 20_000
 
 
@@ -175,9 +175,9 @@ def sliced_earth_mover(
 
 
 def _projected(points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where (N, 3) points lie along (S, 3) directions, (S, N).
+    """Return the coordinates (S, N) of (N, 3) points along (S, 3) directions.
 
-    Written out: a matrix product would depend on the number of threads in its last digits.
+    No matrix product is used: its last digits would depend on the number of threads.
     """
     x, y, z = np.ascontiguousarray(points.T)
     return np.asarray(direction[:, :1] * x + direction[:, 1:2] * y + direction[:, 2:] * z)
@@ -191,7 +191,7 @@ def _quantiles(values: NDArray[np.float64], level: NDArray[np.float64]) -> NDArr
     return values[:, ranks]
 
 
-#: Points of each cloud that are compared.
+#: Maximum number of points of each cloud for the mean discrepancy.
 DISCREPANCY_POINTS = 1_000
 #: Widths (sigma) of the Gaussian kernels whose mean is the kernel, metres.
 KERNEL_WIDTHS_M = (1.0, 4.0, 16.0)
@@ -242,7 +242,7 @@ def _mean_kernel(
     return float(np.mean(means))
 
 
-#: Points whose surroundings are described, and how many neighbours describe them.
+#: Sampled points whose neighbourhood is described, and the neighbours of each.
 SHAPE_POINTS = 3_000
 NEIGHBOURS = 16
 
@@ -274,11 +274,10 @@ def frechet(
 
 
 def frechet_places(real: NDArray[np.float64], synthetic: NDArray[np.float64]) -> float:
-    """Return the squared Frechet distance of the clouds' x, y, z themselves, square metres.
+    """Return the squared Frechet distance of the clouds' x, y, z, square metres.
 
-    The "Frechet point distance" of the published challenge: nine numbers a cloud, its mean and
-    covariance, decide it, and nothing else of the cloud does. An affine map of any cloud makes
-    it 0 (see ``challenge/``).
+    The "Frechet point distance" of the published challenge. It depends on nine numbers per cloud,
+    its mean and covariance. An affine map of any cloud makes it 0 (see ``challenge/``).
 
     Args:
         real: (N, 3) metres, N >= 1.
@@ -288,18 +287,18 @@ def frechet_places(real: NDArray[np.float64], synthetic: NDArray[np.float64]) ->
 
 
 def frechet_shapes(real: NDArray[np.float64], synthetic: NDArray[np.float64]) -> float | None:
-    """Return the squared Frechet distance of the local shape around points, no unit.
+    """Return the squared Frechet distance of the local shape around points, without unit.
 
-    The distance of Heusel et al. 2017 ("GANs trained by a two time-scale update rule", for
-    images; Shu et al. 2019 for clouds) with features that anybody can compute in place of a
-    network's: those of ``shape_features``. An affine map of the whole cloud does not make it 0.
+    The distance of Heusel et al. 2017 ("GANs trained by a two time-scale update rule", for images;
+    Shu et al. 2019 for clouds), with the reproducible features of ``shape_features`` instead of a
+    network's. An affine map of the whole cloud does not make it 0.
 
     Args:
         real: (N, 3) metres.
         synthetic: (M, 3) metres.
 
     Returns:
-        None where either cloud has no more than ``NEIGHBOURS`` points.
+        None if either cloud has no more than ``NEIGHBOURS`` points.
     """
     if min(len(real), len(synthetic)) <= NEIGHBOURS:
         return None
@@ -307,19 +306,19 @@ def frechet_shapes(real: NDArray[np.float64], synthetic: NDArray[np.float64]) ->
 
 
 def shape_features(points: NDArray[np.float64], seed: int = 0) -> NDArray[np.float64]:
-    """Return how points lie among their 16 nearest neighbours, (S, 5), S = min(N, 3000).
+    """Return the local shape around sampled points, (S, 5), S = min(N, 3000).
 
-    With l1 >= l2 >= l3 the roots of the eigenvalues of the neighbours' covariance: linearity
-    (l1 - l2) / l1, planarity (l2 - l3) / l1, scattering l3 / l1 (Demantke et al. 2011,
-    "Dimensionality based scale selection in 3D lidar point clouds"); verticality 1 - |n_z| of
-    the normal; and the natural logarithm of the neighbours' mean distance in metres.
+    With l1 >= l2 >= l3 the roots of the eigenvalues of the covariance of a point and its 16 nearest
+    neighbours: linearity (l1 - l2) / l1, planarity (l2 - l3) / l1, scattering l3 / l1 (Demantke et
+    al. 2011, "Dimensionality based scale selection in 3D lidar point clouds"); verticality 1 -
+    |n_z| of the normal; and the natural logarithm of the neighbours' mean distance in metres.
 
     Args:
         points: (N, 3) metres, N > ``NEIGHBOURS``.
-        seed: of the sample of points that are described; neighbours are sought among all.
+        seed: seed of the sample of described points; neighbours are searched among all points.
     """
     chosen = sample_rows(len(points), min(len(points), SHAPE_POINTS), seed)
-    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # soon built
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # fast to build
     distance, near = tree.query(points[chosen], k=NEIGHBOURS + 1, workers=threads())
     around = points[near] - points[near].mean(axis=1, keepdims=True)
     covariance = np.einsum("sni,snj->sij", around, around) / (NEIGHBOURS + 1)
@@ -338,7 +337,7 @@ def _of_samples(first: NDArray[np.float64], second: NDArray[np.float64]) -> floa
 def _moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (K,) and covariance (K, K) of (N, K) values.
 
-    Written out: a matrix product would depend on the number of threads in its last digits.
+    No matrix product is used: its last digits would depend on the number of threads.
     """
     mean = values.mean(axis=0)
     off = values - mean

@@ -1,4 +1,4 @@
-"""Reading clouds of any format; a folder of them in the order of its frames."""
+"""Reading of clouds in any format, and of folders of clouds in frame order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
     "usable_points",
 ]
 
-#: Coordinates beyond this are no metres near a sensor, but another layout read wrongly.
+#: Larger coordinates are not metres near a sensor but a layout read wrongly.
 _FARTHEST_M = 1e7
 
 
@@ -37,10 +37,10 @@ class Cloud:
 
     Attributes:
         points: (N, 3) float64, metres, N >= 1, all finite.
-        intensity: (N,) float64 on the file's own scale, or None where the file has none.
-        not_finite: points left out because a value was NaN or infinite.
-        no_return: points left out because they were exactly (0, 0, 0), which is how several
-            drivers write a beam without a return.
+        intensity: (N,) float64 on the file's own scale, or None if the file has none.
+        not_finite: number of points left out because a value was NaN or infinite.
+        no_return: number of points left out because they were exactly (0, 0, 0), which is how
+            several drivers write a beam without a return.
     """
 
     points: NDArray[np.float64]
@@ -52,7 +52,7 @@ class Cloud:
 def cloud_files(folder: Path) -> list[Path]:
     """Return the clouds in a folder, or in ``points/`` of one of our datasets.
 
-    Names are ordered as people count: ``frame_200`` stands before ``frame_1000``.
+    Numbers in names are sorted by value: ``frame_200`` comes before ``frame_1000``.
 
     Raises:
         InputError: the folder is missing, is no folder, or holds no clouds.
@@ -74,21 +74,21 @@ def cloud_files(folder: Path) -> list[Path]:
 
 
 def counting_order(path: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Return a key that sorts paths by name as people count: numbers by value."""
+    """Return a key that sorts paths by name, with numbers by value."""
     parts = re.findall(r"\d+|\D+", path.name)
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts], path.name
 
 
 def read_cloud(path: Path, columns: int | None = None) -> Cloud:
-    """Read one cloud: positions and intensity of what `io.points.read_fields` reads.
+    """Return positions and intensity of one cloud, in any format of `io.points.read_fields`.
 
     Args:
         path: the file.
-        columns: values per row of a ``.bin``; the others say it themselves.
+        columns: values per row of a ``.bin``; other formats state it.
 
     Raises:
-        InputError: not readable as what its name says, truncated, without x, y, z, or without
-            a single point.
+        InputError: the file does not match its format, is truncated, lacks x, y, z, or has no
+            points.
     """
     return _checked(path, *position_and_intensity(path, read_fields(path, columns)))
 
@@ -107,7 +107,7 @@ def _checked(
 
 @dataclass(frozen=True, eq=False)
 class UsablePoints:
-    """Which rows (N,) of a table are points, and how many are not, and why."""
+    """Mask (N,) of the usable rows of a table, and the numbers of rejected rows by reason."""
 
     rows: NDArray[np.bool_]
     not_finite: int
@@ -120,12 +120,12 @@ def usable_points(
     """Return which rows of (N, 3) coordinates are points.
 
     Args:
-        path: where they are from, for errors.
+        path: the file, for errors.
         table: x, y, z in metres.
-        intensity: (N,) whose NaN counts as well.
+        intensity: (N,) values that must be finite, too.
 
     Raises:
-        InputError: none is, or a coordinate is too large to be metres near a sensor.
+        InputError: no row is a point, or a coordinate is too large to be metres near a sensor.
     """
     finite = np.isfinite(table).all(axis=1)
     if intensity is not None:

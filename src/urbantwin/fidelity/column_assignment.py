@@ -1,4 +1,4 @@
-"""Which column of its ring each point is of: a sensor fires once in every column."""
+"""Assignment of points to the columns of their ring: a sensor fires once per column."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from urbantwin.lidar.pattern import beam_azimuths
 
 __all__ = ["columns_apart", "fired_columns"]
 
-#: Points nearer to each other than this, columns, are returns of one firing.
+#: Points nearer to each other are returns of one firing, columns.
 _SAME = 0.05
-#: No point is put farther than this from where it is, columns.
+#: Maximum displacement of a point, columns.
 _MOST = 1.0
 
 
@@ -27,10 +27,11 @@ def fired_columns(
 
     Args:
         ring: (N,) channels of the points.
-        azimuth: (N,) of the points, sensor frame, rad.
-        columns: in a turn.
-        model: says where channels look and which way it turns; none: clockwise, all alike.
-        turns_per_second: how far channels that fire later look on; 0: not at all.
+        azimuth: (N,) azimuths of the points in the sensor frame, rad.
+        columns: columns per rotation.
+        model: model with azimuth offsets and direction of rotation; None: clockwise without
+            offsets.
+        turns_per_second: rotation rate, which shifts channels that fire later; 0: no shift.
     """
     turned, clockwise = azimuth, True
     if model is not None:
@@ -43,17 +44,16 @@ def fired_columns(
 def columns_apart(
     ring: NDArray[np.integer], at: NDArray[np.float64], columns: int
 ) -> NDArray[np.int64]:
-    """Return the columns (N,) of points, of which as few as can be share one on their ring.
+    """Return the columns (N,) of points, with as few points as possible sharing one on a ring.
 
-    A motor does not turn evenly, and where a turn begins is not where the columns of another do:
-    of neighbours half a column apart from their middles two may be nearest to the same, and none to
-    the next. Then a few are put one column on, or back, in their order. Returns of one firing stay
-    together.
+    A motor does not rotate evenly, and column borders differ between rotations. Two neighbours half
+    a column off their centres may then be nearest to the same column. In this case a few are moved
+    one column up or down, in order. Returns of one firing stay together.
 
     Args:
-        ring: (N,) of each point.
-        at: (N,) where it is on it, columns from 0, not whole; round the turn where needed.
-        columns: in a turn.
+        ring: (N,) ring of each point.
+        at: (N,) fractional column of each point, from 0; it may exceed one rotation.
+        columns: columns per rotation.
     """
     turned = np.mod(at, columns)
     order = np.lexsort((turned, ring))
@@ -61,7 +61,7 @@ def columns_apart(
     starts = np.flatnonzero(np.diff(ring[order], prepend=ring[order[:1]] - 1))
     for rows in np.split(order, starts[1:]) if len(order) else []:
         place = turned[rows]
-        # Begin where the ring has its widest gap: there is no seam within a run of neighbours.
+        # Begin at the ring's widest gap, so that no seam lies within a run of neighbours.
         gap = np.diff(place, append=place[0] + columns)
         first = (int(gap.argmax()) + 1) % len(rows)
         place = np.concatenate([place[first:], place[:first] + columns])
@@ -73,7 +73,7 @@ def columns_apart(
 
 
 def _apart(place: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the columns (F,) of firings in their order."""
+    """Return the columns (F,) of firings, in order."""
     where, column = place.tolist(), np.rint(place).astype(np.int64).tolist()
     for k in np.flatnonzero(np.diff(column) == 0).tolist():
         ways = [way for step in (1, -1) if (way := _moved(where, column, k, step))]
@@ -86,13 +86,13 @@ def _apart(place: NDArray[np.float64]) -> NDArray[np.int64]:
 def _moved(
     where: list[float], column: list[int], k: int, step: int
 ) -> list[tuple[int, int]] | None:
-    """Return who is put where for ``k`` and the next to be apart; ``None`` where it is too far.
+    """Return the moves that separate firing ``k`` from the next; ``None`` if one is too large.
 
     Args:
-        where: firings are, columns.
-        column: that they have so far.
-        k: the first of two in one column.
-        step: 1: those after it go on; -1: it and those before go back.
+        where: fractional columns of the firings.
+        column: their columns so far.
+        k: the first of two firings in one column.
+        step: 1: later firings move up; -1: ``k`` and earlier ones move down.
     """
     number, last, moved = (k + 1 if step > 0 else k), column[k], []
     while 0 <= number < len(column) and (column[number] - last) * step <= 0:

@@ -1,4 +1,4 @@
-"""``compare``: real frames against synthetic frames of the same place, as a report."""
+"""Comparison of real and synthetic frames of the same place, as a report."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from urbantwin.progress import Progress, untold
 __all__ = ["compare"]
 
 
-#: Shares of the work after which every frame was read once, and the arbitrary site is there.
+#: Progress after every frame was read once, and after the arbitrary site was recorded.
 _SURVEY, _CONTROL = 0.1, 0.15
-#: Where the arbitrary site is made when it cannot be kept; no part of the report.
+#: Temporary folder of the arbitrary site; not part of the report.
 _CONTROL_FOLDER = "arbitrary"
-#: So many pairs, the worst, are drawn.
+#: Number of worst pairs that are drawn.
 _WORST = 3
 
 
-def compare(  # noqa: PLR0913 - every one is a person's choice
+def compare(  # noqa: PLR0913 - every argument is a user's choice
     real: Path,
     synthetic: Path,
     out: Path,
@@ -57,36 +57,34 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 ) -> Report:
     """Compare two recordings in the same frame and write the report.
 
-    ``report.json``, ``report.html`` (with everything in it) and its pictures are written.
-    Frames are paired in the order of their names (numbers by value): the i-th real with the i-th
-    synthetic one. The longer recording's further frames are left out, and the report says so; of
-    a frame that cannot be read, the pair is left out.
+    Writes ``report.json``, a self-contained ``report.html`` and its pictures. Frames are paired in
+    the order of their names (numbers by value): the i-th real with the i-th synthetic one. Surplus
+    frames of the longer recording are left out, and the report says so; pairs with an unreadable
+    frame are left out.
 
     Args:
-        real: a recording of real frames: any layout that ``readers`` knows.
+        real: a recording of real frames in any layout of ``readers``.
         synthetic: one of our datasets, or another recording of the same place.
-        out: the report's folder; an older report there is replaced.
-        arbitrary: synthetic frames of some other place: the control that the twin is measured
-            beside. ``example``: an example site, recorded by the twin's sensors
-            (`arbitrary.arbitrary_recording`); ``None``: no control.
+        out: folder of the report; an older report there is replaced.
+        arbitrary: synthetic frames of another place, as a control. ``example``: an example site,
+            recorded by the twin's sensors (`arbitrary.arbitrary_recording`); ``None``: no control.
         anchor: real frames of the same place and sensors at another time, for real against real:
-            what a twin that was made from those is measured beside. By default each real frame's
-            neighbour is, which has nearly the same traffic.
-        within: (3,) half extents about the frame's origin, metres: all sides are cropped to them,
-            where the real frames are.
-        columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
-        layout: of the real frames, where their files do not tell it.
-        origin: (3,) the sensor's place in the frame of the points, metres: where ranges and the
-            rebuilt surface are seen from. By default where the real frames say that it is.
+            the reference for a twin made from ``real``. By default each real frame is compared with
+            its neighbour, which has nearly the same traffic.
+        within: (3,) half extents of a crop about the frame's origin, metres, applied to all sides
+            in the frame of the real data.
+        columns: values per row of ``.bin`` files, if neither 4 nor 3.
+        layout: layout of the real frames, if their files do not show it.
+        origin: (3,) position of the sensor in the frame of the points, metres, for ranges and the
+            rebuilt surface; by default that of the first readable real frame.
         protocol: a challenge's protocol to compute as well: ``urbantwin-challenge``.
-        detections: what a detector found in the real frames, for the protocol.
-        workers: number of processes; every number gives the same bytes. When not given, as many as
-            there are processors, or this one alone where there is little to do.
-        progress: called with the fraction done and what is being done.
+        detections: a detector's detections in the real frames, for the protocol.
+        workers: number of processes; the output does not depend on it. By default one per
+            processor, or this process alone if there is little to do.
+        progress: called with the fraction done and the current step.
 
     Raises:
-        InputError: a recording is not what it should be, no pair can be read, or ``out`` holds
-            other files.
+        InputError: a recording is invalid, no pair can be read, or ``out`` holds other files.
         StageError: a worker was killed.
     """
     tell = progress or untold
@@ -151,7 +149,7 @@ def _draw(report: Report, found: Findings, folder: Path) -> None:
 
 @dataclass(frozen=True)
 class _Openers:
-    """How recordings are opened."""
+    """Options with which recordings are opened."""
 
     columns: int | None
     layout: str | None
@@ -185,7 +183,7 @@ def _opened(
     scratch: Path,
     tell: Progress,
 ) -> tuple[dict[str, Side], list[str]]:
-    """Open the sides and read every frame that will be compared once; say what is lacking."""
+    """Open the sides and read every frame to compare once; return the sides and what is missing."""
     recordings = {
         "real": opened.open("real", real),
         "synthetic": opened.open("synthetic", synthetic),
@@ -195,7 +193,7 @@ def _opened(
     if anchor is not None:
         recordings[ANCHOR] = opened.open(ANCHOR, anchor)
     pairs = min(len(recordings["real"]), len(recordings["synthetic"]))
-    # One real frame more than pairs: the last one's neighbour.
+    # One more real frame than pairs: the last pair's neighbour.
     used = {"real": pairs + 1, "synthetic": pairs, "arbitrary": MOST_ANCHORS, ANCHOR: pairs}
     sides = {
         name: Side(name, recording, min(len(recording), used[name]))
@@ -228,7 +226,7 @@ def _opened(
                 scratch / _CONTROL_FOLDER,
                 lambda share, what: tell(_SURVEY + (_CONTROL - _SURVEY) * share, what),
             )
-        except UrbanTwinError as error:  # The twin is measured all the same.
+        except UrbanTwinError as error:  # the twin is measured without a control
             lacking.append(f"There is no arbitrary site: {error}.")
         else:
             recording = opened.cropped(recording)
@@ -252,7 +250,7 @@ def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def _split(sides: dict[str, Side]) -> str | None:
-    """Return how foreground is separated from background, the same way on both sides."""
+    """Return how foreground and background are separated on both sides."""
     pair = (sides["real"], sides["synthetic"])
     if all(side.labelled for side in pair):
         return LABELS
@@ -266,7 +264,7 @@ def _split(sides: dict[str, Side]) -> str | None:
 
 
 def _measured(pairs: Pairs, workers: int | None, tell: Progress) -> Findings:
-    """Measure every pair."""
+    """Return the findings of all pairs."""
     found = Findings(pairs)
     for index, one in enumerate(measured_pairs(pairs, workers)):
         if one is not None:

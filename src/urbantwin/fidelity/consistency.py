@@ -1,4 +1,4 @@
-"""Consistency of two frames: one place, one frame of reference, one kind of sensor."""
+"""Consistency checks of two frames: place, frame of reference and kind of sensor."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["doubts_about"]
 
 Array = NDArray[np.float64]
 
-#: Points that are looked at, and the least number of them.
+#: Maximum number of points used, and the minimum required.
 _MOST, _LEAST = 60_000, 200
-#: Frames that are smaller are a point, in any unit.
+#: Minimum extent of a frame, in any unit.
 _LEAST_EXTENT = 1e-3
-#: Metres of a unit -> its name.
+#: Length of a unit in metres -> name of the unit.
 _UNITS = {
     0.3048: "feet",
     0.01: "centimetres",
@@ -36,28 +36,29 @@ _UNITS = {
     0.0254: "inches",
     1000.0: "kilometres",
 }
-#: Extents of one place in one unit differ by less than the first factor, and in another unit by
-#: less than the second from what the units differ by.
+#: Frames in one unit have extents whose ratio is below the first factor. A ratio matches a unit if
+#: it is within the second factor of the ratio of the units.
 _OTHER_UNIT, _LIKE = 15.0, 2.5
-#: The way that is upward is this much shorter than z, if it is not z.
+#: Only an axis whose extent is below this share of that of z can be vertical in place of z.
 _FLAT = 0.7
-#: Points that the ground is found by, and the share of it that makes z plainly upward.
+#: Points used to find the ground, and the ground share above which z is accepted as vertical.
 _OF_GROUND, _PLAINLY = 20_000, 0.45
-#: What extents usually are.
+#: Typical extent of a frame (75th percentile of distances to the median), metres.
 _TYPICAL_M = 25.0
-#: Frames agree as they are: this share of what stands in one has something of the other nearby.
+#: Frames agree without a motion if this share of the points above ground has a match.
 _AGREES = 0.6
-#: The best place stands out if its correlation is so much more than that of other headings, and
-#: so much more agrees there.
+#: A motion is accepted if its correlation exceeds that of other headings by the first factor; it is
+#: applied if the agreement improves by the second.
 _STANDS_OUT, _BETTER = 1.35, 1.25
-#: Of turns about the origin alone one stands out sooner (a single wall fits in many places), if
-#: so much agrees then.
+#: The same for rotations about the origin alone (a single wall fits in many places): factor of the
+#: correlation, and the minimum agreement.
 _STANDS_OUT_IN_PLACE = (1.1, 0.7)
-#: Another place: so many points stand in either, of so few one is near, and moving helps nothing.
+#: Frames show different places if both have this many points above ground, the agreement is below
+#: the second value and the correlation without a motion below the third.
 _ENOUGH, _ELSEWHERE, _STRANGE = 800, 0.1, 0.5
-#: What is said from: degrees, metres in plan and in height, degrees of tilt.
+#: Reported from: rotation (degrees), shift in plan and in height (metres), tilt (degrees).
 _TURN_DEG, _SHIFT_M, _HEIGHT_M, _TILT_DEG = 1.5, 1.0, 0.5, 2.5
-#: Up -> the axes that make it z, as rows: the first is a camera's frame (x right, y down).
+#: Vertical axis -> rotation (rows) that maps it to z; "-y" is a camera frame (x right, y down).
 _UPRIGHT: dict[str, Array] = {
     "z": np.eye(3),
     "-y": np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
@@ -66,9 +67,9 @@ _UPRIGHT: dict[str, Array] = {
     "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
     "-x": np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
 }
-#: Frames whose middles are this far apart are never in one frame of reference.
+#: Frames whose centres are farther apart have different frames of reference.
 _APART_M = 150.0
-#: Cells that the ground is compared in, metres, and the least number of them.
+#: Size of the cells in which ground heights are compared, metres, and their minimum number.
 _CELL_M, _LEAST_CELLS = 2.0, 30
 _ALIGN = "or run `urbantwin rig align` and record again"
 
@@ -76,10 +77,10 @@ _ALIGN = "or run `urbantwin rig align` and record again"
 def doubts_about(real: Frame, other: Frame) -> list[str]:
     """Return what looks wrong about comparing two frames, one sentence each.
 
-    Detected are another unit; height along another axis; a tilt; frames that look rotated,
-    mirrored, shifted in plan or in height, or of another place; and another sensor
-    (`sensor_match`). Places are recognised by what stands above the ground (`plan_match`), so
-    frames in which hardly anything stands raise no doubts.
+    Detected are: another unit; a vertical axis other than z; a tilt; frames that are rotated,
+    mirrored, shifted in plan or in height, or of different places; and different sensors
+    (`sensor_match`). Places are recognised by points above the ground (`plan_match`): frames with
+    few of them raise no doubts.
     """
     if min(len(real.points), len(other.points)) < _LEAST:
         return []
@@ -97,7 +98,7 @@ def doubts_about(real: Frame, other: Frame) -> list[str]:
                 metres, placed = candidate, again
                 break
     if metres is None and not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
-        # Nothing stands in the frames that would tell which of the likely units it is.
+        # Without points above the ground, the likely units cannot be distinguished.
         metres = next(iter(_units_like(ratio)), 0.0)
         return [_unit_said(metres, ratio)]
     said = [] if metres is None else [_unit_said(metres, ratio)]
@@ -117,21 +118,21 @@ def doubts_about(real: Frame, other: Frame) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Upright:
-    """Points (N, 3) with their height along z, and which axis that was."""
+    """Points (N, 3) with z vertical, and the axis that was vertical in the frame."""
 
     points: Array
     up: str
 
     @classmethod
     def of(cls, points: Array) -> _Upright:
-        """Take some points of a frame; z stays upward unless the ground clearly contradicts."""
+        """Return a subset of a frame's points; z stays vertical unless clearly contradicted."""
         if len(points) > _MOST:
             points = points[:: -(-len(points) // _MOST)]
         some = points[:: -(-len(points) // _OF_GROUND)]
         share = {"z": _ground_share(some)}
         if share["z"] < _PLAINLY:
             tall = np.ptp(np.percentile(some, [5, 95], axis=0), axis=0)
-            for up, axes in _UPRIGHT.items():  # what is upward is the shortest way in a street
+            for up, axes in _UPRIGHT.items():  # in a street the vertical extent is smallest
                 if up == "-z" or tall["xyz".index(up[-1])] < _FLAT * tall[2]:
                     share[up] = _ground_share(some @ axes.T)
         best = max(share, key=lambda up: share[up])
@@ -141,9 +142,9 @@ class _Upright:
 
 
 def _ground_share(points: Array) -> float:
-    """Return the share of the cells nearby that are ground, if z is upward: `ground_plane`.
+    """Return the share of the nearby cells that are ground if z is vertical: `ground_plane`.
 
-    The points may be in any unit, and their origin anywhere.
+    The points may be in any unit, with any origin.
     """
     level = (points - np.median(points, axis=0)) * (_TYPICAL_M / _extent(points))
     near = level[np.hypot(level[:, 0], level[:, 1]) < _TYPICAL_M / 2, 2]
@@ -155,15 +156,15 @@ def _ground_share(points: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """Where one frame lies on another.
+    """Placement of one frame on another.
 
     Attributes:
         motion: moves the real frame onto the other in plan.
-        found: it stands out, or the frames agree as they are.
-        moves: it is another place or heading than as they are.
-        elsewhere: the frames are of two places.
-        mine: what stands in the real frame, before the motion.
-        its: what stands in the other.
+        found: the placement is unambiguous, or the frames agree without a motion.
+        moves: the motion is significant.
+        elsewhere: the frames show different places.
+        mine: points above ground of the real frame, before the motion.
+        its: points above ground of the other frame.
     """
 
     motion: PlanMotion
@@ -213,7 +214,7 @@ def _extent(points: Array) -> float:
 
 
 def _units_like(ratio: float) -> list[float]:
-    """Return what to multiply real points by, if one side is in another unit, likeliest first."""
+    """Return the factors by which real points may be in another unit, likeliest first."""
     both = [metres for one in _UNITS for metres in (one, 1.0 / one)]
     near = [one for one in both if abs(np.log(ratio * one)) < np.log(_LIKE)]
     return sorted(near, key=lambda one: abs(np.log(ratio * one)))
@@ -278,7 +279,7 @@ def _mirror_said(degrees: float, motion: PlanMotion) -> str:
 
 
 def _then_shift(placed: _Placed) -> str:
-    """Return what is left after a turn about the origin; a far origin makes that vague."""
+    """Return the text about the shift after a rotation; a far origin makes the shift uncertain."""
     x, y = placed.motion.shift
     if np.hypot(x, y) < _SHIFT_M + 0.02 * float(np.hypot(*placed.mine.middle)):
         return ""
@@ -312,7 +313,7 @@ def _axes_said(mine: _Upright, its: _Upright, placed: _Placed) -> list[str]:
 
 
 def _named(axes: Array) -> str:
-    """Return a signed exchange of axes as "x = z, y = -x, z = -y"."""
+    """Return a signed permutation of axes as "x = z, y = -x, z = -y"."""
     parts = []
     for name, row in zip("xyz", axes, strict=True):
         index = int(np.abs(row).argmax())
@@ -322,14 +323,14 @@ def _named(axes: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """How the ground of one frame lies over the other's: tilt, and metres at the origin."""
+    """Difference of the grounds of two frames: tilt, and height at the origin in metres."""
 
     tilt_deg: float = 0.0
     height_m: float = 0.0
 
 
 def _level(placed: _Placed) -> _Level:
-    """Return how the grounds differ, by a plane fitted in L1, where both frames have ground."""
+    """Return the difference of the grounds, a plane fitted in L1 where both frames have ground."""
     mine, its = placed.mine.moved(placed.motion).ground, placed.its.ground
     theirs = {tuple(key): z for key, z in zip(_cells(its), its[:, 2], strict=True)}
     rows = [
@@ -372,12 +373,12 @@ def _level_said(level: _Level) -> list[str]:
 
 
 def _is_far(placed: _Placed, level: _Level) -> bool:
-    """Return whether the real frame is shifted: where its sensor is, is then unknown."""
+    """Return whether the real frame is shifted, which leaves its sensor's position unknown."""
     return float(np.hypot(*placed.motion.shift)) > _SHIFT_M or abs(level.height_m) > _HEIGHT_M
 
 
 def _as_placed(real: Frame, placed: _Placed, level: _Level) -> Frame:
-    """Return the real frame where it looks to belong; its sensor too, if that is known."""
+    """Return the real frame after its placement, with its sensor if that is known."""
 
     def moved(points: Array) -> Array:
         plan = placed.motion.apply(points[:, :2])

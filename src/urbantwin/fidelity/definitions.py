@@ -1,4 +1,4 @@
-"""What the figures of a report are: names, units, definitions and sources."""
+"""Names, units, definitions and sources of the measures of a report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["HEADLINE", "MEASURES", "PUBLISHED", "Measure"]
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure of the report: less is better, 0 for equal clouds (but for ``point_to_mesh``)."""
+    """A measure of the report: smaller is better, 0 for equal clouds (except ``point_to_mesh``)."""
 
     title: str
     unit: str
@@ -147,7 +147,7 @@ MEASURES: dict[str, Measure] = {
     ),
 }
 
-#: The measures that a report begins with.
+#: Measures at the top of a report.
 HEADLINE = ("hausdorff_p95_m", "js_mean", "point_to_mesh_mean_m")
 #: What was published for digital twins of roadside sensors made by hand in CARLA, beside an
 #: arbitrary site (Shahbaz and Agarwal 2025, "UrbanTwin", arXiv 2509.02903): other data and other

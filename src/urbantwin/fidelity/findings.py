@@ -1,4 +1,4 @@
-"""What was found of all pairs, put together as a report."""
+"""Results of all pairs, combined into a report."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ __all__ = ["Findings", "report_of"]
 
 @dataclass(eq=False)
 class Findings:
-    """Gathers what is found of one pair after the other.
+    """Collects the results of pairs.
 
     Attributes:
-        pairs: what is measured.
-        frames: figures of each pair that could be measured.
-        indices: which pairs these are.
+        pairs: the pairs to measure.
+        frames: values of each measured pair.
+        indices: indices of the measured pairs.
         pooled: histograms summed over pairs, by side and name.
-        sample: the frames of the first pair, by side.
-        missing: where real points have nothing of the twin near them.
-        objects: what moves (K, 6) in each frame, by side.
+        sample: frames of the first pair, by side.
+        missing: places of real points without a surface of the twin nearby.
+        objects: foreground objects (K, 6) in each frame, by side.
     """
 
     pairs: Pairs
@@ -45,7 +45,7 @@ class Findings:
     objects: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
 
     def add(self, one: MeasuredPair) -> None:
-        """Add a pair, in the order of the pairs."""
+        """Add a pair; pairs are added in their order."""
         self.frames.append(one.figures)
         self.indices.append(one.index)
         self.sample = self.sample or self.pairs.frames(one.index)
@@ -59,7 +59,7 @@ class Findings:
 
 
 def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
-    """Return the report of what was found, and of what a challenge's protocol gives."""
+    """Return the report of the results, with the scores of a challenge's protocol if given."""
     from urbantwin.fidelity.consistency import doubts_about
 
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
@@ -117,7 +117,7 @@ def _part(frames: list[FrameFigures], part: str) -> Anchored | None:
 
 
 def _objects(sides: dict[str, Side]) -> dict[str, Any] | None:
-    """Return statistics of objects by side, and how the twin's differ; None without labels."""
+    """Return object statistics by side, and their differences; None without real labels."""
     told = {name: side.objects for name, side in sides.items() if side.objects.frames}
     if "real" not in told:
         return None
@@ -154,7 +154,7 @@ def _bins(edges: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _notes(found: Findings, doubts: list[str]) -> list[str]:
-    """Return what a reader of the figures must know about the input."""
+    """Return the notes about the input that qualify the values."""
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
     pairs, anchors = len(found.pairs), len(found.pairs.anchors)
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]

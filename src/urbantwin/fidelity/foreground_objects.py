@@ -1,7 +1,7 @@
-"""What moves in frames without labels, object by object: sizes, shapes, points.
+"""Foreground objects of frames without labels: sizes, shapes, numbers of points.
 
-Objects are what lies together from above (`traffic.observed.clusters`), on both sides alike, so
-that a group of people or two vehicles that touch are one object on either.
+Objects are clusters in plan (`traffic.observed.clusters`), on both sides alike: a group of people
+or two vehicles that touch are one object on either side.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from urbantwin.traffic.observed.clusters import clusters
 
 __all__ = ["foreground_objects", "ground_beneath", "object_divergences", "objects_of"]
 
-#: Heights above the ground between which objects are looked for, metres.
+#: Heights above the ground between which points form objects, metres.
 _LOW_M, _HIGH_M = 0.3, 4.5
-#: What hangs higher than this is no actor: leaves stir in the wind.
+#: Clusters whose lowest point is higher are no actors but foliage in the wind, metres.
 _STANDS_M = 0.9
-#: Points of so many frames tell where the ground is.
+#: Frames and points per frame from which the ground is found.
 _GROUND_FRAMES, _GROUND_POINTS = 4, 60_000
 _SIZE_M = np.concatenate([np.arange(0.0, 6.0, 0.5), [6.0, 8.0, 10.0, 12.0, 15.0, np.inf]])
 _HEIGHT_M = np.concatenate([np.arange(0.0, 3.0, 0.25), [3.0, 3.5, 4.0, np.inf]])
 _POINTS = np.concatenate([2.0 ** np.arange(3, 14), [np.inf]])
 _SHARE = np.linspace(0.0, 1.0 + 1e-9, 11)
-#: Columns of `objects_of`, and the edges of their bins, by what is told of them.
+#: Property -> bin edges of its columns of `objects_of`, in order.
 _BINS = {
     "size": (_SIZE_M, _SIZE_M, _HEIGHT_M),
     "shape": (_SHARE, _SHARE),
@@ -40,12 +40,12 @@ _BINS = {
 
 
 def objects_of(points: NDArray[np.float64], ground: RecordedGround) -> NDArray[np.float64]:
-    """Return the objects (K, 6) among the foreground's points (N, 3) of one frame.
+    """Return the objects (K, 6) among the foreground points (N, 3) of one frame.
 
     Returns:
-        Rows of length, width and height of what was seen, metres; how far its points lie along a
-        line and in a plane, 0..1: (s1 - s2) / s1 and (s2 - s3) / s1 of their standard
-        deviations along the main axes (Weinmann et al. 2015); and their number.
+        Rows of length, width and height of the visible part, metres; linearity and planarity, 0..1:
+        (s1 - s2) / s1 and (s2 - s3) / s1 of the standard deviations along the main axes (Weinmann
+        et al. 2015); and the number of points.
     """
     above = ground.above(points) if len(points) else np.zeros(0)
     kept = (above > _LOW_M) & (above < _HIGH_M)
@@ -84,13 +84,13 @@ def object_divergences(
 def foreground_objects(
     found: Mapping[str, Sequence[NDArray[np.float64]]],
 ) -> dict[str, Any] | None:
-    """Return objects a frame by side, and how sizes, shapes and points differ from the real ones.
+    """Return objects per frame by side, and the divergences of sizes, shapes and points.
 
-    Real against real is between the real frames and the anchor's, or between their halves.
+    Real against real compares the real frames with the anchor's, or their two halves.
 
     Args:
-        found: of "real", "synthetic" and, where there is one, the anchor, the objects (K, 6) of
-            each frame. None of a side: nothing is told.
+        found: objects (K, 6) of each frame of "real", "synthetic" and, if there is one, "anchor".
+            Without one of the first two, ``None`` is returned.
     """
     if not {"real", "synthetic"} <= found.keys():
         return None
@@ -119,7 +119,7 @@ def _ratio(twin: float | None, real: float | None) -> float | None:
 
 
 def ground_beneath(real: Side) -> RecordedGround | None:
-    """Return the ground of the real frames, of a few of them; None where none can be separated."""
+    """Return the ground from a few real frames; None if foreground cannot be separated."""
     parts = []
     for index in range(real.count):
         frame = real.read(index)

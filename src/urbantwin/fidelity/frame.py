@@ -1,4 +1,4 @@
-"""One frame of a LiDAR as any reader gives it: points, and what the data says about them."""
+"""A LiDAR frame in the common form of all readers: points, their attributes and labels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.geometry import Pose, points_in_box
 
 __all__ = ["Boxes", "Frame"]
 
-#: What a frame says of each point, besides its place.
+#: Attributes of the points, besides their position.
 _OF_POINTS = (
     "intensity", "ring", "column", "time_s", "sensor", "semantic", "instance", "unlabelled",
 )  # fmt: skip
@@ -27,16 +27,14 @@ class Boxes:
         box: (B, 7) float64 in the frame of the points: centre x, y, z, length (along heading),
             width, height in metres, yaw in radians counter-clockwise from +x.
         class_names: (B,) one of ``taxonomy.ACTOR_CLASSES``, or ``other``.
-        track: (B,) int64, the same object's number in every frame of its recording, -1 where
-            the data does not follow objects.
-        source_names: (B,) the class as the data calls it.
-        velocity: (B, 3) over the ground, along the axes of the frame, metres per second; NaN where
-            the data does not say. None where it says of no object.
-        num_points: (B,) int64, points on each, as the data counts them; None where it does not.
-        occlusion: (B,) share of each that something hides, 0..1; NaN where the data does not
-            say. None where it says of no object.
-        ignored: (B,) why each is neither to be found nor wrong to be found, in a word of the
-            data's; empty where it counts. None where the data has no such mark.
+        track: (B,) int64, number of the object in all frames of its recording, -1 without a track.
+        source_names: (B,) class names of the dataset.
+        velocity: (B, 3) velocity over ground along the axes of the frame, metres per second; NaN
+            where unknown. None if unknown for all.
+        num_points: (B,) int64, number of points as the dataset counts them; None if it does not.
+        occlusion: (B,) occluded share, 0..1; NaN where unknown. None if unknown for all.
+        ignored: (B,) the dataset's reason to ignore a box in evaluation; empty if it counts. None
+            if the dataset has no such mark.
     """
 
     box: NDArray[np.float64]
@@ -49,17 +47,17 @@ class Boxes:
     ignored: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
-        """Return how many boxes there are."""
+        """Return the number of boxes."""
         return len(self.box)
 
     def points_of(self, points: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.int64]:
-        """Return for each of (N, 3) points the box (N,) that it lies in, -1 for none.
+        """Return the index of the box that contains each of (N, 3) points, -1 for none.
 
-        A point in several boxes is the nearest centre's.
+        A point in several boxes belongs to the one with the nearest centre.
 
         Args:
-            points: metres, in the frame of the boxes.
-            margin: metres that each box is grown by, each way.
+            points: points in the frame of the boxes, metres.
+            margin: growth of each box on each side, metres.
         """
         owner = np.full(len(points), -1, np.int64)
         nearest = np.full(len(points), np.inf)
@@ -79,25 +77,26 @@ class Boxes:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame of points with what is known about them; None where the data does not say.
+    """One frame of points with their attributes; None where the dataset has no value.
 
     Attributes:
-        points: (N, 3) float64, metres, N >= 1, all finite, in the frame that the data uses.
-        intensity: (N,) float64 on the data's own scale.
-        ring: (N,) int64, the beam's row or channel as the data numbers them.
-        column: (N,) int64, the firing's place in the turn.
-        time_s: (N,) float64, seconds from the frame's own time.
-        sensor: (N,) int64, which of several sensors, from 0.
+        points: (N, 3) float64, metres, N >= 1, all finite, in the dataset's frame of the points.
+        intensity: (N,) float64 on the dataset's own scale.
+        ring: (N,) int64, row or channel of the beam in the dataset's numbering.
+        column: (N,) int64, index of the firing in the rotation.
+        time_s: (N,) float64, seconds relative to the frame's time.
+        sensor: (N,) int64, index of the sensor, from 0.
         semantic: (N,) int64, ids of ``taxonomy.semantic_classes``.
-        instance: (N,) int64, the object's number, 0 for none.
-        unlabelled: (N,) bool, in zones where the data labels nothing; None where it has none.
-        boxes: labelled objects; None where the data has no labels (no objects: no rows).
-        world_SE3_frame: where the points' frame is in the recording's world.
-        sensor_places: (S, 3) float64, where each sensor is in the frame of the points, metres.
-        name: of the frame, without a folder.
-        not_finite: points left out because a value was NaN or infinite.
-        no_return: points left out because they were exactly (0, 0, 0): beams without a return.
-        notes: what a reader of figures must know about this frame, one sentence each.
+        instance: (N,) int64, number of the object, 0 for none.
+        unlabelled: (N,) bool, points in zones without labels; None if there are no such zones.
+        boxes: labelled objects; None without labels (zero rows without objects).
+        world_SE3_frame: pose of the points' frame in the recording's world frame.
+        sensor_places: (S, 3) float64, sensor positions in the frame of the points, metres.
+        name: name of the frame, without a folder.
+        not_finite: number of points left out because a value was NaN or infinite.
+        no_return: number of points left out because they were exactly (0, 0, 0): beams without a
+            return.
+        notes: notes on this frame that qualify results, one sentence each.
     """
 
     points: NDArray[np.float64]
@@ -118,27 +117,27 @@ class Frame:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse arrays that are not of the points: a reader's mistake, never a file's."""
+        """Raise ValueError for arrays of another length: a reader's mistake, never a file's."""
         for name, values in self._of_points().items():
             if len(values) != len(self.points):
                 raise ValueError(f"{name}: {len(values)} values for {len(self.points)} points")
 
     @property
     def cloud(self) -> Cloud:
-        """The points and their intensity alone."""
+        """The points with their intensity, without other attributes."""
         return Cloud(self.points, self.intensity, self.not_finite, self.no_return)
 
     def only(self, chosen: ArrayLike) -> Frame:
-        """Return the frame with some of its points: a mask (N,) or indices; all else stays."""
+        """Return the frame with the points of a mask (N,) or of indices; all else is unchanged."""
         rows = np.asarray(chosen)
         kept = {name: values[rows] for name, values in self._of_points().items()}
         return replace(self, points=self.points[rows], **kept)
 
     def foreground(self, margin: float = 0.0) -> NDArray[np.bool_] | None:
-        """Return which points (N,) belong to objects, by the labels; None without labels.
+        """Return the mask (N,) of points on labelled objects; None without labels.
 
-        Points in a box (grown by ``margin`` metres each way), or of an instance > 0. What
-        boxes of the data do not cover (an unlabelled pedestrian) counts as background.
+        These are points in a box (grown by ``margin`` metres on each side), or of an instance > 0.
+        Points on unlabelled objects count as background.
         """
         if self.boxes is None and self.instance is None:
             return None
@@ -152,7 +151,7 @@ class Frame:
     def moved(self, outer_SE3_frame: Pose) -> Frame:
         """Return the frame with points, boxes and sensors in another frame.
 
-        Boxes keep standing upright: of their attitude only the heading turns with the pose.
+        Boxes stay upright: only their heading follows the rotation.
         """
         boxes = self.boxes
         if boxes is not None:

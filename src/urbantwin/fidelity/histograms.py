@@ -1,9 +1,9 @@
 """The histograms of a cloud that the Jensen-Shannon divergence compares.
 
-Bins are fixed, so figures of different pairs can be set beside each other. The first and last
-bin of range and height also take what lies beyond them: no point is lost.
+Bins are fixed, so values of different pairs are comparable. The first and last bins of range and
+height are open-ended: no point is lost.
 
-| name | what is counted | bins |
+| name | count | bins |
 |---|---|---|
 | ``occupancy`` | points per cubic voxel | edges at whole metres |
 | ``range`` | points by distance from the sensor | 1 m, 0 to 250 m |
@@ -88,9 +88,9 @@ class Histograms:
 
 
 def full_scale(largest: float) -> float:
-    """Return the full scale of an intensity from the largest value seen: 1, 255 or 65535.
+    """Return the full scale of an intensity from its largest value: 1, 255 or 65535.
 
-    Datasets write intensity as a share, as a byte or as 16 bits, and no cloud format says which.
+    Datasets write intensity as a share, as a byte or as 16 bits, and no cloud format states which.
     """
     for scale in (1.0, 255.0, 65535.0):
         if largest <= scale:
@@ -105,8 +105,8 @@ def histograms_of(
 
     Args:
         cloud: the points.
-        intensity_scale: the full scale of its intensity; None leaves intensity out.
-        origin: (3,) the sensor's place in the cloud's frame, metres.
+        intensity_scale: full scale of its intensity; None leaves intensity out.
+        origin: (3,) position of the sensor in the cloud's frame, metres.
     """
     place = np.asarray(origin, np.float64)
     distance = np.linalg.norm(cloud.points - place, axis=1)
@@ -129,7 +129,7 @@ def histograms_of(
 def divergences(first: Histograms, second: Histograms) -> dict[str, float | None]:
     """Return the Jensen-Shannon divergence of each histogram, and their ``mean``.
 
-    A histogram that either cloud lacks is None, and no part of the mean.
+    A histogram that either cloud lacks is None and excluded from the mean.
     """
     found: dict[str, float | None] = {}
     for name in HISTOGRAMS:
@@ -149,14 +149,14 @@ def _open_ended(
     edges: NDArray[np.float64],
     weights: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Count values by equal bins; what lies beyond the ends goes into the end bins."""
+    """Count values by equal bins; values beyond the ends go into the end bins."""
     step = (edges[-1] - edges[0]) / (len(edges) - 1)
     bins = np.clip(np.floor((values - edges[0]) / step), 0, len(edges) - 2).astype(np.int64)
     return np.bincount(bins, weights, minlength=len(edges) - 1).astype(np.float64)
 
 
 def _occupied(voxels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the different voxels (V, 3) in order, and how often each stands in (N, 3)."""
+    """Return the unique voxels (V, 3), sorted, and how often each occurs in (N, 3)."""
     _, first, count = np.unique(row_keys(voxels), axis=0, return_index=True, return_counts=True)
     return voxels[first], count
 
@@ -164,7 +164,7 @@ def _occupied(voxels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
 def _on_the_same_voxels(
     first: Histograms, second: Histograms
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points of both clouds over the voxels that either occupies."""
+    """Return the number of points of both clouds in each voxel that either occupies."""
     key = row_keys(np.concatenate([first.voxels, second.voxels]))
     _, place = np.unique(key, axis=0, return_inverse=True)
     place = place.ravel()

@@ -1,4 +1,4 @@
-"""Where a recording is labelled: what is said elsewhere is neither right nor wrong."""
+"""Regions in which a recording is labelled: detections outside are neither right nor wrong."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from urbantwin.geometry import Pose, box_corners, points_in_box
 
 __all__ = ["View", "image_boxes", "view_of"]
 
-#: KITTI's images, pixels (Geiger et al. 2013); they differ by a few.
+#: Size of KITTI's images, pixels (Geiger et al. 2013); sizes vary by a few pixels.
 _IMAGE = (1242.0, 375.0)
-#: A box with this much of itself in a ``DontCare`` of the image is not judged.
+#: A box with more of its area in a ``DontCare`` region of the image is not judged.
 _MOSTLY = 0.5
-#: What is nearer to the image's plane is behind the camera, metres.
+#: Points nearer to the image plane are behind the camera, metres.
 _IN_FRONT_M = 0.1
 
 
 class View(Protocol):
-    """Where objects are labelled."""
+    """The region in which objects are labelled."""
 
     @property
     def said(self) -> str:
-        """Where that is, in words."""
+        """Description of the region."""
 
     def covers(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which boxes (N, 7), in the frame of the points, stand where all is labelled."""
+        """Return the mask (N,) of the boxes (N, 7), in the frame of the points, in the region."""
 
 
 def view_of(recording: Recording) -> View:
-    """Return where the frames of a recording are labelled, as far as its layout tells.
+    """Return the region in which a recording's frames are labelled, as far as its layout shows.
 
     Raises:
-        InputError: what says so is not right.
+        InputError: a file that defines the region is invalid.
     """
     if recording.layout == "kitti" and not (recording.path / ALL_AROUND).is_dir():
         return _CameraView(recording.path)
@@ -70,7 +70,7 @@ class _Everywhere:
 
 
 class _Extent:
-    """Clouds are cropped to what was labelled: LUMPI's frames to 40 m each way."""
+    """The extent of each cropped cloud, as of LUMPI's frames, 40 m each way."""
 
     said = "within the extent of each frame's points in plan"
 
@@ -81,7 +81,7 @@ class _Extent:
 
 
 class _Zones:
-    """Waymo: not where a point of the box lies in a zone in which its annotators drew nothing."""
+    """Waymo: boxes without a point in a no-label zone."""
 
     said = "outside of Waymo's no-label zones"
 
@@ -96,7 +96,7 @@ class _Zones:
 
 
 class _Region:
-    """Our datasets: not in their ignore regions, and no farther than their labels go."""
+    """Our datasets: outside of their ignore regions, up to the range of their labels."""
 
     said = "outside of ignore_regions.geojson, as far as labels go"
 
@@ -128,7 +128,7 @@ class _Region:
 
 @dataclass(frozen=True)
 class _CameraView:
-    """KITTI: what the left colour camera saw, but for the image's ``DontCare`` regions."""
+    """KITTI: the image of the left colour camera without its ``DontCare`` regions."""
 
     path: Path
     said: str = "in the image of KITTI's left colour camera, outside of its DontCare regions"
@@ -160,7 +160,7 @@ def image_boxes(
     camera_SE3_lidar: Pose,
     projection: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return left, top, right, bottom (N, 4) of boxes (N, 7) in the image, cut at its borders."""
+    """Return left, top, right, bottom (N, 4) in pixels of boxes (N, 7), clipped to the image."""
     found = np.zeros((len(boxes), 4))
     if not len(boxes):
         return found
@@ -178,7 +178,7 @@ def image_boxes(
 def _projected(
     points: NDArray[np.float64], camera_SE3_lidar: Pose, projection: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return pixels (N, 2) of points (N, 3) of the sensor's frame, and which are in front."""
+    """Return pixels (N, 2) of points (N, 3) in the sensor frame, and the mask of those in front."""
     seen = camera_SE3_lidar.apply(points)
     image = seen @ projection[:, :3].T + projection[:, 3]
     ahead = seen[:, 2] > _IN_FRONT_M

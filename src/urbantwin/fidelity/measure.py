@@ -29,18 +29,18 @@ __all__ = ["BACKGROUND", "FOREGROUND", "Figures", "Measured", "RealFrame"]
 
 Figures = dict[str, float | None]
 FOREGROUND, BACKGROUND = "foreground", "background"
-#: A part of a frame with fewer points than this on either side is not measured.
+#: Minimum number of points on both sides to measure a part of a frame.
 _LEAST_POINTS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What was found of one cloud against the real frame.
+    """Results of one cloud against the real frame.
 
     Attributes:
-        figures: by ``definitions.MEASURES``; None where a figure is not defined.
-        parts: the figures of ``FOREGROUND`` and ``BACKGROUND``, where both clouds are split.
-        histograms: of the cloud.
+        figures: values by ``definitions.MEASURES``; None where undefined.
+        parts: values of ``FOREGROUND`` and ``BACKGROUND``, if both clouds are separated.
+        histograms: histograms of the cloud.
         missing: (N,) distance of each real point to the nearest point of the cloud, metres.
     """
 
@@ -51,17 +51,16 @@ class Measured:
 
 
 class RealFrame:
-    """A real frame, prepared once to measure several others against it.
+    """A real frame, prepared once for measuring several others against it.
 
-    The background is measured against the whole of the other frame (behind an actor nothing of
-    the background is seen, and that is no error); the foreground against the other foreground,
-    with a surface of its own.
+    The background is compared with the whole of the other frame, since occlusion by an actor is no
+    error. The foreground is compared with the other foreground, with a surface of its own.
 
     Args:
         frame: the real points.
-        foreground: (N,) which points belong to actors; None measures the whole only.
+        foreground: (N,) mask of points on actors; None measures the whole frame only.
         intensity_scale: full scale of its intensity; None leaves intensity out.
-        origin: (3,) the sensor's place in the frame of the points, metres.
+        origin: (3,) position of the sensor in the frame of the points, metres.
     """
 
     def __init__(
@@ -102,7 +101,7 @@ class RealFrame:
 
         Args:
             other: the frame.
-            foreground: (M,) which of its points belong to actors; None: not split.
+            foreground: (M,) mask of its points on actors; None: not separated.
             intensity_scale: full scale of its intensity; None leaves intensity out.
         """
         a, b = self.frame.points, other.points

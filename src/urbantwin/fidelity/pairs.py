@@ -1,4 +1,4 @@
-"""Pairs of frames, measured one after the other or by several processes at once."""
+"""Pairs of frames, measured one after the other or by several processes."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_ANCHORS", "MeasuredPair", "Pairs", "measured_pairs"]
 
-#: Anchors are measured at so many pairs, spread evenly, where there are more.
+#: Maximum number of pairs at which the controls are measured, spread evenly.
 MOST_ANCHORS = 30
-#: Fewer points than this are measured sooner than workers start.
+#: Below this number of points, one process is faster than starting workers.
 _WORTH_WORKERS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPair:
-    """What was found of one pair.
+    """The results of one pair.
 
     Attributes:
-        index: of the pair.
-        figures: its figures.
+        index: index of the pair.
+        figures: measured values.
         binned: histograms by side ("real", "synthetic", "arbitrary") and name.
         missing: (K, 4) real points without a surface of the twin (`missing.without_surface`).
-        objects: what moves (K, 6) by side ("real", "synthetic", "anchor"), see
+        objects: foreground objects (K, 6) by side ("real", "synthetic", "anchor"), see
             `foreground_objects.objects_of`.
     """
 
@@ -53,14 +53,14 @@ class MeasuredPair:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """The pairs of a comparison, to be measured in any order: none needs another.
+    """The pairs of a comparison, which can be measured independently.
 
     Attributes:
-        sides: "real", "synthetic"; with a control, "arbitrary"; and where real against real is not
-            of neighbours, "anchor".
-        origin: (3,) the sensor's place in the frame of the points, metres.
+        sides: "real", "synthetic"; with a control, "arbitrary"; and with other real frames for real
+            against real, "anchor".
+        origin: (3,) position of the sensor in the frame of the points, metres.
         split_by: how foreground is separated from background (`Side.foreground`).
-        ground: what objects stand on, where they are looked for in the foreground.
+        ground: ground under the foreground objects; None: objects are not measured.
     """
 
     sides: dict[str, Side]
@@ -69,16 +69,16 @@ class Pairs:
     ground: RecordedGround | None = None
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of pairs."""
         return min(self.sides["real"].count, self.sides["synthetic"].count)
 
     @cached_property
     def anchors(self) -> dict[int, int]:
-        """The pairs at which anchors are measured: index -> number of the arbitrary frame."""
+        """Pairs at which controls are measured: index -> number of the arbitrary frame."""
         return {index: number for number, index in enumerate(evenly(len(self), MOST_ANCHORS))}
 
     def frames(self, index: int) -> dict[str, Frame]:
-        """Return the frames of a pair by side; not those that cannot be read."""
+        """Return the readable frames of a pair by side."""
         number = {"real": index, "synthetic": index, "arbitrary": self.anchors.get(index)}
         found = {
             name: side.read(at)
@@ -88,7 +88,7 @@ class Pairs:
         return {name: frame for name, frame in found.items() if frame is not None}
 
     def _real_again(self, index: int) -> tuple[Side, Frame | None]:
-        """Return the other real frame of a pair: of the other recording, or the next one."""
+        """Return the other real frame of a pair: of the anchor, or the next one."""
         anchor = self.sides.get(ANCHOR)
         if anchor is not None:
             return anchor, anchor.read(index % max(anchor.count, 1))
@@ -96,7 +96,7 @@ class Pairs:
         return real, real.read(index + 1)
 
     def measure(self, index: int) -> MeasuredPair | None:
-        """Measure a pair and, where it is one of ``anchors``, these; None without either frame."""
+        """Measure a pair, with the controls if due; None if either frame is unreadable."""
         frames = self.frames(index)
         if "real" not in frames or "synthetic" not in frames:
             return None
@@ -149,12 +149,12 @@ class Pairs:
 
 
 def measured_pairs(pairs: Pairs, workers: int | None) -> Iterator[MeasuredPair | None]:
-    """Measure all pairs and yield them in their order; how many workers changes nothing in it.
+    """Measure all pairs and yield them in order; the results do not depend on the workers.
 
     Args:
-        pairs: what to measure.
-        workers: number of processes; when not given, one for every processor if that is sooner.
-            With one, pairs are measured in this process.
+        pairs: the pairs to measure.
+        workers: number of processes; by default one per processor if that is faster. With 1, pairs
+            are measured in this process.
 
     Raises:
         StageError: a worker was killed.

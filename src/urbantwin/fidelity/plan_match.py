@@ -1,9 +1,9 @@
-"""Matching two frames in plan: the rotation, mirroring and shift that bring one onto the other.
+"""Matching of two frames in plan: rotation, mirroring and shift from one to the other.
 
-What stands above the ground is drawn from above, a picture for each band of height; both frames'
-pictures are correlated by FFT at every heading. Pictures are high-passed, so that edges count and
-not how dense the points are (fields of points round a sensor look alike everywhere). Iterated
-closest points in plan (Besl and McKay 1992) settle the best place.
+Points above the ground are rasterised in plan, one image per height band; the images of both frames
+are correlated by FFT at every heading. Images are high-pass filtered, so that edges count and not
+the point density (all frames are densest around the sensor). Iterated closest points in plan (Besl
+and McKay 1992) refine the best placement.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ __all__ = ["Match", "Matches", "PlanMotion", "Standing", "agreement", "best_matc
 
 Array = NDArray[np.float64]
 
-#: What is this far above the ground around it stands there, metres; higher is not looked at.
+#: Heights above the surrounding ground between which points are used, metres.
 _LOW_M, _HIGH_M = 0.7, 15.0
-#: Farther points are not looked at, metres.
+#: Maximum distance of the points from the centre, metres.
 _FAR_M = 60.0
-#: The ground is the lowest point in squares of so many cells of this size, metres, but not off
-#: the commonest height by more than half a metre and this slope.
+#: The ground is the lowest point in windows of this many cells of this size (metres), at most half
+#: a metre plus this slope off the most frequent height.
 _GROUND_CELL_M, _GROUND_CELLS, _STEEPEST = 2.0, 5, 0.15
-#: One point is kept per cell of this size, metres, and of those so many at random.
+#: One point is kept per voxel of this size, metres, and of those this many at random.
 _THINNED_M, _MOST = 0.4, 3000
-#: The pictures from above: cells of this size, metres, and so many of them each way.
+#: Cell size of the images, metres, and their cells per side.
 _CELL_M, _CELLS = 1.0, 192
 _BANDS_M = (_LOW_M, 2.0, 4.0, _HIGH_M)
-#: Standard deviations of the pictures' smoothing and of what is taken off, cells.
+#: Standard deviations of the smoothing and of the subtracted background, cells.
 _FINE, _COARSE = 0.7, 2.0
 _STEP_DEG = 3
-#: A place is no other one up to so many cells of shift.
+#: Shifts up to this many cells count as none.
 _UNMOVED = 2
-#: Headings nearer to each other than this are one, degrees.
+#: Headings that differ by less are the same, degrees.
 _SAME_DEG = 8.0
-#: A point has found its match this near, metres.
+#: Maximum distance of matching points, metres.
 _MATCHED_M = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class PlanMotion:
-    """A turn about the frame's origin (after y was turned round, if mirrored), then a shift.
+    """A rotation about the frame's origin (after y is negated, if mirrored), then a shift.
 
     Attributes:
         yaw: radians counter-clockwise.
         shift: x and y, metres.
-        mirrored: y is turned round first.
+        mirrored: y is negated first.
     """
 
     yaw: float = 0.0
@@ -65,18 +65,18 @@ class PlanMotion:
         return np.array([[c, -s * y], [s, c * y]])
 
     def apply(self, plan: Array) -> Array:
-        """Move (N, 2) points."""
+        """Return (N, 2) points moved."""
         return np.asarray(plan @ self.matrix.T + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """What stands above the ground of a frame.
+    """The points of a frame that lie above its ground.
 
     Attributes:
-        points: (K, 3): x, y in the frame; height above the ground around it, metres.
-        middle: (2,) of the frame's points in plan.
-        ground: (G, 3) the lowest points of cells: x, y, z in the frame.
+        points: (K, 3): x, y in the frame; height above the surrounding ground, metres.
+        middle: (2,) median of the frame's points in plan.
+        ground: (G, 3) lowest points of cells: x, y, z in the frame.
     """
 
     points: Array
@@ -84,7 +84,7 @@ class Standing:
     ground: Array
 
     def moved(self, motion: PlanMotion) -> Standing:
-        """Return it moved in plan."""
+        """Return the points moved in plan."""
         return Standing(
             np.column_stack([motion.apply(self.points[:, :2]), self.points[:, 2]]),
             motion.apply(self.middle[None])[0],
@@ -94,11 +94,12 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """A place of one frame on another.
+    """A placement of one frame on another.
 
     Attributes:
-        motion: moves the one onto the other.
-        strength: its correlation over the best at any other heading: of two places about 1.
+        motion: moves the first frame onto the second.
+        strength: correlation relative to the best of any other heading; about 1 for different
+            places.
     """
 
     motion: PlanMotion
@@ -107,12 +108,13 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """The best places of one frame on another.
+    """The best placements of one frame on another.
 
     Attributes:
-        anywhere: the best.
-        in_place: the best that is a turn about the frame's origin and no shift, among such.
-        as_it_is: the correlation without any motion, over the best at any heading but that of
+        anywhere: the best placement.
+        in_place: the best rotation about the frame's origin without a shift, compared with other
+            such rotations.
+        as_it_is: correlation without a motion, relative to the best of any heading but that of
             ``anywhere``.
     """
 
@@ -122,7 +124,7 @@ class Matches:
 
 
 def standing(points: Array) -> Standing:
-    """Return what stands above the ground around it, of (N, 3) points in metres, z upward."""
+    """Return the points above the surrounding ground, of (N, 3) points in metres with z up."""
     middle = np.median(points[:, :2], axis=0)
     chosen = points[np.hypot(*(points[:, :2] - middle).T) < _FAR_M]
     away = np.hypot(*(chosen[:, :2] - middle).T)
@@ -148,7 +150,7 @@ def standing(points: Array) -> Standing:
 
 
 def agreement(one: Standing, other: Standing) -> tuple[float, float]:
-    """Return which share of each one's points the other has within 0.6 m, both ways."""
+    """Return the share of each frame's points within 0.6 m of a point of the other, both ways."""
     if not len(one.points) or not len(other.points):
         return 0.0, 0.0
     both = ((one.points, other.points), (other.points, one.points))
@@ -160,7 +162,7 @@ def agreement(one: Standing, other: Standing) -> tuple[float, float]:
 
 
 def best_match(one: Standing, other: Standing) -> Matches | None:
-    """Return how to move one onto the other; None where one of them is empty."""
+    """Return the placements of the first frame on the second; None if one of them is empty."""
     if not len(one.points) or not len(other.points):
         return None
     target = _band_pass() * np.conj(rfft2(_pictures(other.points, other.middle), axes=(1, 2)))
@@ -197,7 +199,7 @@ def best_match(one: Standing, other: Standing) -> Matches | None:
 
 
 def _apart(turns: list[PlanMotion], chosen: int) -> NDArray[np.bool_]:
-    """Return which turns have another heading than the chosen one, or are its mirror images."""
+    """Return the mask of motions with another heading or handedness than the chosen one."""
     yaw = np.array([turn.yaw for turn in turns])
     other = np.array([turn.mirrored for turn in turns]) != turns[chosen].mirrored
     away = np.abs(np.angle(np.exp(1j * (yaw - yaw[chosen]))))
@@ -205,14 +207,14 @@ def _apart(turns: list[PlanMotion], chosen: int) -> NDArray[np.bool_]:
 
 
 def _band_pass() -> Array:
-    """Return the transfer function, squared: smoothing less a broader smoothing, cells."""
+    """Return the squared transfer function of the band-pass: a difference of two Gaussians."""
     row, column = np.fft.fftfreq(_CELLS)[:, None], np.fft.rfftfreq(_CELLS)[None]
     squared = -2 * np.pi**2 * (row**2 + column**2)
     return np.asarray((np.exp(squared * _FINE**2) - np.exp(squared * _COARSE**2)) ** 2)
 
 
 def _pictures(points: Array, middle: Array) -> NDArray[np.float32]:
-    """Return what is seen from above around the middle, (B, cells, cells)."""
+    """Return the images of the points in plan around the centre, (B, cells, cells)."""
     cells = np.floor((points[:, :2] - middle) / _CELL_M).astype(int) + _CELLS // 2
     inside = ((cells >= 0) & (cells < _CELLS)).all(axis=1)
     band = np.digitize(points[inside, 2], _BANDS_M) - 1
@@ -222,7 +224,7 @@ def _pictures(points: Array, middle: Array) -> NDArray[np.float32]:
 
 
 def _settled(one: Standing, other: Standing, start: PlanMotion) -> PlanMotion:
-    """Return a motion after closest points in plan, ever nearer ones."""
+    """Return a motion refined by closest points in plan, with decreasing reach."""
     tree = cKDTree(other.points)
     plan = one.points[:, :2] * [1.0, -1.0 if start.mirrored else 1.0]
     motion = replace(start, mirrored=False)

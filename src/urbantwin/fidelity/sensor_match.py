@@ -1,4 +1,4 @@
-"""Whether two frames can be of one kind of sensor: rings, field of view, steps, reach, density."""
+"""Checks whether two frames can be of one kind of sensor: rings, field of view, steps, range."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ __all__ = ["doubts_about_sensors"]
 
 Array = NDArray[np.float64]
 
-#: A ring counts from so many points on.
+#: Minimum number of points of a ring.
 _LEAST_IN_RING = 10
-#: Counts and steps may differ by this factor, densities by the other; and rings by so many, as
-#: cars before either sensor hide some of them.
+#: Factors by which ring counts and point densities may differ, and the number of rings that may be
+#: missing, as cars in front of either sensor hide some.
 _FACTOR, _DENSER = 1.25, 1.8
 _RINGS = 3
-#: Fields of view may differ by so many degrees.
+#: Tolerance of the fields of view, degrees.
 _VIEW_DEG = 4.0
-#: Seen steeper than this, points are not from a sensor at the place that is assumed.
+#: A steeper elevation means that the assumed sensor position is wrong.
 _STEEPEST_DEG = -70.0
-#: The percentile of elevations that stands for the lowest beams.
+#: Percentile of elevations that represents the lowest beams.
 _LOWEST = 0.5
-#: A frame ends sharply where this share of its points lie in the last tenth of its reach; points
-#: of the other beyond that must be this share of its own.
+#: A frame has a sharp end if this share of its points lies in the last tenth of its range; the
+#: other frame must have this share of its points beyond.
 _SHARP, _BEYOND = 0.012, 0.02
-#: Ground is compared at these distances and in cells of this size, metres.
+#: Distances between which ground is compared, and the size of its cells, metres.
 _NEAR_M, _FAR_M, _CELL_M = 4.0, 25.0, 2.0
 _LEAST_CELLS, _LEAST_IN_CELL = 20, 8
-#: Points so far above the lowest of their cell are of the ground, metres.
+#: Points up to this above the lowest of their cell are ground, metres.
 _LEVEL_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A frame from its sensors' places: direction and range of each point."""
+    """Range, elevation and azimuth (degrees) of each point from its sensor."""
 
     range_m: Array
     elevation: Array
@@ -47,11 +47,10 @@ class _Seen:
 
 
 def doubts_about_sensors(real: Frame, other: Frame) -> list[str]:
-    """Return what looks unlike one kind of sensor, one sentence each.
+    """Return the signs of different kinds of sensor, one sentence each.
 
-    Both frames must be in one frame of reference. What one of them lacks because the twin lacks
-    walls is no doubt: only beams that go below the horizon, sharp ends and the density of ground
-    that both show are looked at.
+    Both frames must be in one frame of reference. Walls that the twin lacks raise no doubt: only
+    beams below the horizon, sharp ends of the range and the density of common ground are compared.
     """
     if not len(real.points) or not len(other.points):
         return []
@@ -69,7 +68,7 @@ def doubts_about_sensors(real: Frame, other: Frame) -> list[str]:
 
 
 def _places(real: Frame, other: Frame) -> tuple[Array, Array]:
-    """Return each one's sensors; where the real data may not say, the likelier of both."""
+    """Return the sensor positions of each frame; uncertain real ones are taken from the other."""
     own, its = real.sensor_places, other.sensor_places
     if real.ring is None and not own.any():
         return its, its
@@ -79,7 +78,7 @@ def _places(real: Frame, other: Frame) -> tuple[Array, Array]:
 
 
 def _raggedness(frame: Frame, places: Array) -> float:
-    """Return how much elevations of one ring differ over how much all do: little at the sensor."""
+    """Return the spread of elevations within rings relative to that of all; small at the sensor."""
     seen = _seen(frame, places)
     if seen.ring is None:
         return 0.0
@@ -105,7 +104,7 @@ def _seen(frame: Frame, places: Array) -> _Seen:
 
 
 def _step(seen: _Seen) -> float:
-    """Return the usual step in azimuth within rings, degrees; 0 where none can be told."""
+    """Return the median step in azimuth within rings, degrees; 0 if it is unknown."""
     assert seen.ring is not None
     order = np.lexsort([seen.azimuth, seen.ring])
     _, first, count = np.unique(seen.ring[order], return_index=True, return_counts=True)
@@ -120,17 +119,17 @@ def _step(seen: _Seen) -> float:
 
 
 def _many_rings(seen: _Seen, chosen: NDArray[np.bool_]) -> int:
-    """Return how many rings have enough of the chosen points (N,)."""
+    """Return the number of rings with enough of the chosen points (N,)."""
     assert seen.ring is not None
     _, count = np.unique(seen.ring[chosen], return_counts=True)
     return int((count >= _LEAST_IN_RING).sum())
 
 
 def _rings(real: _Seen, other: _Seen, ground: _Ground | None) -> Iterator[str]:
-    """Say where ground that both show is seen by more rings of one, or their points lie closer.
+    """Yield doubts if common ground is hit by more rings of one frame, or rings differ in step.
 
-    Not by their elevations: those are of beams only where the sensor's place is known, and a ring
-    of a twin without houses shows other parts of itself than the real one.
+    Elevations are not compared: they are those of beams only if the sensor's position is known, and
+    a ring of a twin without houses has other visible parts than the real one.
     """
     if real.ring is None or other.ring is None:
         return
@@ -156,7 +155,7 @@ def _below(degrees: float) -> str:
 
 
 def _view(real: _Seen, other: _Seen) -> Iterator[str]:
-    """Say where the lowest beams, which meet the ground of any twin, go down differently far."""
+    """Yield a doubt if the lowest beams, which hit the ground of any twin, differ in elevation."""
     mine, its = (float(np.percentile(one.elevation, _LOWEST)) for one in (real, other))
     if abs(mine - its) > _VIEW_DEG and min(mine, its) > _STEEPEST_DEG:
         yield (
@@ -166,7 +165,7 @@ def _view(real: _Seen, other: _Seen) -> Iterator[str]:
 
 
 def _reach(real: _Seen, other: _Seen) -> Iterator[str]:
-    """Say where one frame ends sharply and the other goes on."""
+    """Yield a doubt if one frame ends sharply and the other goes on."""
     for one, far, names in ((real, other, ("real", "other")), (other, real, ("other", "real"))):
         ends = float(np.percentile(one.range_m, 99.9))
         sharp = float((one.range_m > 0.9 * ends).mean())
@@ -181,11 +180,11 @@ def _reach(real: _Seen, other: _Seen) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Ground that two frames show.
+    """Ground that two frames have in common.
 
     Attributes:
-        counts: points of either in each of the cells that hold enough of both, (C,) each.
-        points: whether each point of either lies in one of these cells.
+        counts: points of each frame in the cells that hold enough of both, (C,) each.
+        points: mask of each frame's points in these cells.
     """
 
     counts: tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -193,7 +192,7 @@ class _Ground:
 
 
 def _ground_of_both(*frames: Array) -> _Ground | None:
-    """Return the ground near the sensors that two frames' points (N, 3) both show."""
+    """Return the ground near the sensors that both frames' points (N, 3) cover."""
     side = int(2 * _FAR_M / _CELL_M)
     lowest, cells = [], []
     for points in frames:
@@ -223,7 +222,7 @@ def _ground_of_both(*frames: Array) -> _Ground | None:
 
 
 def _density(ground: _Ground) -> Iterator[str]:
-    """Say where ground that both show holds more points of one of them."""
+    """Yield a doubt if common ground has clearly more points in one frame."""
     ratio = float(np.median(ground.counts[0] / ground.counts[1]))
     if not 1 / _DENSER < ratio < _DENSER:
         yield (

@@ -1,4 +1,4 @@
-"""The sides of a comparison: real, synthetic, arbitrary; read, checked, split."""
+"""The sides of a comparison: real, synthetic and arbitrary frames; reading, checks, foreground."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["ANCHOR", "LABELS", "MODEL", "Side", "model_background", "open_side",
 
 #: How foreground is separated from background.
 LABELS, MODEL = "labels", "background model"
-#: Other real frames of the place, for real against real.
+#: Side of other real frames of the place, for real against real.
 ANCHOR = "anchor"
-#: Frames that a background model is made of; of more, so many that are spread evenly.
+#: Maximum number of frames of a background model; more are sampled evenly.
 _MODEL_FRAMES = 60
 
 
@@ -36,14 +36,14 @@ class Side:
     Attributes:
         name: "real", "synthetic", "arbitrary" or "anchor".
         recording: its frames.
-        count: how many of them are used.
-        scale: full scale of its intensity; None where not every frame has intensity.
-        problems: number of each frame that cannot be read -> why.
-        labelled: every frame that can be read has labels.
-        stands: the sensor does not move, as far as the frames say.
-        objects: what its labels say of objects.
-        points: of all frames together.
-        background: what stands still, where that was asked for.
+        count: number of frames used.
+        scale: full scale of its intensity; None if a frame has no intensity.
+        problems: number of each unreadable frame -> reason.
+        labelled: every readable frame has labels.
+        stands: the sensor is fixed, as far as the poses of the frames show.
+        objects: statistics of the labelled objects.
+        points: number of points of all frames.
+        background: background model, if one was made.
     """
 
     name: str
@@ -58,13 +58,13 @@ class Side:
     background: Background | None = None
 
     def read(self, index: int) -> Frame | None:
-        """Return a frame; None where it cannot be read, or there are no more."""
+        """Return a frame; None if it is unreadable or beyond the used ones."""
         if index >= self.count or index in self.problems:
             return None
         return self.recording.read(index)
 
     def foreground(self, frame: Frame, how: str | None) -> NDArray[np.bool_] | None:
-        """Return which points (N,) of a frame are actors'; None where that is not known."""
+        """Return the mask (N,) of a frame's points on actors; None if unknown."""
         if how == LABELS:
             return frame.foreground()
         if how == MODEL and self.background is not None:
@@ -74,7 +74,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What is kept of a frame that was read once."""
+    """Summary of a frame that was read once."""
 
     points: int
     largest: float | None  # intensity
@@ -95,10 +95,10 @@ class _Seen:
 
 
 def open_side(name: str, path: Path, columns: int | None, layout: str | None = None) -> Recording:
-    """Open a side's recording; an error says which side it is.
+    """Open the recording of a side; errors name the side.
 
     Raises:
-        InputError: it is not there, or holds no frames that we know.
+        InputError: the recording is missing, or holds no frames of a known layout.
     """
     recording = open_recording(path, layout, columns=columns)
     if not len(recording):
@@ -107,16 +107,16 @@ def open_side(name: str, path: Path, columns: int | None, layout: str | None = N
 
 
 def survey(side: Side, tell: Callable[[], None]) -> None:
-    """Read every frame of a side once: what is bad is known before the long work begins.
+    """Read every frame of a side once, to find unreadable frames before the long work begins.
 
-    Fills in everything but ``count`` and ``background``.
+    Sets all attributes except ``count`` and ``background``.
 
     Args:
-        side: to be filled.
+        side: the side to complete.
         tell: called after each frame.
 
     Raises:
-        InputError: not a single frame can be read; the first frame's is raised.
+        InputError: no frame can be read; the error of the first one.
     """
     largest: float | None = 0.0
     labelled = 0
@@ -152,7 +152,7 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
 
 
 def model_background(side: Side) -> bool:
-    """Make a side's background model; False where there are too few frames, or it moves."""
+    """Make a side's background model; return False if frames are too few or the sensor moves."""
     usable = [index for index in range(side.count) if index not in side.problems]
     if len(usable) < LEAST_FRAMES or not side.stands:
         return False

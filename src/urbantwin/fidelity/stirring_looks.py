@@ -1,8 +1,8 @@
-"""What stirs, in frames of sensors that stand still: leaves, hedges, people who fidget.
+"""Moving foliage in frames of fixed sensors: leaves, hedges, fidgeting people.
 
-A beam that meets a leaf now and then has no range at which something always stands, but the place
-is known: near it something is met in most frames, if hardly ever by the same beam. What drives
-through is in a place for few frames, and what waits comes once and goes once.
+A beam that hits a leaf now and then has no static range, but the location is known: most frames
+have returns near it, if hardly ever of the same beam. Passing traffic occupies a location for few
+frames, and waiting traffic comes once and goes once.
 """
 
 from __future__ import annotations
@@ -21,32 +21,35 @@ from urbantwin.reconstruct.recording.range_modes import ALTERNATES, RangeModes
 
 __all__ = ["MOST_FRAMES", "Looks", "stirring_before"]
 
-#: Frames that are looked at; of more, so many that are spread evenly.
+#: Maximum number of frames used; more are sampled evenly.
 MOST_FRAMES = 16
-#: A look is of a range that always stands within this, three deviations and a share of the range.
+#: A return is at a static range within the largest of this distance (metres) and three standard
+#: deviations, plus this share of the range.
 _NEAR_M, _NEAR_SHARE = 0.2, 0.003
-#: A place is a cube of three cells a side, metres, and stirs if something is met there in this
-#: share of the frames, as often as by chance, or in all of them but this share.
+#: Foliage is detected in cubes of three cells of this size (metres) per side. A cube has foliage if
+#: this share of the frames have returns there, as randomly as by chance or in all but this share of
+#: the frames.
 _CELL_M, _LEAST_SHARE, _RARELY = 0.3, 0.5, 0.1
-#: What is nearer by this than all that stirs in a beam hides it, metres.
+#: A return nearer by this than all foliage of its beam hides the foliage, metres.
 _BEFORE_M = 0.25
-#: What hangs together, metres: looks 0.2 m apart come and go together with a correlation of 0.4,
-#: 0.6 m apart of 0.13 and 1.2 m apart of 0.03 (LUMPI, frames 1 to 12, higher than 0.5 m).
+#: Size of a patch of foliage that moves together, metres: returns 0.2 m apart come and go with a
+#: correlation of 0.4, 0.6 m apart of 0.13 and 1.2 m apart of 0.03 (LUMPI, frames 1 to 12, above 0.5
+#: m).
 _PATCH_M = 1.5
-#: Beams so near to each other look at one thing if it is about as far, radians.
+#: Beams within this angle hit the same object if their ranges are similar, radians.
 _BESIDE_RAD = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """What one sensor saw in F frames.
+    """The returns of one sensor in F frames.
 
     Attributes:
-        beams: of the sensor, N of them.
-        range_m: (F, N) float32, metres; 0: nothing came back.
-        intensity: (F, N) float32, 0 to 1; nan: not known.
-        modes: at which ranges something always stands, traffic that waits left out.
-        waits: tells which places (K, 3) in the sensor's own frame are of traffic that waits.
+        beams: the sensor's N beams.
+        range_m: (F, N) float32, metres; 0: no return.
+        intensity: (F, N) float32, on the recording's scale; nan: unknown.
+        modes: static ranges of the beams, without waiting traffic.
+        waits: returns the mask of the positions (K, 3), in the sensor frame, of waiting traffic.
     """
 
     beams: BeamsOf
@@ -63,7 +66,7 @@ class Looks:
         modes: RangeModes,
         waits: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None,
     ) -> Looks:
-        """Return the looks of frames: of each beams (M,), ranges (M,) and intensities (M,)."""
+        """Build from frames, each given as beams (M,), ranges (M,) and intensities (M,)."""
         range_m = np.zeros((len(frames), beams.count), np.float32)
         intensity = np.full(range_m.shape, np.nan, np.float32)
         for row, light, (beam, far, bright) in zip(range_m, intensity, frames, strict=True):
@@ -71,7 +74,7 @@ class Looks:
         return cls(beams, range_m, intensity, modes, waits)
 
     def passing(self) -> NDArray[np.bool_]:
-        """Return the looks (F, N) at what does not always stand there."""
+        """Return the mask (F, N) of the returns that are not at a static range."""
         found = self.range_m > 0
         for mode in range(self.modes.range_m.shape[1]):
             at = self.modes.range_m[:, mode]
@@ -80,18 +83,18 @@ class Looks:
         return found
 
     def places(self, looks: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return where looks (F, N) ended (K, 3), in the sensor's own frame."""
+        """Return the points (K, 3) of the masked returns (F, N), in the sensor frame."""
         _, beam = np.nonzero(looks)
         aim: NDArray[np.float64] = self.beams.directions.reshape(-1, 3)[beam]
         return aim * self.range_m[looks][:, None]
 
 
 def stirring_before(sensors: Sequence[Looks], *, interval_s: float) -> list[Stirring | None]:
-    """Return what stirs before each sensor; ``None``: nothing does.
+    """Return the moving foliage in the view of each sensor; ``None``: there is none.
 
     Args:
-        sensors: their looks in the same frames.
-        interval_s: from one of these frames to the next.
+        sensors: returns of the sensors in the same frames.
+        interval_s: time between these frames, seconds.
     """
     passing = [one.passing() for one in sensors]
     stirs, places = [], []
@@ -121,7 +124,7 @@ def stirring_before(sensors: Sequence[Looks], *, interval_s: float) -> list[Stir
 def _stirring(
     places: NDArray[np.float64], frame: NDArray[np.int64], frames: int
 ) -> NDArray[np.bool_]:
-    """Return which looks (K,) ended where something is met again and again."""
+    """Return the mask (K,) of the returns at locations that are hit again and again."""
     cell = np.floor(places / _CELL_M).astype(np.int64)
     cell -= cell.min(axis=0, initial=0) - 1
     size = cell.max(axis=0, initial=0) + 2
@@ -144,10 +147,11 @@ def _stirring(
 
 
 def _lasts(stirs: Sequence[NDArray[np.bool_]]) -> float:
-    """Return for how many frames what stirs stays as it is.
+    """Return the number of frames for which the state of foliage persists.
 
-    A state that is kept for T frames, changes falling anywhere, has a correlation of 1 - 1 / T from
-    one frame to the next. That of F frames about their own mean is too low by 1 / (F - 1).
+    A state that persists for T frames, with changes at random times, has a correlation of 1 - 1 / T
+    from one frame to the next. The correlation of F frames about their own mean is too low by 1 /
+    (F - 1).
     """
     product_, variance = 0.0, 0.0
     for mine in stirs:
@@ -161,9 +165,9 @@ def _lasts(stirs: Sequence[NDArray[np.bool_]]) -> float:
 
 
 def _middles(one: Looks, stirs: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the middle (B, 3) of what stirs about each beam in which something does.
+    """Return the mean position (B, 3) of the foliage around each beam that has any.
 
-    Few looks of one beam end anywhere within a plant: those of beams side by side tell more.
+    The few returns of one beam lie anywhere within a plant: neighbouring beams are averaged.
     """
     places = one.places(stirs)
     at = np.unique(np.nonzero(stirs)[1], return_inverse=True)[1]
@@ -175,7 +179,7 @@ def _middles(one: Looks, stirs: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _means(places: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the mean (G, 3) of the places (K, 3) of each group (K,), numbered from 0."""
+    """Return the mean (G, 3) of the positions (K, 3) of each group (K,), numbered from 0."""
     sums = np.stack([np.bincount(group, places[:, n]) for n in range(3)], axis=1)
     return sums / np.bincount(group)[:, None]
 
@@ -187,14 +191,14 @@ def _of_sensor(
     patch: NDArray[np.int32],
     lasts_s: float,
 ) -> Stirring:
-    """Return what stirs before a sensor, frame by frame; what was hidden as it was before or after.
+    """Return the foliage of a sensor per frame; hidden frames copy the nearest frame in time.
 
     Args:
-        one: the sensor's looks.
-        passing: (F, N) looks at what does not always stand there.
-        stirs: (F, N) those of them at what stirs.
-        patch: (B,) of each beam in which something stirs.
-        lasts_s: for how long it stays as it is.
+        one: the sensor's returns.
+        passing: (F, N) mask of returns that are not at a static range.
+        stirs: (F, N) mask of those on foliage.
+        patch: (B,) patch of each beam with foliage.
+        lasts_s: time for which a state persists, seconds.
     """
     beam = np.flatnonzero(stirs.any(axis=0))
     stirs, range_m = stirs[:, beam], one.range_m[:, beam]

@@ -1,4 +1,4 @@
-"""Where traffic waits on a twin's lanes: what was measured there is no static world."""
+"""Detection of waiting traffic on a twin's lanes, which must not become static background."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from urbantwin.twin import Twin
 
 __all__ = ["WaitingTraffic"]
 
-#: Heights above the road between which vehicles are, metres.
+#: Heights of vehicles above the road, metres.
 _LOW_M, _HIGH_M = 0.2, 3.2
-#: The road is looked for from so far above, metres: under bridges there is another.
+#: The road is searched downward from this height above a point, metres: another road may lie above.
 _FROM_M = 0.5
-#: What the twin has within this is a thing of the place, as boughs over a lane are, metres.
+#: A point this near to a surface of the twin is static, such as boughs over a lane, metres.
 _STANDS_M = 0.2
 
 
 class WaitingTraffic:
-    """Tells which places are over lanes, as low as vehicles are, and nothing that the twin has.
+    """Classifies positions over lanes at the height of vehicles, away from the twin's objects.
 
     Args:
-        twin: with the lanes.
-        site_SE3_places: takes the places to the site frame.
+        twin: the twin, with its lanes.
+        site_SE3_places: transform of the positions to the site frame.
     """
 
     def __init__(self, twin: Twin, site_SE3_places: Pose) -> None:
@@ -33,12 +33,12 @@ class WaitingTraffic:
         self._lanes = LanesBeneath(twin.roads)
         self._ground = DownwardProbe(twin.ground_mesh)
         stands = ~twin.mesh.is_ground
-        # Measured things are made of patches about as large as this.
+        # Measured objects consist of patches of about `_STANDS_M`.
         corners = twin.mesh.vertices[twin.mesh.faces[stands]]
         self._things = cKDTree(corners.mean(axis=1))
 
     def __call__(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which places (N, 3) are of traffic that waits."""
+        """Return the mask (N,) of the positions (N, 3) that belong to waiting traffic."""
         at = self._pose.apply(places)
         over = np.flatnonzero(self._lanes.cover(at))
         found = np.zeros(len(at), bool)

@@ -1,4 +1,4 @@
-"""Estimating the pose of a sensor in the twin from one real frame."""
+"""Estimation of a sensor's pose in the twin from one real frame."""
 
 from __future__ import annotations
 
@@ -24,44 +24,44 @@ from urbantwin.progress import Progress, untold
 __all__ = ["Alignment", "Guess", "align"]
 
 
-#: Points farther from the sensor than this are left out, metres.
+#: Maximum distance of points from the sensor, metres.
 _REACH_M = 50.0
-#: The points that decide, and those that only tell candidates apart: one per cell, metres.
+#: Cell size with one point each for the final registration, and for comparing candidates, metres.
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
-#: A second place that is as likely as this share of the first makes it a guess; and so does one
-#: of a smaller share p that lies d away, if the root of p d^2 is more than this, metres.
+#: The pose is ambiguous if another place has more than this share of the best one's probability, or
+#: if the root of p d^2 exceeds this distance (metres), for a place of share p at a distance d.
 _AMBIGUOUS, _MOST_ELSEWHERE_M = 0.1, 0.75
-#: A place less certain than this is not found, metres and degrees (standard deviations).
+#: Maximum standard deviations of a valid pose, metres and degrees.
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
-#: A frame that is likelier than chance by less than the second (a logarithm) may fit by chance:
-#: some hundred places that differ are tried. Where a narrow span holds n poses that differ, the
-#: first beyond log n is enough.
+#: Log likelihood ratio against chance below which a frame may fit by chance: the second value, as
+#: some hundred distinct places are tested. In a narrow span with n distinct poses, log n plus the
+#: first value suffices.
 _LEAST_BEYOND_CHANCE, _LEAST_EVIDENCE = 2.0, 8.0
-#: A pose farther beyond the span than so many standard deviations is none of it.
+#: Maximum excess of a pose over the bounds of the guess, in standard deviations.
 _BEYOND = 2.0
 _CANDIDATES = 6
-#: So far beyond the span, metres and radians, a place that is ten times as likely as the best
-#: within is told: the guess is wrong then, and what fits within it may only look alike.
+#: Margins beyond the span, metres and radians, in which a place ten times as likely as the best
+#: within is reported: the guess is wrong then.
 _JUST_BEYOND_M, _JUST_BEYOND_RAD = 1.5, np.radians(5.0)
-#: Two of them are one place, metres and degrees.
+#: Differences up to which two poses are the same, metres and degrees.
 _SAME_M, _SAME_DEG = 0.5, 3.0
-#: With fewer curbs and fewer points off the ground, only heights of the ground would hold the
-#: place, and they fit somewhere whatever the frame shows.
+#: With fewer curbs and fewer points above the ground, only ground heights would constrain the
+#: position, and they fit somewhere for any frame.
 _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
 _HOLDING = "a twin with walls, curbs or three posts that the sensor sees"
 
 
 @dataclass(frozen=True)
 class Guess:
-    """An initial guess of where the sensor is.
+    """An initial guess of the pose of a frame.
 
     Attributes:
         east_m: metres east of the anchor.
         north_m: metres north of the anchor.
         yaw_deg: heading of the frame's x axis, counter-clockwise from east.
-        within_m: how far off the place may be, east and north.
-        within_deg: how far off the heading may be.
+        within_m: maximum error of the position, east and north.
+        within_deg: maximum error of the heading.
     """
 
     east_m: float
@@ -76,15 +76,15 @@ class Alignment:
     """The pose of a frame in the twin, and its uncertainty.
 
     Attributes:
-        pose: ``site_SE3_frame``: takes the frame's points to the site.
+        pose: ``site_SE3_frame``: transforms the frame's points to the site.
         found: the registration: residual, standard deviations.
-        second: how likely the next best place is, as a share of the best; 0 where there is none.
+        second: probability of the next best place relative to the best; 0 if there is none.
         plane: the ground in the frame.
-        evidence: logarithm of how much likelier the frame is there than by chance.
-        start: where the search began; None where it was anywhere.
-        frames: how many frames the pose is the mean of.
-        scatter_m: of these frames' places (root mean square).
-        left_out: frames that were not found.
+        evidence: log likelihood ratio of the pose against chance.
+        start: start of the search; None for an unrestricted one.
+        frames: number of frames of which the pose is the mean.
+        scatter_m: root mean square scatter of the positions of these frames.
+        left_out: number of frames that were not aligned.
     """
 
     pose: Pose
@@ -99,11 +99,11 @@ class Alignment:
 
     @property
     def confidence(self) -> float:
-        """1 less how likely the next best place is, as a share of the best."""
+        """1 minus the probability of the next best place relative to the best."""
         return 1.0 - self.second
 
     def report(self) -> dict[str, Any]:
-        """Return everything as JSON holds it."""
+        """Return all values for JSON."""
         yaw, pitch, roll = np.degrees(ypr_from_rotation(self.pose.rotation))
         east, north, up = self.pose.translation
         return {
@@ -143,29 +143,29 @@ def align(
     file: str | None = None,
     progress: Progress | None = None,
 ) -> Alignment:
-    """Find where in the twin a real frame was measured.
+    """Find the pose of a real frame in the twin.
 
     1. The ground plane of the frame gives the sensor's height above it, pitch and roll.
-    2. Places and headings are tried in which the sensor stands on the twin's ground as it does on
-       its own; the points must lie on the scene's surfaces (a field of distances).
-    3. The best few are registered to the surfaces that can be seen from there; the one at which
-       the frame is likeliest wins (`pose_belief`).
+    2. Positions and headings are tested at that height above the twin's ground; the points must lie
+      on the scene's surfaces (a distance field).
+    3. The best few are registered to the surfaces visible from there; the pose with the highest
+      likelihood is chosen (`pose_belief`).
 
-    Points that labels give to objects are left out: objects move, the twin does not.
+    Points on labelled objects are left out, as objects move.
 
     Args:
-        frame: one real frame, z roughly upward.
+        frame: one real frame, z roughly up.
         mesh: the static world, site frame.
-        guess: roughly where it is; else the whole region is searched, with any heading.
-        region: where it can be, site frame, if there is no guess.
+        guess: approximate pose; without it the whole region is searched, with any heading.
+        region: possible positions without a guess, site frame.
         surface: paint on the twin's roads.
-        seed: of the ground planes that are tried.
-        file: where the frame is from, for errors.
-        progress: called with the fraction done (0..1) and what is being done.
+        seed: seed of the tested ground planes.
+        file: source of the frame, for errors.
+        progress: called with the fraction done (0..1) and the current step.
 
     Raises:
-        InputError: no ground in the frame, or at the guess in the twin; nothing that holds the
-            place (a bare plane looks alike everywhere); or another place may be it as well.
+        InputError: no ground in the frame or in the twin at the guess; nothing that constrains the
+            position (as on a bare plane); or another pose is similarly likely.
     """
     tell = progress or untold
     moving = frame.foreground(margin=0.1)
@@ -239,7 +239,7 @@ def align(
 
 
 def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | None) -> None:
-    """Refuse a pose that is not determined, or that may fit by chance."""
+    """Raise an error if a pose is undetermined, or may fit by chance."""
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
             f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
@@ -259,7 +259,7 @@ def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | No
 
 
 def least_evidence(span: SearchSpan) -> float:
-    """Return how much likelier than chance, as a logarithm, a frame must be somewhere in a span."""
+    """Return the minimum log likelihood ratio against chance of a pose in a span."""
     differing = (2.0 * span.reach_m / _SAME_M + 1.0) ** 2
     differing *= 2.0 * np.degrees(span.reach_rad) / _SAME_DEG + 1.0
     return min(_LEAST_EVIDENCE, float(np.log(differing)) + _LEAST_BEYOND_CHANCE)
@@ -271,10 +271,10 @@ def _elsewhere(
     sensor: NDArray[np.float64],
     guess: Guess | None,
 ) -> list[tuple[float, Pose]]:
-    """Return how likely the other places are, as shares of the best, and where they are.
+    """Return the relative probabilities and poses of the other places.
 
-    Where the guess cannot be is no place, although the search looks there: sensors stand beside
-    the middle of the frame that a guess is of.
+    Places that the guess excludes are dropped: the search includes some, as sensors stand beside
+    the origin of the frame for which the guess is.
     """
     return [
         (belief.share / max(told[0][0].share, 1e-9), other)
@@ -286,7 +286,7 @@ def _elsewhere(
 def _told_apart(
     pose: Pose, others: list[tuple[float, Pose]], sensor: NDArray[np.float64], file: str | None
 ) -> None:
-    """Refuse two places alike."""
+    """Raise an error if another pose is similarly likely."""
     for share, other in others:
         apart = float(np.hypot(*(other.translation - pose.translation)[:2]))
         if share <= _AMBIGUOUS and np.sqrt(share) * apart <= _MOST_ELSEWHERE_M:
@@ -308,9 +308,9 @@ def _just_beyond(
     found: Pose,
     span: SearchSpan,
 ) -> Pose | None:
-    """Return the likeliest place just beyond a span, if what was found within is not a tenth of it.
+    """Return the likeliest pose just beyond a span, if it is ten times as likely as the one within.
 
-    What lies beyond makes nothing ambiguous. But where streets repeat and a guess leaves out the
+    Poses beyond the span cause no ambiguity. But where streets repeat and the guess excludes the
     right place, another one fits well, too.
     """
     reach_rad = min(span.reach_rad + _JUST_BEYOND_RAD, np.pi)
@@ -331,7 +331,7 @@ def _just_beyond(
 
 
 def _not_just_beyond(pose: Pose, other: Pose | None, guess: Guess, file: str | None) -> None:
-    """Refuse a place beside one that lies just beyond the span and is likelier by far."""
+    """Raise an error if a much likelier pose lies just beyond the span."""
     if other is None:
         return
     apart = float(np.hypot(*(other.translation - pose.translation)[:2]))
@@ -346,10 +346,10 @@ def _not_just_beyond(pose: Pose, other: Pose | None, guess: Guess, file: str | N
 def _bounded(
     pose: Pose, found: Registered, plane: GroundPlane, guess: Guess | None, file: str | None
 ) -> Pose:
-    """Return the pose of the points' frame in the bounds of a guess, or refuse it.
+    """Return the pose of the points' frame within the bounds of a guess, or raise an error.
 
-    Where the truth lies just within a bound, half of all estimates lie beyond. They are moved onto
-    the bound, which two standard deviations allow; farther off the guess is wrong, or the place.
+    If the truth lies at a bound, half of all estimates are beyond. They are moved onto the bound,
+    up to two standard deviations; farther off, the guess or the place is wrong.
     """
     if guess is None:
         return pose
@@ -370,7 +370,7 @@ def _bounded(
 
 
 def _off(pose: Pose, guess: Guess | None) -> float:
-    """Return how far beyond what a guess allows the pose of the points' frame is, metres."""
+    """Return how far the pose of the points' frame is beyond a guess, metres."""
     if guess is None:
         return -np.inf
     away = np.abs(pose.translation[:2] - [guess.east_m, guess.north_m]).max()
@@ -378,7 +378,7 @@ def _off(pose: Pose, guess: Guess | None) -> float:
 
 
 def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
-    """Return the pose of the points' frame by that of the middle of its sensors."""
+    """Return the pose of the points' frame from that of the centre of its sensors."""
     return Pose(pose.rotation, pose.apply(-sensor[None])[0])
 
 
@@ -389,7 +389,7 @@ def _told(
     candidates: list[Found],
     span: SearchSpan,
 ) -> list[tuple[Belief, Pose]]:
-    """Register the candidates; return how likely each place is, the likeliest first."""
+    """Register the candidates; return their beliefs and poses, the likeliest first."""
     poses: list[Pose] = []
     for one in candidates:
         found = registered(scene, features, one.pose, rough=True)
@@ -404,7 +404,7 @@ def _told(
 
 
 def _same(one: Pose, other: Pose) -> bool:
-    """Whether two poses are one place."""
+    """Return whether two poses are the same."""
     turned = one.rotation.T @ other.rotation
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1)))
     apart = np.linalg.norm(one.translation - other.translation)
@@ -412,7 +412,7 @@ def _same(one: Pose, other: Pose) -> bool:
 
 
 def _stance(pose: Pose, plane: GroundPlane) -> tuple[NDArray[np.float64], float]:
-    """Return the place (2,) and the heading, radians, of a pose."""
+    """Return the position (2,) and the heading, radians, of a pose."""
     ahead = pose.rotation @ leveling(plane.normal).T[:, 0]
     return pose.translation[:2], float(np.arctan2(ahead[1], ahead[0]))
 
@@ -423,7 +423,7 @@ def _span(
     mesh: LabelledMesh,
     sensor: NDArray[np.float64],
 ) -> SearchSpan:
-    """Return where the middle of the sensors may be: a guess is of the points' frame."""
+    """Return the search span of the centre of the sensors; a guess is of the points' frame."""
     if guess is not None:
         yaw, turn = np.radians(guess.yaw_deg), np.radians(guess.within_deg)
         ahead = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])

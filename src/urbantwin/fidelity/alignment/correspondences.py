@@ -28,11 +28,11 @@ __all__ = [
 
 RAISED, GROUND, EDGES, LINES, POSTS = range(5)
 KINDS = 5
-#: What is no object of its own errs alike over this distance, metres.
+#: Size of regions in which errors of the scene are equal, unless they are separate objects, metres.
 ALIKE_M = 12.0
-#: How far single points scatter, by kind, metres.
+#: Noise of single points by kind, metres.
 NOISE_M = (0.03, 0.03, 0.05, 0.05, 0.05)
-#: Edges and lines farther above or below a point are of another street, metres.
+#: Edges and lines farther above or below a point are of another street level, metres.
 _STOREY_M = 1.5
 
 #: The columns of `Residuals`.
@@ -44,13 +44,13 @@ class Residuals:
     """Residuals of the points that have a correspondence.
 
     Attributes:
-        at: (P, 3) where they are, site frame.
+        at: (P, 3) positions, site frame.
         aim: (P, 3) unit vectors along which the error is measured.
-        error: (P,) by how much, metres.
-        weight: (P,) per square metre.
-        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES`, `LINES` or `POSTS`.
-        cluster: (P,) of points whose errors are one: on one object, or on one stretch.
-        number: (P,) of the point, curb, spot or post in its features.
+        error: (P,) errors, metres.
+        weight: (P,) weights per square metre.
+        kind: (P,) kind of the surface: `RAISED`, `GROUND`, `EDGES`, `LINES` or `POSTS`.
+        cluster: (P,) group of points with a common error: one object or region.
+        number: (P,) index of the point, curb, spot or post in its features.
     """
 
     at: NDArray[np.float64]
@@ -63,13 +63,13 @@ class Residuals:
 
 
 class Correspondences:
-    """One frame against what of the scene can be seen from about where it is.
+    """Correspondences of one frame with the part of the scene that is visible from its pose.
 
     Args:
         scene: the static world as points.
-        features: what the frame shows.
-        start: about where it is.
-        reach_m: nothing farther away is a correspondence.
+        features: features of the frame.
+        start: approximate pose.
+        reach_m: maximum distance of a correspondence.
     """
 
     def __init__(
@@ -115,16 +115,16 @@ class Correspondences:
 
         Args:
             pose: ``site_SE3_frame``.
-            offsets: (2,) how far surfaces off the ground, and edges, are before the real ones.
-            wrong: (5,) how far the scene is wrong over `ALIKE_M`, by kind, metres.
-            scale: (5,) the distance at which a point counts a quarter, by kind, metres.
+            offsets: (2,) offsets of raised surfaces, and of edges, from the real ones, metres.
+            wrong: (5,) error of the scene over `ALIKE_M`, by kind, metres.
+            scale: (5,) distance at which a point's weight is a quarter, by kind, metres.
         """
         parts = [*self._surfaces(pose), self._curbs(pose), self._spots(pose), *self._uprights(pose)]
         at, aim, error, weight, kind, cluster, number = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
         error = error - offsets[0] * (kind == RAISED) - offsets[1] * (kind == EDGES)
-        # Many points of one spot are no better than the scene is there.
+        # Many points in one region are no more accurate than the scene is there.
         group = cluster * KINDS + kind
         many = np.bincount(group, weight)[group] if len(group) else weight
         weight = weight / (many * wrong[kind] ** 2 + np.array(NOISE_M)[kind] ** 2)
@@ -132,10 +132,10 @@ class Correspondences:
         return Residuals(at, aim, error, weight, kind, cluster, number)
 
     def _surfaces(self, pose: Pose) -> list[_Part]:
-        """Match points of the ground to any surface, and others to those off the ground.
+        """Match ground points to any surface, and raised points to raised surfaces.
 
-        What rises from the ground is not the ground below it: cars, hedges, people. Nor is it of a
-        post, where it is not thin.
+        Raised points (cars, hedges, people) do not match the ground below, nor posts unless they
+        are thin.
         """
         found = []
         for chosen, places, normal, ground, cluster, tree in self._targets:
@@ -152,7 +152,7 @@ class Correspondences:
         return found
 
     def _uprights(self, pose: Pose) -> list[_Part]:
-        """Match axes of posts in plan, east and north: they are too thin for their planes."""
+        """Match axes of posts in plan, east and north: they are too thin for planes."""
         at = pose.apply(self._features.posts)
         if not len(at) or not len(self._posts):
             return []
@@ -190,7 +190,7 @@ class Correspondences:
         normal: NDArray[np.float64],
         kind: int,
     ) -> _Part:
-        """Match points to edges or lines in plan: heights say nothing about them."""
+        """Match points to edges or lines in plan, without heights."""
         tree = self._trees[which]
         if tree is None or not len(at):
             nothing = np.zeros(0, np.int64)
@@ -216,7 +216,7 @@ class Correspondences:
 def _clusters(
     places: NDArray[np.float64], of: NDArray[np.int64] | None = None
 ) -> NDArray[np.int64]:
-    """Return the object (N,) that each place is of, or the cube that it lies in."""
+    """Return the object (N,) of each position, or the cube that contains it."""
     cell = np.floor(places / ALIKE_M).astype(np.int64)
     if of is not None:
         cell = np.column_stack([np.where(of[:, None] > 0, 0, cell), of])

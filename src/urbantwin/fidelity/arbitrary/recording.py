@@ -1,8 +1,8 @@
-"""An example site, built, driven and recorded as the twin was: what a comparison is held against.
+"""Recording of an example site, made by the same pipeline as the twin, as a control.
 
-The site is ``examples/two-avenues``, which the package carries: invented, and with nothing of any
-real place. What the twin's sensors see there is as far from the real frames as a street without a
-twin is: the same map reader, lane model, traffic, sensors and returns, at the wrong place.
+The site is ``examples/two-avenues``, which is part of the package: invented, without any real
+place. Its frames show how far a street that is no twin is from the real frames: with the same map
+reader, lane model, traffic, sensors and returns, at the wrong place.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from urbantwin.twin import Twin, build_twin
 
 __all__ = ["MOST_FRAMES", "SITE", "arbitrary_recording", "kept"]
 
-#: So many recordings stay; of more, those that were made first go.
+#: Maximum number of cached recordings; the oldest are deleted.
 _MOST = 8
 _MANIFEST = "dataset.json"
 
@@ -50,16 +50,17 @@ def kept(
     scratch: Path,
     folder: Path | None = None,
 ) -> Path:
-    """Return the dataset ``name`` that ``make`` made, now or when it was asked for before.
+    """Return the dataset ``name``, from the cache or made by ``make``.
 
-    It appears whole or not at all. Who asks while another process makes it makes its own.
+    It is cached atomically. If another process is making it at the same time, it is made again in
+    ``scratch``.
 
     Args:
-        name: of the folder that is returned.
-        recipe: all that it follows from; our own code counts by itself.
-        make: makes it in the folder that it is given, beside other things, and returns its folder.
-        scratch: a folder, not there yet, to make it in where ``folder`` is not writable.
-        folder: where such datasets are; the user's cache when not given.
+        name: name of the returned folder.
+        recipe: all inputs that it depends on, besides our own code.
+        make: makes the dataset inside the given folder and returns the dataset's folder.
+        scratch: a folder, not existing yet, to make it in if ``folder`` is not writable.
+        folder: the cache; the user's cache if not given.
     """
     text = json.dumps([__version__, _code(), name, recipe], sort_keys=True, default=str)
     key = hashlib.sha256(text.encode()).hexdigest()[:24]
@@ -73,7 +74,7 @@ def kept(
     with ExitStack() as stack:
         try:
             made_in = stack.enter_context(claimed(target)).folder
-        except InputError:  # Read-only, or another process is making it.
+        except InputError:  # read-only, or another process is making it
             scratch.mkdir()
             return make(scratch)
         dataset = make(made_in)
@@ -81,7 +82,7 @@ def kept(
             if other != dataset:
                 shutil.rmtree(other)
         dataset.rename(made_in / name)
-        shutil.rmtree(target, ignore_errors=True)  # what is there is no dataset
+        shutil.rmtree(target, ignore_errors=True)  # a leftover without a dataset
         made_in.rename(target)
     _forget(folder, target)
     return target / name
@@ -96,7 +97,7 @@ def _forget(folder: Path, newest: Path) -> None:
 
 
 def _code() -> str:
-    """Return the SHA-256 of the package's own files: between two versions code changes too."""
+    """Return the SHA-256 of the package's own files, as code also changes between versions."""
     digest = hashlib.sha256()
 
     def add(folder: Traversable) -> None:
@@ -112,13 +113,13 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-#: The name of the example, and of its folder.
+#: Name of the example, and of its folder.
 SITE = "two-avenues"
-#: More frames than this say no more of another place.
+#: Maximum number of frames of the control.
 MOST_FRAMES = 30
-#: Traffic is driven no longer than this: a rig of one frame a minute has fewer frames.
+#: Maximum duration of the traffic, seconds: a rig of one frame per minute has fewer frames.
 _LONGEST_S = 30.0
-#: Traffic after the last frame's time: its turns take time.
+#: Traffic after the time of the last frame, whose rotation takes time, seconds.
 _AFTER_S = 1.0
 
 
@@ -130,21 +131,21 @@ def arbitrary_recording(
     *,
     cache: Path | None = None,
 ) -> Recording:
-    """Return frames of the example site, by the sensors that a twin's recording is of.
+    """Return frames of the example site, recorded by the sensors of a twin's recording.
 
-    A dataset of ours says its rig: models, poses relative to the site's middle, rate, effects,
-    weather, and what carries it. Of other clouds the sensor is guessed (`rig.likely_rig`). The
-    first call for a rig takes seconds; the frames are then kept in the user's cache.
+    Our datasets state their rig: models, poses relative to the site's centre, rate, effects,
+    weather, and the carrier. For other clouds the sensor is guessed (`rig.likely_rig`). The first
+    call for a rig takes seconds; the frames are then kept in the user's cache.
 
     Args:
         twin: the synthetic frames.
-        frames: how many are needed; at most ``MOST_FRAMES`` are recorded.
-        scratch: a folder, not there yet, to record in where the cache is not writable.
-        progress: called with the fraction done and what is being done.
-        cache: a folder in place of the user's cache.
+        frames: number of frames needed; at most ``MOST_FRAMES`` are recorded.
+        scratch: a folder, not existing yet, to record in if the cache is not writable.
+        progress: called with the fraction done and the current step.
+        cache: a folder to use instead of the user's cache.
 
     Raises:
-        UrbanTwinError: it cannot be made.
+        UrbanTwinError: the recording cannot be made.
     """
     manifest = _manifest(twin)
     rig = rig_of_manifest(manifest)
@@ -175,7 +176,7 @@ def arbitrary_recording(
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """Reads frames of the site in the frame of reference that the twin's are given in."""
+    """Reader of the site's frames in the frame of reference of the twin's frames."""
 
     recorded: Recording
     twin: Recording
@@ -194,7 +195,7 @@ class _Moved:
 
 
 def _at(frame: Frame) -> Pose:
-    """Return the pose without a turn at the place of a frame's first sensor."""
+    """Return the pose without rotation at the position of a frame's first sensor."""
     return Pose(np.eye(3), np.asarray(frame.sensor_places[0], np.float64))
 
 
@@ -205,14 +206,14 @@ def _manifest(twin: Recording) -> Mapping[str, Any]:
 
 
 def _seed(manifest: Mapping[str, Any]) -> int:
-    """Return what a dataset was recorded with; 0 where its manifest does not say it."""
+    """Return the seed of a dataset's recording; 0 if its manifest has none."""
     seeds = manifest.get("seeds")
     seed = seeds.get("record") if isinstance(seeds, dict) else None
     return seed if isinstance(seed, int) and seed >= 0 else 0
 
 
 def _first(twin: Recording) -> Frame:
-    """Return the first frame that can be read."""
+    """Return the first readable frame."""
     for index in range(len(twin)):
         with suppress(InputError):
             return twin.read(index)
@@ -222,7 +223,7 @@ def _first(twin: Recording) -> Frame:
 def _made(
     folder: Path, rig: Rig | None, spec: Mapping[str, Any], frames: int, seed: int, say: Progress
 ) -> Path:
-    """Build the site in a folder, drive it, and return the dataset that is recorded there."""
+    """Build the site in a folder, simulate its traffic, and return the recorded dataset."""
     rate_hz = float(spec["rate_hz"]) if rig is None else rig.rate_hz
     stop_s = min((frames - 1) / rate_hz, _LONGEST_S)
     twin = build_twin(load_site(_site()), folder / "twin", lambda f, what: say(0.4 * f, what))
@@ -232,7 +233,7 @@ def _made(
         seconds=np.ceil(stop_s + _AFTER_S),
         progress=lambda f, what: say(0.4 + 0.3 * f, what),
     )
-    # A carrier drives on: of one that soon leaves the site there are fewer frames.
+    # A carrier that soon leaves the site has fewer frames.
     tries = [(one, part * stop_s) for part in (1, 0.3, 0) for one in _stood(rig, spec, twin)]
     for number, (one, until_s) in enumerate(tries, start=1):
         try:
@@ -241,7 +242,7 @@ def _made(
                 motion,
                 one,
                 folder / "dataset",
-                # One: more would each start Python anew, which takes as long as the frames.
+                # More workers would each start Python anew, which takes as long as the frames.
                 workers=1,
                 seed=seed,
                 stop_s=until_s,
@@ -256,7 +257,7 @@ def _made(
 
 
 def _stood(rig: Rig | None, spec: Mapping[str, Any], twin: Twin) -> list[Rig]:
-    """Return the rig at the site, the best first; those after it are for when it cannot ride."""
+    """Return the rig at the site, followed by fallbacks if it cannot be mounted."""
     if rig is None:
         return [place_rig(RigSpec.model_validate(spec), twin.mesh)]
     here = replace(rig, frame="level") if rig.frame == "site" else rig
@@ -267,7 +268,7 @@ def _stood(rig: Rig | None, spec: Mapping[str, Any], twin: Twin) -> list[Rig]:
 
 
 def _site() -> Path:
-    """Return the example's file: in a wheel beside this file, in a working copy its own folder."""
+    """Return the example's file, of an installed package or of a working copy."""
     here = Path(__file__).resolve()
     for folder in (here.parent, here.parents[4] / "examples"):
         if (folder / SITE / "site.yaml").is_file():

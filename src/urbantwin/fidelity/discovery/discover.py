@@ -1,4 +1,4 @@
-"""The sensors that recorded frames, found in their points alone."""
+"""Discovery of the sensors that recorded frames, from their points alone."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from urbantwin.progress import Progress, between, untold
 
 __all__ = ["discover", "reports_two"]
 
-#: Two points are of one firing if they are nearer to each other than this, columns; a sensor tells
-#: echoes apart that are farther from each other than this, metres (half a pulse of 5 ns).
+#: Points nearer than this (columns) are of one firing, and returns farther apart than this (metres,
+#: half a pulse of 5 ns) are separate echoes.
 _SAME, _APART_M = 0.03, 0.75
-#: Gaps between these, columns, are those of points that were put on a wrong ring.
+#: Gaps (columns) between points on a wrong ring, which measure chance pairs.
 _CHANCE = (0.1, 0.9)
-#: So large a share of a sensor's points has a second one, and so many times that of chance. On
-#: frames of five real sensors three have 0.9 to 5 % and 60 times or more, two 0.4 % and 7 at most.
+#: Minimum share of a sensor's points with a second return, and minimum ratio to chance. Of five
+#: real sensors, three have 0.9 to 5 % and a ratio of 60 or more, two 0.4 % and at most 7.
 _LEAST, _TIMES = 0.005, 20.0
 
 
@@ -53,11 +53,11 @@ def reports_two(
     """Return whether firings of a sensor have two returns.
 
     Args:
-        frames: (N, 3) points of each.
-        rays: of the same.
-        sensor: its number in them.
-        place: (3,) where it is.
-        step_rad: from column to column.
+        frames: (N, 3) points of each frame.
+        rays: rays of the same frames.
+        sensor: index of the sensor in the rays.
+        place: (3,) position of the sensor.
+        step_rad: angle between columns.
     """
     points, twice, chance = 0, 0, 0
     for frame, one in zip(frames, rays, strict=True):
@@ -73,30 +73,29 @@ def reports_two(
     return twice > max(_LEAST * points, _TIMES * by_chance)
 
 
-#: Points around which pieces of rings are sought, in all frames together; and frames in which each
-#: point is assigned to a sensor for the close fit.
+#: Points in all frames around which pieces of rings are searched, and frames whose points are all
+#: assigned to sensors for the final fit.
 _SEEDS, _CLOSE_FRAMES = 60_000, 4
-#: Neighbours of a point among which its piece of a ring is looked for: a dozen are of its own ring,
-#: others of rings that cross there. More of them where that leaves most points on no ring: of rings
-#: as near to each other as columns are, few neighbours are on its own.
+#: Neighbours of a point among which its piece of a ring is searched: a dozen are on its own ring,
+#: others on crossing rings. The larger number is used if most points remain on no ring: with rings
+#: as close as columns, few neighbours are on the same ring.
 _NEIGHBOURS, _MORE = 24, 64
-#: Rounds of assigning points and fitting sensors to them, and the first standard deviation of
-#: elevations on a ring.
+#: Rounds of assigning points and fitting sensors, and the initial standard deviation of elevations
+#: on a ring.
 _ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
 #: Log posterior odds below which two models are not distinguished; and the factor by which log odds
 #: are tempered, because residuals of a unit's channels are not independent.
 _DECIDED, _BELIEVED = 15.0, 5.0
-#: Pieces of rings in which a sensor is usually found.
+#: Pieces of rings that usually suffice to find a sensor.
 _ENOUGH_PIECES = 400
 _WITHIN_DEG = 0.05
-#: A model has the number of columns that it offers if the measured one differs by less than this
-#: share.
+#: The model's number of columns is used if the measured one differs by less than this share.
 _LOCKED = 0.015
-#: Least share of all points that a sensor has: fewer are the remains of another's.
+#: Minimum share of all points per sensor: fewer are leftovers of another sensor.
 _LEAST_SHARE = 0.005
-#: Of a sensor's rings that have points, those above this quantile are full.
+#: Quantile of the points per ring that represents a full ring.
 _FULL = 0.9
-#: A sensor is found if its place in plan has a smaller standard deviation than this, metres.
+#: Maximum standard deviation of a sensor's position in plan, metres.
 _PLACED_M = 0.25
 
 _T = TypeVar("_T")
@@ -110,19 +109,19 @@ def discover(
     seed: int = 0,
     tell: Progress = untold,
 ) -> Discovery:
-    """Return the places, tilts and models of the sensors of unlabelled frames.
+    """Return the positions, tilts and models of the sensors of unlabelled frames.
 
     Args:
-        frames: (N, 3) points of each, metres, all in one frame of reference in which the sensors
-            stand still, z up. One frame is enough if it has many rings.
-        names: of the frames.
-        models: the candidates; the catalogue's spinning sensors when not given.
-        seed: of all random draws.
-        tell: called with the share done and what is being done.
+        frames: (N, 3) points of each frame, metres, in one frame of reference with fixed sensors
+            and z up. One frame is enough if it has many rings.
+        names: names of the frames.
+        models: candidate models; the catalogue's spinning sensors if not given.
+        seed: seed of all random draws.
+        tell: called with the fraction done and the current step.
 
     Raises:
-        InputError: no sensor is found, with the reason: points in another unit, frames of sensors
-            that moved or of several places, too few of them, or no ring is left.
+        InputError: no sensor is found, with the reason: points in another unit, moving sensors,
+            several places, too few frames, or no rings left.
     """
     check_frames(frames, names)
     if models is None:
@@ -137,7 +136,7 @@ def discover(
             again = found
         found = max(found, again, key=lambda one: one.discovery.on_rings)
     close, sensors = _close_frames(frames), found.discovery.sensors
-    # Points of a missed sensor lie on others' rings by chance.
+    # Points of a missed sensor lie on rings of other sensors by chance.
     if not (found.discovery.misses or found.discovery.crowded):
         check_ranges(close, found.rays, sensors)
     check_standing(close, _close_frames(names), found.rays, sensors)
@@ -146,7 +145,7 @@ def discover(
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was found, by which fits, and the rays of the frames in which points are assigned."""
+    """The sensors found, their fits, and the rays of the frames with assigned points."""
 
     discovery: Discovery
     fits: list[list[TableFit]]
@@ -161,7 +160,7 @@ def _found(
     seed: int,
     tell: Progress,
 ) -> _Found:
-    """Return the sensors found with so many neighbours of a point."""
+    """Return the sensors found with a given number of neighbours per point."""
     tell(0.02, "pieces of rings")
     pieces = ring_pieces(frames, _SEEDS, neighbours, seed)
     if len(pieces) < FEWEST_PIECES:
@@ -184,10 +183,10 @@ def _with_missed(
     seed: int,
     tell: Progress,
 ) -> _Found:
-    """Return the sensors found and those that drew what is on no ring of theirs, if any did.
+    """Return the sensors found, with further ones in the points that are on no ring.
 
-    Where rings of many sensors cross, few neighbours of a point are of its own ring; of the points
-    that the others leave, most are.
+    Where rings of many sensors cross, few neighbours of a point are on its own ring. Among the
+    remaining points, most are.
     """
     left = [
         points[one.sensor < 0]
@@ -206,7 +205,7 @@ def _with_missed(
 def _fits(
     pieces: RingPieces, models: Sequence[Sensor], seed: int, tell: Progress
 ) -> list[list[TableFit]]:
-    """Return the fits to pieces of rings of each sensor that drew them, the likeliest first."""
+    """Return the fits of each sensor to pieces of rings, the likeliest first."""
     found = search_standpoints(
         pieces,
         lambda some, place: draws_rings(some, place, models),
@@ -222,7 +221,7 @@ def _fitted(
     fits: list[list[TableFit]],
     tell: Progress,
 ) -> _Found | None:
-    """Return the sensors fitted to points; None if none has enough of them."""
+    """Return the sensors fitted to points; None if none has enough points."""
     rays, sensors = _closely(_close_frames(frames), fits, between(tell, 0.75, 1.0))
     if not sensors:
         return None
@@ -232,14 +231,14 @@ def _fitted(
 
 
 def _close_frames(every: Sequence[_T]) -> list[_T]:
-    """Return those of all frames, or of their names, in which points are assigned."""
+    """Return the frames, or their names, whose points are assigned."""
     return [every[number] for number in evenly(len(every), _CLOSE_FRAMES)]
 
 
 def _closely(
     frames: Sequence[NDArray[np.float64]], fits: Sequence[Sequence[TableFit]], tell: Progress
 ) -> tuple[list[PointRays], list[FoundSensor]]:
-    """Return the sensor of each point, and the sensors fitted, that with most points first."""
+    """Return the sensor of each point, and the fitted sensors by falling number of points."""
     best = [one[0] for one in fits]
     spreads = [_FIRST_SPREAD_DEG] * len(best)
     steps = [0.2 if one.unit.model is None else 360 / one.unit.model.columns for one in best]
@@ -277,7 +276,7 @@ def _closely(
                 measured[number],
                 columns,
                 count[number],
-                # Of several turns what moved has two ranges, too.
+                # In several rotations moving objects have two ranges, too.
                 looks <= ONE_TURN
                 and reports_two(
                     frames, rays, number, best[number].seen_from.place, 2 * np.pi / columns
@@ -294,7 +293,7 @@ def _closely(
 
 
 def _looks(rays: Sequence[PointRays], number: int, columns: int) -> float:
-    """Return how many points a frame has in each direction of a sensor's fullest rings."""
+    """Return the number of points per frame and direction on a sensor's fullest rings."""
     ring = np.concatenate([one.ring[one.sensor == number] for one in rays])
     points = np.bincount(ring)
     return float(np.quantile(points[points > 0], _FULL)) / columns / len(rays)
@@ -305,10 +304,10 @@ def _is_placed(fit: TableFit) -> bool:
 
 
 def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sensor], float]:
-    """Return the models that a sensor may be, the likeliest first, and their probability together.
+    """Return the possible models of a sensor, the likeliest first, and their joint probability.
 
-    Models whose posterior odds do not decide between them are distinguished by the azimuth
-    resolution, if one of them offers the measured one.
+    If the posterior odds do not decide between models, they are distinguished by azimuth
+    resolution, provided that one of them offers the measured one.
     """
     if fits[0].unit.model is None:
         return [], 0.0

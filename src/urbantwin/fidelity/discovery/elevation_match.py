@@ -1,8 +1,8 @@
-"""Which model's elevations the rings of a sensor have, and its pose by them.
+"""Match of a sensor's rings to the elevations of models, and the sensor's pose from them.
 
-Pieces of rings are seen at the elevations of a sensor's channels. A table of elevations determines
-what rings on level ground alone do not: the height. It is fitted together with place and axis, and
-with the elevations by which this unit differs from its model.
+Pieces of rings lie at the elevations of a sensor's channels. A table of elevations determines the
+height, which rings on level ground alone do not. The table is fitted together with position, axis,
+and the offsets by which this unit differs from its model.
 """
 
 from __future__ import annotations
@@ -30,40 +30,39 @@ __all__ = [
     "normal_density",
 ]
 
-#: Pieces overlap: so many of them count as one independent look at a ring.
+#: Pieces overlap: this many count as one independent observation of a ring.
 _PIECES_PER_LOOK = 8.0
-#: Priors of the elevations of a unit against a table: of most models (Ouster and HDL-64E units
-#: differ from theirs by 0.1 degrees, others by less), of a model that a free table is like, and of
-#: a free table.
+#: Priors of a unit's elevation offsets: for most models (Ouster and HDL-64E units differ by 0.1
+#: degrees, others by less), for a model similar to a free table, and for a free table.
 _OF_MODEL, _OF_ODD_UNIT, _OF_NOBODY = Freedom(0.12), Freedom(0.3), Freedom(2.0)
-#: A free table is like a model's if they differ by less than this share of the mean spacing of its
-#: channels, and if it has so many channels at least.
+#: A free table is similar to a model's if they differ by less than this share of the mean channel
+#: spacing, and if it has at least this many channels.
 _ALIKE, _FEWEST_ALIKE = 0.8, 12
 #: Tolerances from coarse to fine, and the standard deviation of elevations on a ring, degrees.
 _FINER_DEG, _RING_DEG = (0.15, 0.08, 0.05, 0.03), 0.04
-#: Share of the pieces that are on rings, and the span of elevations of the others, degrees.
+#: Share of the pieces on rings, and the span of elevations of the others, degrees.
 _ON, _OTHERS_DEG = 0.9, 100.0
-#: Heights that are tried up and down, and their steps, metres; bins of elevations, degrees.
+#: Range and step of tested heights, metres; bin size of elevations, degrees.
 _HEIGHT_M, _HEIGHT_STEP_M, _BIN_DEG = 0.5, 0.01, 0.01
-#: Models whose tables fit best unchanged and whose units are then fitted; most pieces for that.
+#: Number of best models that are fitted in full, and the maximum number of pieces for that.
 _CLOSELY, _ENOUGH = 6, 6000
-#: Peaks of elevations that are channels of a free table: their width, degrees, and their least
-#: height and prominence as a share of the high ones.
+#: Width of elevation peaks that are channels of a free table, degrees, and their minimum height and
+#: prominence relative to high peaks.
 _PEAK_DEG, _PEAK_SHARE = 0.05, 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class TableFit:
-    """A sensor's pose by a table of elevations.
+    """A sensor's pose from a table of elevations.
 
     Attributes:
-        seen_from: where the sensor stands.
+        seen_from: position and axis of the sensor.
         unit: its channels.
         covariance: (5, 5) of x, y, z (metres) and two angles `across` (radians).
-        looks: (C,) independent looks at each channel.
-        evidence: log marginal likelihood of the looks by this table, over all units.
-        gain: log likelihood ratio of the looks with rings against none, less half the free
-            parameters times the logarithm of the looks: above 0 there are rings.
+        looks: (C,) number of independent observations of each channel.
+        evidence: log marginal likelihood of the observations by this table, over all units.
+        gain: log likelihood ratio of rings against no rings, minus half the free parameters times
+            the logarithm of the observations: above 0 there are rings.
         within: share of the pieces within 0.05 degrees of a channel.
     """
 
@@ -76,19 +75,19 @@ class TableFit:
     within: float
 
     def sees(self, points: NDArray[np.float64]) -> OnChannel:
-        """Return which channels see (N, 3) points."""
+        """Return the channels that see (N, 3) points."""
         return self.unit.sees(points, self.seen_from)
 
 
 def fit_tables(
     pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint, models: Sequence[Sensor]
 ) -> list[TableFit]:
-    """Return the fits of the likeliest models, in the order of their evidence.
+    """Return the fits of the likeliest models, by falling evidence.
 
     Args:
-        pieces: of one sensor.
-        weight: (P,) posterior probability that each is this sensor's.
-        start: where it stands, by the directions of its pieces.
+        pieces: pieces of one sensor.
+        weight: (P,) posterior probability that each piece is this sensor's.
+        start: the sensor's position and axis, from the directions of its pieces.
         models: the candidates.
     """
     few, share = _enough(pieces, weight)
@@ -109,9 +108,9 @@ def fit_tables(
 def fit_free_table(
     pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint
 ) -> TableFit | None:
-    """Return the pose by a free table, one of no model, which is found with it; None without rings.
+    """Return the pose from a table of no model, found with the pose; None without rings.
 
-    Only walls and the directions of the pieces then determine the height.
+    The height is determined only by walls and the directions of the pieces.
     """
     few, share = _enough(pieces, weight)
     seen = start.elevation_deg(few.middle)
@@ -137,10 +136,10 @@ def fit_alike(
     start: Standpoint,
     models: Sequence[Sensor],
 ) -> list[TableFit]:
-    """Return the fits of models that a free table is like, in the order of their evidence.
+    """Return the fits of models similar to a free table, by falling evidence.
 
     Some units differ from their model by more than `_OF_MODEL`: an HDL-64E by 0.3 degrees. Their
-    channels then match the model's one by one in the order of elevation.
+    channels match the model's one by one in order of elevation.
     """
     few, share = _enough(pieces, weight)
     seen = np.sort(free.unit.elevation_deg[free.looks >= 1])
@@ -168,13 +167,13 @@ def fit_alike(
 def _enough(
     pieces: RingPieces, weight: NDArray[np.float64]
 ) -> tuple[RingPieces, NDArray[np.float64]]:
-    """Return pieces thinned to `_ENOUGH`, the same for all tables whose evidence is compared."""
+    """Return pieces thinned to `_ENOUGH`, the same for all compared tables."""
     rows = np.arange(len(pieces))[:: max(1, len(pieces) // _ENOUGH)]
     return pieces.of(rows), weight[rows]
 
 
 def channel_likelihood_ratio(fit: TableFit, pieces: RingPieces) -> NDArray[np.float64]:
-    """Return the likelihood ratio (P,) of pieces: at a fit's channels against any elevation."""
+    """Return the likelihood ratio (P,) of pieces: on a fit's channels against any elevation."""
     on = fit.sees(pieces.middle)
     return np.asarray((1 - _ON) + _ON * normal_density(on.off_deg, _RING_DEG) * on.room_deg)
 
@@ -210,11 +209,11 @@ def _fit(
     believed: Standpoint,
     freedom: Freedom,
 ) -> TableFit:
-    """Return the fit of a table with its evidence, counted in independent looks.
+    """Return the fit of a table with its evidence, in units of independent observations.
 
-    The prior of the pose is what the directions of the pieces say. The evidence is Laplace's
-    approximation: the log likelihood of the elevations with the best offsets of the channels, less
-    the Occam factors of those (MacKay 2003, chapter 28), over all shares of the channels.
+    The prior of the pose comes from the directions of the pieces. The evidence is Laplace's
+    approximation: the log likelihood of the elevations with the best channel offsets, minus the
+    Occam factors of those (MacKay 2003, chapter 28), over all shares of the channels.
     """
     each = weight / _PIECES_PER_LOOK
     held = ring_residuals(pieces, believed).jacobian
@@ -226,8 +225,8 @@ def _fit(
     near = np.abs(on.off_deg) < 3 * _RING_DEG
     looks = np.bincount(on.channel, each * near, minlength=count).astype(np.float64)
     likelihood = each * np.log(np.where(near, _ON * bell, (1 - _ON) / _OTHERS_DEG))
-    # How many looks each channel has: with a uniform prior over the shares of the channels, a table
-    # pays for channels without looks.
+    # Observations per channel: with a uniform prior over the shares of the channels, a table is
+    # penalised for channels without observations.
     spread = gammaln(count) - gammaln(looks.sum() + count) + gammaln(looks + 1).sum()
     chosen = np.log1p(looks * (freedom.offset_deg / _RING_DEG) ** 2)
     chosen += (unit.offset_deg / freedom.offset_deg) ** 2

@@ -1,4 +1,4 @@
-"""All sensors fitted together: each piece is shared out by its direction and elevation."""
+"""Joint fit of all sensors: pieces are assigned by direction and elevation."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from urbantwin.progress import Progress
 
 __all__ = ["draws_rings", "fits_of", "fitted_together"]
 
-#: Rounds of sharing out pieces and fitting sensors.
+#: Rounds of assigning pieces and fitting sensors.
 _ROUNDS = 3
-#: Prior probability that a piece is of no sensor.
+#: Prior probability that a piece belongs to no sensor.
 _NOBODY = 0.1
-#: Least log likelihood ratio of rings against none, and least share of the pieces on them.
+#: Minimum log likelihood ratio of rings against none, and minimum share of the pieces on rings.
 _LEAST_GAIN, _LEAST_WITHIN = 20.0, 0.6
-#: Least log posterior odds of a free table against every model's.
+#: Minimum log posterior odds of a free table against every model's.
 _STRANGE = 50.0
 
 
 def fits_of(
     pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint, models: Sequence[Sensor]
 ) -> list[TableFit]:
-    """Return the fits of a sensor that are rings, the likeliest first: models', or a free one."""
+    """Return the valid fits of a sensor, the likeliest first: of models, or of a free table."""
     known = [one for one in fit_tables(pieces, weight, start, models) if _is_rings(one)]
     free = fit_free_table(pieces, weight, start)
     if free is None or not _is_rings(free):
@@ -56,7 +56,7 @@ def _is_rings(fit: TableFit) -> bool:
 
 
 def draws_rings(pieces: RingPieces, seen_from: Standpoint, models: Sequence[Sensor]) -> bool:
-    """Return whether pieces lie at the elevations of rings: those of edges spread evenly."""
+    """Return whether pieces are at the elevations of rings; those of edges are spread evenly."""
     weight = np.ones(len(pieces))
     free = fit_free_table(pieces, weight, seen_from)
     if free is not None and _is_rings(free):
@@ -69,14 +69,14 @@ def fitted_together(
 ) -> list[list[TableFit]]:
     """Return the fits of each sensor that has rings, the likeliest first.
 
-    The search gave a sensor that it found early some pieces of others; here each piece is shared
-    out among all sensors, by its direction and, once channels are known, by its elevation.
+    The search may have assigned pieces of other sensors to one found early. Here each piece is
+    shared among all sensors, by its direction and, once channels are known, by its elevation.
 
     Args:
-        pieces: of all sensors.
-        found: where they stand, roughly.
+        pieces: pieces of all sensors.
+        found: approximate positions of the sensors.
         models: the candidates.
-        tell: called with the share done and what is being done.
+        tell: called with the fraction done and the current step.
     """
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""The recording in a bag or an MCAP file: the topic of its sensor, and a frame for each message."""
+"""Recordings in ROS bags and MCAP files: a sensor's topic, with one frame per message."""
 
 from __future__ import annotations
 
@@ -60,32 +60,32 @@ from urbantwin.strict_json import parse_json
 
 __all__ = ["is_mcap", "is_rosbag", "open_bag"]
 
-#: Types of messages that hold a packet.
+#: Message types with one packet.
 OUSTER = tuple(f"{package}/msg/PacketMsg" for package in OUSTER_PACKAGES)
 _OUSTER_PACKET = "a packet of an Ouster"
-#: Type, and end of the name, of the topic with the unit's metadata.
+#: Type and name suffix of the topic with the unit's metadata.
 _TEXT, _OUSTER_METADATA = "std_msgs/msg/String", "metadata"
-#: Largest packets of the inertial sensor, which have the same type.
+#: Maximum size of packets of the inertial sensor, which have the same message type.
 _INERTIAL_BYTES = 256
 
 
 def is_of_lidar(message: Message) -> bool:
-    """Return whether a message is of the LiDAR, by its size."""
+    """Return whether a message is a LiDAR packet, by its size."""
     return len(message.read()) > _INERTIAL_BYTES
 
 
 def ouster_bag(
     place: tuple[Path, Path, str], packets: Sequence[Message], others: Sequence[Message]
 ) -> Recording:
-    """Return the recording of an Ouster's packets on a topic; a frame is a turn of the sensor.
+    """Return the recording of an Ouster's packets on a topic, with one frame per rotation.
 
     Args:
-        place: the recording as the user named it, its file, and its layout.
+        place: the path given by the user, the file, and the layout.
         packets: messages of the topic, in order.
         others: the first message of each topic, one of which may hold the unit's metadata.
 
     Raises:
-        InputError: there are no metadata of the unit, or no packet has their size.
+        InputError: the unit's metadata are missing, or no packet has the size they state.
     """
     file = place[1]
     form = _form(file, others)
@@ -121,7 +121,7 @@ def _form(file: Path, others: Sequence[Message]) -> OusterFormat:
     return read_ouster_format(metadata_of(file, "has packets of an Ouster, no topic of metadata"))
 
 
-#: Types of messages that hold a scan's packets.
+#: Message types with the packets of a scan.
 PACKETS = (
     "velodyne_msgs/msg/VelodyneScan",
     "pandar_msgs/msg/PandarScan",
@@ -138,13 +138,13 @@ class ScanPackets:
         """Read the first message.
 
         Args:
-            topic: of the messages.
-            data: the bytes of the first message.
-            file: for errors; the unit's angle correction may be beside it.
-            model: of the sensor, where the user named it.
+            topic: topic of the messages.
+            data: bytes of the first message.
+            file: the file, for errors; the unit's angle correction may be beside it.
+            model: model of the sensor, if the user named it.
 
         Raises:
-            InputError: it has no packets of a known model, or the unit's angles are unknown.
+            InputError: no packets of a known model, or the unit's angles are unknown.
         """
         self._topic, self._file = topic, file
         packets, _ = self._packets(data, "the first message")
@@ -170,10 +170,10 @@ class ScanPackets:
             )
 
     def fields(self, data: bytes, place: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Return the points of a message as fields, and notes on it.
+        """Return the points of a message as fields, and notes about it.
 
         Raises:
-            InputError: it is not such a message, or has no packet of this sensor.
+            InputError: the message is invalid, or has no packet of this sensor.
         """
         packets, stamps = self._packets(data, place)
         if self._form is None:
@@ -201,7 +201,7 @@ class ScanPackets:
         return packets, stamps
 
 
-#: First bytes of files of messages, their usual endings, and their readers.
+#: Magic bytes, usual suffix and reader of each file format.
 _FILES: tuple[tuple[bytes, str, Callable[[Path, Path | None], MessageFile]], ...] = (
     (ROS1_MAGIC, ".bag", Ros1Bag),
     (SQLITE_MAGIC, ".db3", SqliteBag),
@@ -209,12 +209,12 @@ _FILES: tuple[tuple[bytes, str, Callable[[Path, Path | None], MessageFile]], ...
 )
 _METADATA = "metadata.yaml"
 _INFORMATION, _FIRST_BYTES = "rosbag2_bagfile_information", 4096
-#: The most topics in an error message, and transforms that are read.
+#: Maximum number of topics in an error message, and of transforms read.
 _LISTED, _MOST_TRANSFORMS = 8, 1000
 
 
 def is_rosbag(path: Path) -> bool:
-    """Return whether a path is a bag of ROS 1 or ROS 2, or a folder that is one or holds one."""
+    """Return whether a path is a ROS 1 or ROS 2 bag, or a folder with one."""
     place, _ = file_and_choice(path)
     if place.is_dir():
         kinds = {_without_packing(one) for one in _files(place)}
@@ -223,7 +223,7 @@ def is_rosbag(path: Path) -> bool:
 
 
 def is_mcap(path: Path) -> bool:
-    """Return whether a path is an MCAP file, or a folder that holds one."""
+    """Return whether a path is an MCAP file, or a folder with one."""
     place, _ = file_and_choice(path)
     if place.is_dir():
         return bool(_files(place)) and not is_rosbag(place)
@@ -231,16 +231,16 @@ def is_mcap(path: Path) -> bool:
 
 
 def open_bag(path: Path, layout: str) -> Recording:
-    """Open the clouds of a topic; a frame is a message, named by the time of its recording.
+    """Open the clouds of a topic; frames are messages, named by the time of recording.
 
     Args:
-        path: a file, or the folder of a bag of ROS 2; behind a colon, the topic
-            (``a.mcap:/lidar/points``), and the model where several send the same packets
+        path: a file, or the folder of a ROS 2 bag; after a colon, the topic
+            (``a.mcap:/lidar/points``), and the model if several send the same packets
             (``a.bag:/pandar_packets:OT128``).
         layout: ``rosbag`` or ``mcap``.
 
     Raises:
-        InputError: there is no such topic, or several; or a file is missing or damaged.
+        InputError: no such topic, several topics, or a missing or damaged file.
     """
     check_extra("bags", "reading ROS bags and MCAP", file=path)
     place, choice = file_and_choice(path)
@@ -274,7 +274,7 @@ def open_bag(path: Path, layout: str) -> Recording:
         given = {"time_s": fields.pop("time_s")} if "time_s" in fields else {}
         name = names[index]
         beside = labels.get(message.located.time_ns)
-        if beside is not None:  # of our own export, whose points have these fields
+        if beside is not None:  # our own export, whose points have these fields
             with laid_out(beside.file.path, str(beside)):
                 name, told = labels_of_message(beside.read(), beside.file.path, str(beside))
                 known |= told
@@ -291,7 +291,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _is_of_ros2(folder: Path) -> bool:
-    """Return whether a folder's metadata are those of a bag of ROS 2."""
+    """Return whether a folder has the metadata of a ROS 2 bag."""
     if not (folder / _METADATA).is_file():
         return False
     with (folder / _METADATA).open("rb") as stream:
@@ -299,7 +299,7 @@ def _is_of_ros2(folder: Path) -> bool:
 
 
 def _without_packing(file: Path) -> str:
-    """Return a name's ending without that of packing: ``.db3`` of ``a.db3.zstd``."""
+    """Return a name's suffix without that of compression: ``.db3`` of ``a.db3.zstd``."""
     return Path(file.name.lower().removesuffix(PACKED)).suffix
 
 
@@ -342,7 +342,7 @@ def _files_of_one(place: Path) -> list[Path]:
 
 
 def _ending(file: Path) -> str | None:
-    """Return the usual ending of a file of messages by its content, else by its name."""
+    """Return the suffix of a file's format by its content, otherwise by its name."""
     endings = {ending for _, ending, _ in _FILES}
     if not file.is_file():
         return None
@@ -371,7 +371,7 @@ def _opened(file: Path) -> MessageFile:
 
 
 def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[Topic, str | None]:
-    """Return the chosen topic, and the model of its sensor where the user named it."""
+    """Return the chosen topic, and the model of its sensor if the user named it."""
     count: Counter[Topic] = Counter()
     for file in files:
         for topic, messages in file.messages.items():
@@ -379,7 +379,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     full = [topic for topic in sorted(count, key=lambda one: one.name) if count[topic]]
     clouds = [one for one in full if one.kind in CLOUDS]
     packets = [one for one in full if one.kind in PACKETS]
-    if not clouds + packets:  # the type of Ouster's messages is not enough: by size
+    if not clouds + packets:  # LiDAR and inertial packets of Ouster differ in size only
         of_ouster = [one for one in full if one.kind in OUSTER]
         packets = [one for one in of_ouster if is_of_lidar(_messages(files, one)[0])]
 
@@ -402,7 +402,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
             problem = f"has {kinds} on {choice}, which is not read"
         expected = listed(clouds + packets) or f"a topic of clouds; it has {listed(full)}"
         raise InputError(problem, file=place, expected=expected)
-    # A file with clouds and packets has the clouds of these packets.
+    # Clouds beside packets are decoded from these packets.
     able = clouds or packets
     if not able:
         cut = any(file.notes for file in files)
@@ -422,7 +422,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
 
 
 def _place(files: list[MessageFile], first: Message) -> list[str]:
-    """Return a sentence on the pose of the points' frame, if the bag has its transforms."""
+    """Return a note about the pose of the points' frame, if the bag has its transforms."""
     topics = {topic for file in files for topic in file.messages}
     told_of = [one for one in topics if one.kind == TRANSFORMS and is_static(one.name)]
     static = [one for topic in told_of for one in _messages(files, topic)][:_MOST_TRANSFORMS]
@@ -434,14 +434,14 @@ def _place(files: list[MessageFile], first: Message) -> list[str]:
             told = static_transforms(
                 ros_message(message.topic, message.read()) for message in static
             )
-    except InputError:  # raised again when that frame is read
+    except InputError:  # raised again when the frame is read
         return []
     found = place_of_frame(cloud.frame_id, told)
     return [] if found is None else [found]
 
 
 def _names(times_ns: list[int]) -> tuple[str, ...]:
-    """Return the frames' names: their times, numbered where several are equal."""
+    """Return the frames' names: their times, numbered if several are equal."""
     seen: Counter[int] = Counter()
     names = []
     for time in times_ns:

@@ -1,7 +1,7 @@
-"""Captures of packets: the units that sent them, and the recording of a unit.
+"""Packet captures: the sensor units that sent them, and the recording of a unit.
 
-The content of a packet determines its sensor: `velodyne_model`, `hesai_form`, or, for an Ouster,
-the size in the metadata beside the capture. Names and ports are not used.
+A packet's content determines its sensor: `velodyne_model`, `hesai_form`, or, for an Ouster, the
+size in the metadata beside the capture. Names and ports are not used.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from urbantwin.io.packets.velodyne import (
 
 __all__ = ["CAPTURES", "is_capture_of", "open_capture"]
 
-#: Layouts of captures, and their makers.
+#: Layouts of captures, and their manufacturers.
 CAPTURES = {"ouster": "an Ouster", "velodyne": "a Velodyne", "hesai": "a Hesai"}
 _ENDINGS = (".pcap", ".pcapng", ".cap")
-#: Datagrams that are read to detect the maker.
+#: Datagrams read to detect the manufacturer.
 _FIRST = 2000
-#: The most units in an error message.
+#: Maximum number of units in an error message.
 _LISTED = 6
 
 
@@ -72,7 +72,7 @@ class _Unit:
 
 
 def is_capture_of(layout: str, path: Path) -> bool:
-    """Return whether a path is a capture, or a folder with one, whose packets are of a layout.
+    """Return whether a path is a capture, or a folder with one, with packets of a layout.
 
     Packets of neither Velodyne nor Hesai are taken for an Ouster's.
     """
@@ -81,16 +81,15 @@ def is_capture_of(layout: str, path: Path) -> bool:
 
 
 def open_capture(path: Path, layout: str | None = None) -> Recording:
-    """Open the packets of one unit; a frame is one turn of it.
+    """Open the packets of one unit, with one frame per rotation.
 
     Args:
-        path: a capture, or a folder with one; behind a colon, which unit: its address, its port,
-            its model, or several of these (``a.pcap:192.168.1.201:2368``).
-        layout: one of ``CAPTURES``, where others are not looked at.
+        path: a capture, or a folder with one; after a colon, the unit's address, port, model, or
+            several of these (``a.pcap:192.168.1.201:2368``).
+        layout: one of ``CAPTURES``, to ignore other units.
 
     Raises:
-        InputError: there are several captures or units, no unit that is known, or what belongs to
-            it is not right.
+        InputError: several captures or units, no known unit, or invalid metadata or angles.
     """
     place, choice = file_and_choice(path)
     captures = _captures(place)
@@ -125,7 +124,7 @@ def _layout_of(capture: Path) -> str:
                     return "hesai"
                 if number > _FIRST:
                     break
-    except InputError:  # said when it is opened
+    except InputError:  # reported when it is opened
         pass
     return "ouster"
 
@@ -170,9 +169,9 @@ def _ousters(
 
     Args:
         capture: the file.
-        packets: that are not of the other makers.
-        unread: models of Hesai and Velodyne among them that are not read.
-        alone: whether there are no other units; then missing metadata are an error.
+        packets: packets of no other manufacturer.
+        unread: unsupported models of Hesai and Velodyne among them.
+        alone: whether there are no other units; missing metadata are an error then.
     """
     if not packets and not alone:
         return []
@@ -205,7 +204,7 @@ def _ousters(
 
 
 def _chosen(capture: Path, units: list[_Unit], choice: str | None) -> tuple[_Unit, str | None]:
-    """Return the chosen unit, and its model where the user named it."""
+    """Return the chosen unit, and its model if the user named it."""
     said = [] if choice is None else [one for one in choice.split(":") if one]
 
     def names(unit: _Unit) -> set[str]:

@@ -1,4 +1,4 @@
-"""The search for the values of knobs by optuna, and the journal from which it resumes."""
+"""Search for parameter values by optuna, and the journal from which it resumes."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ __all__ = ["Journal", "Term", "search"]
 class Journal:
     """Losses by study and trial, one line of JSON each.
 
-    A study is deterministic, so that one that begins again asks for the same values in the same
-    order; what is here need not be computed again. Lines of another recipe are dropped.
+    A study is deterministic: when restarted, it requests the same values in the same order, so
+    recorded losses need not be computed again. Lines of another recipe are dropped.
 
     Args:
-        path: the file; made when the first trial is kept.
-        recipe: what decides everything that is fitted.
+        path: the journal file; created if missing.
+        recipe: hash of everything that the fit depends on.
     """
 
     def __init__(self, path: Path, recipe: str) -> None:
@@ -51,19 +51,19 @@ class Journal:
                 key = (str(one["study"]), int(one["trial"]))
                 self._kept[key] = ([float(x) for x in one["shares"]], float(one["loss"]))
             except (InputError, ValueError, KeyError, TypeError):
-                break  # The line that was being written when it stopped.
+                break  # an incomplete last line of an interrupted run
         self._stream = path.open("w", encoding="utf-8")
         self._write({"recipe": recipe})
         for (study, trial), (shares, loss) in self._kept.items():
             self._write({"study": study, "trial": trial, "shares": shares, "loss": loss})
 
     def recall(self, study: str, trial: int, shares: list[float]) -> float | None:
-        """Return the loss of a trial that was made before; ``None`` if it was not."""
+        """Return the loss of a recorded trial; ``None`` if it is not recorded."""
         kept = self._kept.get((study, trial))
         return kept[1] if kept is not None and kept[0] == shares else None
 
     def keep(self, study: str, trial: int, shares: list[float], loss: float) -> None:
-        """Keep the loss of a trial."""
+        """Record the loss of a trial."""
         if (study, trial) not in self._kept:
             self._write({"study": study, "trial": trial, "shares": shares, "loss": loss})
 
@@ -81,24 +81,24 @@ class Journal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it; without an error, the fit is there and it is taken away."""
+        """Close the journal; without an error, delete it."""
         self._stream.close()
         if kind is None:
             self._path.unlink(missing_ok=True)
 
 
-#: Loss of some values of the knobs.
+#: Loss of parameter values.
 Term = Callable[[dict[str, float]], Loss]
 
-#: Trials that are asked for together, whatever the number of workers: results do not depend on it.
+#: Trials requested together, independent of the workers so that results are, too.
 _TOGETHER = 8
-#: Pulls what nothing else determines to where it was: this much for half the bounds' distance.
+#: Weight of the penalty for values off their start, which holds undetermined parameters.
 _PULL = 2e-3
-#: Share of the trials that polish the best one along conjugate directions (Powell 1964).
+#: Share of the trials that refine the best one along conjugate directions (Powell 1964).
 _POLISH = 0.5
 
 
-def search(  # noqa: PLR0913 - every one is a choice of its own
+def search(  # noqa: PLR0913 - independent options
     name: str,
     knobs: Sequence[Knob],
     term: Term,
@@ -112,25 +112,24 @@ def search(  # noqa: PLR0913 - every one is a choice of its own
     workers: int = 1,
     tell: Callable[[int], None] | None = None,
 ) -> tuple[dict[str, float], list[float]]:
-    """Return the values of knobs with the least loss, and the best loss after every trial.
+    """Return the parameter values with the smallest loss, and the best loss after every trial.
 
-    CMA-ES (Hansen 2016, arXiv 1604.00772) in optuna, for one knob its tree-structured Parzen
-    estimator; from ``begin``. The last trials search from the best one along conjugate directions.
-    The same arguments give the same values, whatever the workers, and whatever of it the journal
-    knows already.
+    Uses CMA-ES (Hansen 2016, arXiv 1604.00772) in optuna, or for one parameter its tree-structured
+    Parzen estimator, from ``begin``. The last trials refine the best one along conjugate
+    directions. The result depends on neither the workers nor the journal.
 
     Args:
-        name: of the study, in the journal.
-        knobs: what is searched.
-        term: what is to be small.
-        fixed: values of all other knobs.
-        begin: where to begin.
-        trials: how many are made.
-        seed: of the sampler.
-        journal: of earlier runs.
-        spread: of the first trials, as a share of the bounds' distance.
-        workers: threads that trials are computed in.
-        tell: called with the number of trials that are done.
+        name: name of the study in the journal.
+        knobs: the parameters to search.
+        term: the loss.
+        fixed: values of all other parameters.
+        begin: start values.
+        trials: number of trials.
+        seed: seed of the sampler.
+        journal: recorded trials of earlier runs.
+        spread: initial standard deviation, as a share of the range between the bounds.
+        workers: threads that compute trials.
+        tell: called with the number of finished trials.
     """
     origin = np.array([one.share(one.start) for one in knobs])
     first = [one.share(begin[one.name]) for one in knobs]
@@ -156,7 +155,7 @@ def search(  # noqa: PLR0913 - every one is a choice of its own
 
     polish = int(_POLISH * trials)
     with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
-        warnings.simplefilter("ignore")  # Samplers that optuna calls experimental.
+        warnings.simplefilter("ignore")  # optuna marks samplers as experimental
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         study = optuna.create_study(sampler=_sampler(knobs, first, seed, spread))
         names = [one.name for one in knobs]
@@ -164,7 +163,7 @@ def search(  # noqa: PLR0913 - every one is a choice of its own
         while len(history) < max(1, trials - polish):
             count = min(_TOGETHER, max(1, trials - polish) - len(history))
             if not history:
-                count = 1  # The beginning alone.
+                count = 1  # the start values alone
             asked = [study.ask() for _ in range(count)]
             shares = [[one.suggest_float(key, 0.0, 1.0) for key in names] for one in asked]
             losses = list(pool.map(remembered, [one.number for one in asked], shares))

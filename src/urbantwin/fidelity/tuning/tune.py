@@ -1,4 +1,4 @@
-"""``tune``: uncertain parameters of a rig and its traffic, fitted to unlabelled real frames."""
+"""Tuning: fits uncertain parameters of a rig and its traffic to unlabelled real frames."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ __all__ = ["Tuning", "tune"]
 
 @dataclass(frozen=True)
 class Tuning:
-    """How to tune.
+    """Options of tuning.
 
     Attributes:
-        fit: which of ``knobs.GROUPS``.
-        held_out: share of the frames, the last ones, that nothing is fitted to.
-        trials: of each group.
-        seed: of the samplers, and of which points are looked at.
-        workers: threads that trials are computed in; they change no result.
-        points_in: the frame of the real points; the rig's ``frame:`` if not given.
-        layout: of the real frames, where their files do not tell it.
-        columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
-        report: measure the held-out frames as ``compare`` does, and draw.
+        fit: groups of ``knobs.GROUPS`` to fit.
+        held_out: share of the frames, the last ones, that are not used for fitting.
+        trials: number of trials of each group.
+        seed: seed of the samplers and of the sampled points.
+        workers: threads that compute trials; they do not change results.
+        points_in: frame of the real points; the rig's ``frame:`` if not given.
+        layout: layout of the real frames, if their files do not show it.
+        columns: values per row of ``.bin`` files, if neither 4 nor 3.
+        report: measure the held-out frames as ``compare`` does, and draw them.
     """
 
     fit: tuple[str, ...] = field(default=GROUPS)
@@ -69,26 +69,26 @@ def tune(
 ) -> dict[str, Any]:
     """Fit a rig and its traffic to the first part of a recording, and evaluate them on the last.
 
-    ``rig.yaml`` and ``tuning.json`` are written when the fit is done. Only then is the first frame
-    of the held-out part opened, and ``held_out.json`` and ``report.html`` follow. Labels are never
-    read. A run that is interrupted leaves its journal in its scratch beside ``out``, and the same
-    command goes on from there.
+    ``rig.yaml`` and ``tuning.json`` are written when the fit is done. Only then are the held-out
+    frames opened, and ``held_out.json`` and ``report.html`` written. Labels are never read. An
+    interrupted run leaves its journal in a temporary folder beside ``out``, from which the same
+    command resumes.
 
     Args:
-        real: a recording of the rig, of any layout that ``readers`` knows.
-        twin: where it stands.
-        rig: as it is written.
-        rig_file: its file.
-        out: the folder to write; an older tuning there is replaced.
+        real: a recording of the rig, in any layout of ``readers``.
+        twin: twin of the recorded place.
+        rig: the rig as written in its file.
+        rig_file: the rig's file.
+        out: output folder; an older tuning there is replaced.
         motion: traffic of the twin, for its actors.
-        tuning: how.
-        progress: called with the fraction done (0..1) and what is being done.
+        tuning: options.
+        progress: called with the fraction done (0..1) and the current step.
 
     Returns:
-        What ``tuning.json`` and ``held_out.json`` hold.
+        The contents of ``tuning.json`` and ``held_out.json``.
 
     Raises:
-        InputError: fewer than two frames, none of the training part readable, a rig that rides, or
+        InputError: fewer than two frames, no readable training frame, a rig mounted on an actor, or
             ``out`` holds other files.
     """
     asked = tuning or Tuning()
@@ -144,7 +144,7 @@ def tune(
             text = yaml.safe_dump(changed, sort_keys=False)
             (folder / "traffic.yaml").write_text(text, encoding="utf-8")
         write_json(folder / "tuning.json", written)
-        # From here on, and not before, the held-out frames are opened.
+        # Held-out frames are not opened before this point.
         say(0.8, "judging by the frames held out")
         judged = judge(
             recording,
@@ -165,7 +165,7 @@ def tune(
 
 
 def _journal(folder: Path, recipe: str) -> Journal:
-    """Return the journal in a folder, in which nothing else is left of an interrupted run."""
+    """Return the journal in a folder, and delete all other remains of an interrupted run."""
     path = folder / "journal"
     for left in folder.iterdir():
         if left != path:
@@ -211,7 +211,7 @@ def _recipe(
     train: Looks,
     proof: Looks | None,
 ) -> str:
-    """Return a hash of everything that decides what is fitted."""
+    """Return a hash of everything that the fit depends on."""
     digest = hashlib.sha256()
     for looks in (train, proof):
         if looks is not None:

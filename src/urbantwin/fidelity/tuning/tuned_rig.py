@@ -1,4 +1,4 @@
-"""A rig with other values of its knobs: in memory, as its file, and the frames that it records."""
+"""A rig with changed parameter values: in memory, as a file, and its simulated frames."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["PointsIn", "SimulatedFrames", "frame_of_points", "tuned_rig", "write_tuned_rig"]
 
-#: The frame of the real points: see ``frame:`` of a rig.
+#: Frame of the real points, see ``frame:`` of a rig.
 PointsIn = Literal["sensor", "level", "site"]
 _MOVES = ("east_m", "north_m", "up_m", "yaw_deg", "pitch_deg", "roll_deg")
 
@@ -36,10 +36,10 @@ def frame_of_points(rig: Rig, points_in: PointsIn) -> Pose:
 
 
 def tuned_rig(rig: Rig, values: Values) -> Rig:
-    """Return a rig with other values of knobs; what is not given stays.
+    """Return a rig with changed parameter values; values not given are unchanged.
 
     ``move.*`` moves the first sensor along the axes of the site and adds to its yaw, pitch and
-    roll; the others keep their places beside it.
+    roll; the other sensors move with it.
     """
     sensors = [_calibrated(one, values) for one in rig.sensors]
     moves = np.array([values.get(f"move.{name}", 0.0) for name in _MOVES])
@@ -81,13 +81,13 @@ def _reflectivity(values: Values) -> dict[str, float]:
 
 
 def write_tuned_rig(source: Path, target: Path, rig: Rig, values: Values) -> None:
-    """Write a rig's file with the values of its knobs; all else that it says stays.
+    """Write a rig's file with changed parameter values; all else is unchanged.
 
     Args:
         source: the rig's file, valid.
         target: the file to write.
-        rig: what ``source`` describes.
-        values: of knobs; where no ``move.*`` is among them, places stay as they are written.
+        rig: the rig of ``source``.
+        values: parameter values; without ``move.*``, positions stay as written.
     """
     found = tuned_rig(rig, values)
     if any(values.get(f"move.{name}", 0.0) for name in _MOVES):
@@ -113,14 +113,14 @@ def _update(document: dict[str, Any], name: str, values: Mapping[str, float]) ->
 
 
 class SimulatedFrames:
-    """Frames of a rig in a twin, each made when it is asked for.
+    """Frames of a rig in a twin, simulated on request.
 
     Args:
         twin: the twin.
-        rig: with the values of its knobs.
-        points_in: the frame of the points.
-        motion: the traffic; ``None``: the streets are empty.
-        seed: of all random numbers.
+        rig: the rig with its parameter values.
+        points_in: frame of the points.
+        motion: the traffic; ``None``: empty streets.
+        seed: seed of all random numbers.
     """
 
     def __init__(
@@ -139,13 +139,13 @@ class SimulatedFrames:
             region=twin.region,
         )
         self._motions = None if motion is None else FrameMotions(motion)
-        #: How many frames the motion lasts; as many as one likes without one.
+        #: Number of frames of the motion; None without a motion: unlimited.
         self.count: int | None = None
         if motion is not None:
             self.count = 1 + int(motion.times()[-1] * rig.rate_hz + 1e-6)
 
     def frame(self, number: int) -> Frame:
-        """Return a frame; beyond the motion's end it begins again."""
+        """Return a frame; beyond the motion's end it starts again."""
         actors: list[PosedActor] = []
         if self._motions is not None and self.count is not None:
             number %= self.count
