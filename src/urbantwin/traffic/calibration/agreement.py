@@ -64,11 +64,10 @@ def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | No
 def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[str, Any]:
     """Return the random differences between two parts of a recording: median and 95 %.
 
-    They are the score on the held-out part of a simulation that reproduces everything that the
-    other part tells. Entries, passages, speeds of each vehicle and headways are randomly
-    reassigned, 200 times, to parts of the given sizes (a permutation test). In reality headways of
-    one queue and vehicles of one platoon are correlated, so that random differences are somewhat
-    larger.
+    They are the score on the held-out part of a simulation that agrees perfectly with the other
+    part. Entries, passages, speeds of each vehicle and headways are randomly reassigned, 200 times,
+    to parts of the given sizes (a permutation test). In reality headways of one queue and vehicles
+    of one platoon are correlated, so that random differences are somewhat larger.
     """
     random = np.random.Generator(np.random.Philox(key=[seed, 2002]))
     both = joined([fitted, held_out])

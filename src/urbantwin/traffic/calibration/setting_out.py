@@ -22,7 +22,7 @@ def setting_out(
 ) -> list[float]:
     """Return the mean acceleration between two speeds of each vehicle, m/s2.
 
-    It is that of the last such acceleration; for low speeds only after standing.
+    The last acceleration of each counts; from low speeds only after standing.
     """
     found = (_sets_out(one, begin_s, end_s, *speeds_ms) for one in vehicles)
     return [one for one in found if one is not None]
@@ -31,7 +31,7 @@ def setting_out(
 def first_to_set_out(
     first: Iterable[Passage], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
 ) -> list[float]:
-    """Return the same for the first vehicles of queues, near the stop line."""
+    """Return the mean acceleration of the first vehicles of queues near the stop line, m/s2."""
     found = (
         _sets_out(one.seen, begin_s, min(end_s, one.passed_s + _NOBODY_AHEAD_S), *speeds_ms)
         for one in first

@@ -1,9 +1,7 @@
 """Loops compiled by numba: neighbours, waiting and evasion.
 
-Arguments have no types, so docstrings state them.
-
-Arrays are of float64 unless stated otherwise, lengths in metres and times in seconds. The functions
-release the interpreter's lock.
+Arguments have no types, so docstrings state them. Arrays are of float64 unless stated otherwise,
+lengths in metres and times in seconds. The functions release the interpreter's lock.
 """
 
 from urbantwin.geometry.compiled import per_ray

@@ -185,7 +185,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
                 most = FASTEST_MS * step_s
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
         elif own > FASTEST_MS * step_s + 1e-6:
-            goes = FASTEST_MS * step_s  # SUMO lets people jump
+            goes = FASTEST_MS * step_s  # SUMO's pedestrians may jump
         goes = min(goes, max(most_far - at[q], 0.0))
         if goes < gap:
             at[r] = at[q] + goes

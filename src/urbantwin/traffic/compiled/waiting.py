@@ -120,7 +120,7 @@ def depth(a, b):
 
 @per_actor
 def depth_of(x, y, a, b):
-    """Return the same for boxes with a given offset of the first's centre from the other's."""
+    """Return the depth of overlap for an offset of the first's centre from the other's."""
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
     return min(
         a[4] + cos * b[4] + sin * b[5] - abs(x * a[2] + y * a[3]),

@@ -1,4 +1,4 @@
-"""Alternative places for an event whose own lacks the traffic or the room that it needs."""
+"""Alternative places for events whose requested place lacks traffic or room."""
 
 from __future__ import annotations
 
