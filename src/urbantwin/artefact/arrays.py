@@ -1,7 +1,7 @@
-"""Validated reading of NumPy's files: a damaged or hostile one is one clear line.
+"""Validated reading of NumPy files: damaged or malicious files give one-line errors.
 
-What a file says of itself (members, shapes) is checked against its size before anything is
-allocated, pickles are never read, and whatever zipfile, zlib and NumPy raise becomes InputError.
+Declared members and shapes are checked against the file's size before any allocation, pickles are
+never read, and exceptions of zipfile, zlib and NumPy become InputError.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ __all__ = [
 
 Arrays = dict[str, NDArray[Any]]
 
-#: What any file may unpack to, bytes, and how many times its own size a larger one may.
+#: Decompressed size allowed for any file, bytes, and largest ratio to the size of larger files.
 _ALWAYS, _TIMES = 256_000_000, 100
-#: Characters of a library's own message that are passed on.
+#: Characters of a library's message that are quoted.
 _SAID = 160
 
 
 @dataclass(frozen=True)
 class ArrayOf:
-    """What an array must be.
+    """Required form of an array.
 
     Attributes:
-        kind: a dtype that it is, or can be made without loss: ``f8``.
-        shape: its lengths; a name stands for one length in all arrays that are checked together.
-        rows_of: its values are numbers of rows along the length of this name.
+        kind: required dtype, reachable by a lossless cast: ``f8``.
+        shape: lengths; a name stands for the same length in all arrays checked together.
+        rows_of: name of the length that its values index.
         least, most: bounds of its values.
     """
 
@@ -69,10 +69,10 @@ def read_arrays(
 
     Args:
         path: the file.
-        expected: what it should be, for errors.
-        form: the arrays that it must have, and what they must be (see `checked_arrays`); others
-            are not read. Without it, all arrays, whatever they are.
-        most: bytes that they may take, of files that are never as large as others.
+        expected: expected content, for errors.
+        form: required arrays and their forms (see `checked_arrays`); others are not read. If not
+            given, all arrays are read.
+        most: largest decompressed size, bytes, if smaller than the default.
 
     Raises:
         InputError: missing, damaged, larger than its size allows, or not of the form.
@@ -113,8 +113,13 @@ def read_arrays(
 def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArray[Any]:
     """Read the array of a ``.npy``.
 
+    Args:
+        path: the file.
+        expected: expected content, for errors.
+        form: required form.
+
     Raises:
-        InputError: missing, damaged, shorter or longer than it says, or not of the form.
+        InputError: missing, damaged, shorter or longer than its header states, or of another form.
     """
     with _one_line(path, expected), path.open("rb") as stream:
         if stream.read(2) == b"PK":
@@ -132,7 +137,7 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
         stream.seek(0)
         array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
-        if not array.dtype.isnative:  # not so written by us: a bit of the header has turned
+        if not array.dtype.isnative:  # never written by us: a damaged header
             raise InputError(
                 f"holds {array.dtype}",
                 file=path,
@@ -144,16 +149,16 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
 
 
 def array_of_bytes(content: bytes, *, file: Path, place: str, expected: str) -> NDArray[Any]:
-    """Return the array of a ``.npy`` that lies within another file.
+    """Return the array of a ``.npy`` stored within another file.
 
     Args:
         content: all of its bytes.
-        file: that it lies in, for errors.
-        place: where it begins there.
-        expected: what it should be, for errors.
+        file: containing file, for errors.
+        place: position in that file, for errors.
+        expected: expected content, for errors.
 
     Raises:
-        InputError: it is damaged, or shorter than it says.
+        InputError: damaged, or shorter than its header states.
     """
     try:
         stream = io.BytesIO(content)
@@ -162,7 +167,7 @@ def array_of_bytes(content: bytes, *, file: Path, place: str, expected: str) -> 
             raise ValueError(f"{len(content)} bytes of {size}")
         stream.seek(0)
         array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    except Exception as error:  # a header is Python's syntax: its parser raises what it likes
+    except Exception as error:  # the header is parsed as Python, with arbitrary exceptions
         raise InputError(
             f"is damaged ({one_line(error)})", file=file, place=place, expected=expected
         ) from None
@@ -177,17 +182,17 @@ def checked_arrays(
     expected: str,
     within: str = "",
 ) -> None:
-    """Check arrays that belong together.
+    """Check the forms of arrays that belong together.
 
     Args:
-        arrays: by name.
-        form: what each must be; floats must be finite besides.
-        file: for errors.
-        expected: what the file should be, for errors.
-        within: what stands before the arrays' names in the file.
+        arrays: arrays by name.
+        form: required form of each; floats must also be finite.
+        file: file, for errors.
+        expected: expected content, for errors.
+        within: prefix of the arrays' names in the file.
 
     Raises:
-        InputError: one is missing, or is of another type, shape or range; it is named.
+        InputError: an array is missing, or has another type, shape or range; names it.
     """
     lengths: dict[str, int] = {}
     for name, wanted in form.items():
@@ -240,18 +245,18 @@ def _place_of(array: NDArray[Any], wrong: NDArray[np.bool_], name: str) -> str:
 
 
 def may_unpack(size: int, packed: int) -> bool:
-    """Return whether a file of ``packed`` bytes may hold ``size`` bytes: no real one holds more."""
+    """Return whether a file of ``packed`` bytes may plausibly decompress to ``size`` bytes."""
     return size <= max(_ALWAYS, _TIMES * packed)
 
 
 def one_line(error: BaseException) -> str:
-    """Return the first line of what a library says, or the kind of its error."""
+    """Return the first line of an error's message, or its type."""
     said = " ".join(str(error).split("\n", 1)[0].split())
     return (said if len(said) <= _SAID else said[:_SAID] + "...") or type(error).__name__
 
 
 def array_header(stream: IO[bytes]) -> tuple[int, int, tuple[int, ...]]:
-    """Return how many bytes the header of a ``.npy`` has, by it the whole file, and the shape.
+    """Return header size, total size (bytes) and shape, from the header of a ``.npy``.
 
     Raises:
         Exception: of any kind: NumPy parses the header as a Python literal.
@@ -273,10 +278,10 @@ def array_header(stream: IO[bytes]) -> tuple[int, int, tuple[int, ...]]:
 
 @contextmanager
 def _one_line(path: Path, expected: str, place: str | None = None) -> Iterator[None]:
-    """Turn what is raised into one clear line."""
+    """Convert all exceptions into one-line errors."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 wrote, of long integers
+            warnings.simplefilter("ignore")  # about headers of Python 2, and long integers
             yield
     except InputError:
         raise
@@ -287,6 +292,6 @@ def _one_line(path: Path, expected: str, place: str | None = None) -> Iterator[N
         if limit is not None:
             raise limit from error
         raise InputError("needs more memory than there is", file=path, expected=expected) from None
-    except Exception as error:  # a header is Python's syntax: its parser raises what it likes
+    except Exception as error:  # the header is parsed as Python, with arbitrary exceptions
         problem = f"is not readable ({one_line(error)})"
         raise InputError(problem, file=path, place=place, expected=expected) from None

@@ -18,22 +18,22 @@ _FULL = {
     errno.EDQUOT: "the quota of its disk is used up",
     errno.EFBIG: "files may not be so large here (ulimit -f)",
 }
-#: What numpy says of an array that was written in part.
+#: NumPy's message for a partly written array.
 _CUT = re.compile(r"\d+ requested and \d+ written")
-#: With less than this free, what failed without a reason failed for want of room, bytes.
+#: Free space below which an unexplained failure is attributed to a full disk, bytes.
 _NOTHING = 1 << 16
 
 
 def check_room(folder: Path, needed: float, what: str) -> None:
-    """Refuse work whose result will not fit.
+    """Check that a result will fit on the disk.
 
     Args:
-        folder: where it will be, or where a folder for it will be made.
-        needed: bytes, at least.
-        what: that needs them.
+        folder: folder of the result, which may not exist yet.
+        needed: lower estimate of its size, bytes.
+        what: name of the result, for the message.
 
     Raises:
-        TooLittleRoomError: fewer are free.
+        TooLittleRoomError: less space is free.
     """
     there = next(one for one in (folder, *folder.absolute().parents) if one.is_dir())
     free = shutil.disk_usage(there).free
@@ -47,17 +47,17 @@ def check_room(folder: Path, needed: float, what: str) -> None:
 
 @contextmanager
 def says_no_room(target: Path, scratch: Path, *, goes_on: bool = False) -> Iterator[None]:
-    """Turn what a full disk makes of the block into one line that says what to do.
+    """Convert errors caused by a full disk into one line with a remedy.
 
-    Libraries and programs that write say it in many ways, or only fail.
+    Libraries and programs report a full disk in many ways, or only fail.
 
     Args:
-        target: what is being made.
-        scratch: where it is written.
-        goes_on: whether what was made is kept.
+        target: the output.
+        scratch: folder where it is written.
+        goes_on: whether partial output is kept.
 
     Raises:
-        NoRoomError: in place of what the block raised, if there is no room.
+        NoRoomError: the disk is full; replaces the block's error.
     """
     try:
         yield
@@ -73,14 +73,14 @@ def says_no_room(target: Path, scratch: Path, *, goes_on: bool = False) -> Itera
 
 
 def _reason(error: BaseException, scratch: Path) -> tuple[str | None, str | None]:
-    """Return why there is no room, and the file that had none, if that is what happened."""
+    """Return why there is no space, and the affected file, if that caused the error."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno in _FULL:
             return _FULL[cause.errno], cause.filename
         cause = cause.__cause__ or cause.__context__
     if isinstance(error, InputError) and not (error.file and _is_in(error.file, scratch)):
-        return None, None  # what a person gave is wrong all the same
+        return None, None  # an error in the user's input is unrelated
     said = str(error)
     for number, why in _FULL.items():
         if f"Errno {number}]" in said or (number == errno.EFBIG and "SIGXFSZ" in said):
@@ -105,7 +105,7 @@ def _within(file: str, scratch: Path) -> str:
 
 
 def told_size(size: float) -> str:
-    """Return bytes as people read them: ``2.36 MB``."""
+    """Return a size in bytes as text: ``2.36 MB``."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000:
             return f"{size:.3g} {unit}"

@@ -17,9 +17,9 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["as_json", "json_value", "read_bytes", "read_json", "read_json_value", "write_json"]
 
-#: Larger than any document that a person's machine could hold as Python's objects.
+#: Largest document, bytes; larger ones would not fit into memory.
 _MOST_BYTES = 4_000_000_000
-#: Half of a character of UTF-16 as JSON may escape it: no text that can be written again.
+#: An escaped UTF-16 surrogate in JSON, which cannot be encoded again if unpaired.
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 _HALF_BYTES = re.compile(_HALF.pattern.encode())
 
@@ -34,10 +34,10 @@ def write_json(path: Path, value: object) -> None:
 
 
 def as_json(value: object) -> Any:  # noqa: ANN401
-    """Return a value as JSON holds it.
+    """Return a JSON-compatible value.
 
-    Tuples and arrays become lists, keys text, NaN null and pydantic models mappings with the names
-    of their file; what JSON has no type for becomes text.
+    Tuples and arrays become lists, keys text, NaN null, and pydantic models mappings with the names
+    used in files; other types become text.
     """
     if isinstance(value, np.ndarray):
         return value.tolist()
@@ -53,7 +53,7 @@ def as_json(value: object) -> Any:  # noqa: ANN401
 
 
 def read_json(path: Path, *, kind: str) -> dict[str, Any]:
-    """Read an artefact's manifest, or another document of ours that is a mapping.
+    """Read a manifest, or another JSON document of UrbanTwin that is a mapping.
 
     Raises:
         InputError: the file is missing, is not JSON (see `json_value`), or is not a mapping.
@@ -69,7 +69,7 @@ def read_json_value(path: Path, expected: str, *, once: bool = True) -> Any:  # 
 
     Args:
         path: the file.
-        expected: what it should be, for errors.
+        expected: expected content, for errors.
         once: see `json_value`.
 
     Raises:
@@ -83,7 +83,7 @@ def read_bytes(path: Path, expected: str) -> bytes:
     """Return the bytes of a document.
 
     Raises:
-        InputError: the file is missing, is none, is too large or cannot be read.
+        InputError: the file is missing, is not a regular file, is too large, or cannot be read.
     """
     try:
         if path.exists() and not path.is_file():
@@ -100,17 +100,17 @@ def read_bytes(path: Path, expected: str) -> bytes:
 
 
 def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool = True) -> Any:  # noqa: ANN401
-    """Return what a JSON text holds (RFC 8259).
+    """Return the value of a JSON text (RFC 8259).
 
     Args:
-        text: the document; of bytes, in UTF-8, UTF-16 or UTF-32.
-        file: where it is from, for errors.
-        expected: what it should be, for errors.
-        once: refuse a key that is given twice, as none of our files has it.
+        text: the document; bytes in UTF-8, UTF-16 or UTF-32.
+        file: its source, for errors.
+        expected: expected content, for errors.
+        once: reject duplicate keys.
 
     Raises:
-        InputError: it is not JSON, is nested too deep, or has a number that is not finite or
-            unpaired surrogates; the line is named where it is known.
+        InputError: not JSON, nested too deeply, a number that is not finite, or unpaired
+            surrogates; names the line if known.
     """
     try:
         value = parse_json(text, once=once)

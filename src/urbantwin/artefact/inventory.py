@@ -1,4 +1,4 @@
-"""The inventory of an artefact: its files with their checksums, as ``sha256sum -c`` reads it."""
+"""Inventory of an artefact: its files with checksums, in the format of ``sha256sum -c``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
     "write_inventory",
 ]
 
-#: Its name; GNU coreutils' usual one.
+#: File name, as is common with GNU coreutils.
 INVENTORY = "SHA256SUMS"
 _LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)")
 _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
@@ -31,10 +31,10 @@ _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 
 @dataclass(frozen=True)
 class Damage:
-    """What is wrong with a file of an artefact.
+    """A damaged file of an artefact.
 
     Attributes:
-        name: of the file, relative to the artefact.
+        name: name of the file, relative to the artefact.
         problem: ``damaged``, ``missing`` or ``foreign``.
     """
 
@@ -49,34 +49,34 @@ def write_inventory(
     without: Sequence[str] = (),
     elsewhere: bool = False,
 ) -> None:
-    """Write ``SHA256SUMS`` of everything in a folder, sorted by name.
+    """Write ``SHA256SUMS`` of all files in a folder, sorted by name.
 
     Args:
-        folder: the artefact's.
-        known: checksums that were taken while files were written, by name.
-        elsewhere: whether files that are known are listed although they are not in the folder.
-        without: names of folders, wherever they are, that are no part of it.
+        folder: the artefact's folder.
+        known: checksums computed while files were written, by name.
+        elsewhere: whether known files are listed even if they are not in the folder.
+        without: names of folders, at any level, to exclude.
     """
     scratch = folder / f".{INVENTORY}.part"
-    scratch.unlink(missing_ok=True)  # of a run that was killed here
+    scratch.unlink(missing_ok=True)  # left by a killed run
     sums = known or {}
     lines = []
     for name in sorted({*_files(folder), *(sums if elsewhere else ())}):
         if name != INVENTORY and not set(without).intersection(name.split("/")[:-1]):
             escaped = _escaped(name)
-            said = "" if escaped == name else "\\"  # sha256sum(1): so the line says it
+            said = "" if escaped == name else "\\"  # sha256sum(1) marks escaped names
             lines.append(f"{said}{sums.get(name) or sha256_of(folder / name)}  {escaped}")
     with scratch.open("w", errors="surrogateescape", newline="\n", encoding="utf-8") as stream:
         stream.writelines(f"{line}\n" for line in lines)
         stream.flush()
-        os.fsync(stream.fileno())  # whoever finds it may rely on it, after a loss of power too
+        os.fsync(stream.fileno())  # the file is reliable even after a loss of power
     scratch.replace(folder / INVENTORY)
 
 
 def digest_of(folder: Path) -> str:
-    """Return a hash that tells an artefact from others: the SHA-256 of its inventory.
+    """Return a hash that identifies an artefact: the SHA-256 of its inventory.
 
-    Of a folder without one, that of the names and sizes of its files.
+    Without an inventory, that of the names and sizes of its files.
     """
     inventory = folder / INVENTORY
     if inventory.is_file():
@@ -87,10 +87,10 @@ def digest_of(folder: Path) -> str:
 
 
 def read_inventory(folder: Path) -> dict[str, str]:
-    """Return the checksum of every file of an artefact by its name.
+    """Return the checksum of every file of an artefact, by name.
 
     Raises:
-        InputError: there is no inventory, or it is damaged.
+        InputError: the inventory is missing or damaged.
     """
     path = folder / INVENTORY
     try:
@@ -118,7 +118,7 @@ def read_inventory(folder: Path) -> dict[str, str]:
 
 
 def foreign_entry(folder: Path, named: Mapping[str, str]) -> str | None:
-    """Return the first entry of a folder that an inventory does not name, or ``None``.
+    """Return the first entry of a folder that is missing in an inventory, or ``None``.
 
     Folders count: one that is not a parent of a listed file is foreign.
     """
@@ -142,16 +142,16 @@ def damages(
     """Compare an artefact with its inventory.
 
     Args:
-        folder: the artefact's.
-        below: only what is in this folder of it.
-        workers: threads that take checksums.
-        progress: told the share done and what is being done.
+        folder: the artefact's folder.
+        below: subfolder to check only.
+        workers: number of threads for checksums.
+        progress: called with the fraction done and a description.
 
     Returns:
-        How many files were checked, and those that are wrong, by name.
+        The number of checked files, and the damages, by name.
 
     Raises:
-        InputError: there is no inventory, or it is damaged.
+        InputError: the inventory is missing or damaged.
     """
     inside = f"{below}/" if below else ""
     sums = {

@@ -57,7 +57,7 @@ KINDS = (
         "placement",
     ),
 )
-#: A rig whose sensors are not fused leaves a dataset of datasets.
+#: A rig whose sensors are not fused gives a dataset of datasets.
 _ALSO = {"dataset": ("dataset", "datasets")}
 
 
@@ -76,17 +76,17 @@ def kind_of(folder: Path) -> str | None:
 
 
 def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ()) -> None:
-    """Refuse an output folder that cannot be written, before any work.
+    """Check that an output folder can be written, before any work.
 
     Args:
-        target: the folder to write. An older artefact of the same kind may be there if it holds
-            nothing that its inventory does not name.
-        kind: of the artefact; its manifest is ``KIND.json``.
-        inputs: what it is made from: files and folders; ``None`` are passed over.
+        target: the folder to write. It may be an older artefact of the same kind, without files
+            missing in its inventory.
+        kind: kind of the artefact; its manifest is ``KIND.json``.
+        inputs: input files and folders; ``None`` are ignored.
 
     Raises:
-        InputError: it is a file, a folder that holds something else, inside another artefact or an
-            input, has an input inside, is being written by another run, or is not writable.
+        InputError: it is a file, holds something else, is inside another artefact or an input,
+            contains an input, is being written by another run, or is not writable.
     """
     real = _real(target)
     _check_place(target, real, inputs)
@@ -101,18 +101,18 @@ def check_file(
     inputs: Sequence[Path | None] = (),
     replaces: Path | None = None,
 ) -> None:
-    """Refuse an output file that cannot be written, before any work.
+    """Check that an output file can be written, before any work.
 
     Args:
         target: the file to write.
-        kind: of output; an older one of the same kind that we wrote is replaced, of ``None`` none.
-        inputs: what it is made from.
-        replaces: an input that it may replace.
+        kind: kind of output; an older one of the same kind written by urbantwin is replaced; with
+            ``None`` none is.
+        inputs: input files and folders.
+        replaces: input that may be replaced.
 
     Raises:
-        InputError: it is a folder or no regular file, a file that may not be replaced
-            (`written_files`), an input, inside an artefact or an input, is being written by another
-            run, or is not writable.
+        InputError: it is not a regular file, may not be replaced (`written_files`), is an input, is
+            inside an artefact or an input, is being written by another run, or is not writable.
     """
     real = _real(target)
     if replaces is None or real != Path(os.path.realpath(replaces)):
@@ -127,16 +127,16 @@ def replaced_folder(
 ) -> Iterator[Path]:
     """Yield a folder beside ``target`` that takes its place when the block succeeds.
 
-    When the block fails, ``target`` stays as it was and nothing half-written is left; with a
-    ``key``, what was made waits for the next run with that key. The folder gets an inventory of
-    its files, unless the block wrote one.
+    If the block fails, ``target`` is unchanged and partial output is removed; with a ``key``, it is
+    kept for the next run with that key. The folder gets an inventory of its files, unless the block
+    wrote one.
 
     Args:
         target: the folder to write; see `check_folder`.
         kind: the artefact's kind; its manifest is ``KIND.json``.
-        inputs: what it is made from.
-        key: 16 hexadecimal digits that say what is made. The folder then holds what an interrupted
-            run with the same key left.
+        inputs: input files and folders.
+        key: 16 hexadecimal digits that identify the result. The folder then holds the files of an
+            interrupted run with the same key.
 
     Raises:
         InputError: see `check_folder`.
@@ -152,7 +152,7 @@ def replaced_folder(
             write_inventory(scratch.folder)
         unless_swallowed()
         with deferred():
-            # Somebody may have put something there since it was checked.
+            # The target may have changed since the check.
             _check_replaceable(target, scratch.target, kind)
             take_mode(scratch.folder, scratch.target)
             put_in_place(scratch.folder, scratch.target)
@@ -166,20 +166,20 @@ def replaced_file(
     inputs: Sequence[Path | None] = (),
     replaces: Path | None = None,
 ) -> Iterator[Path]:
-    """Yield a path of the same name in a folder of its own; its files then take their places.
+    """Yield a path of the same name in a scratch folder, whose files are moved at the end.
 
-    Files that the block writes beside it (an OBJ's materials) come along, before it. When the block
-    fails, ``target`` stays as it was and nothing half-written is left. What is replaced gives its
-    mode to what replaces it.
+    Files written beside it (an OBJ's materials) are moved as well, before it. If the block fails,
+    ``target`` is unchanged and partial output is removed. New files get the mode of those they
+    replace.
 
     Args:
-        target: the file to write; an older one is replaced if we wrote it (`check_file`).
-        kind: of output.
-        inputs: what it is made from.
-        replaces: an input that it may replace.
+        target: the file to write; an older one is replaced if urbantwin wrote it (`check_file`).
+        kind: kind of output.
+        inputs: input files and folders.
+        replaces: input that may be replaced.
 
     Raises:
-        InputError: see `check_file`; or what comes along would replace another file.
+        InputError: see `check_file`; or an additional file would replace another file.
         StageError: the disk is full.
     """
     check_file(target, kind=kind, inputs=inputs, replaces=replaces)
@@ -192,12 +192,12 @@ def replaced_file(
         ]
         unless_swallowed()
         with deferred(), alone(scratch.target.parent):
-            # Somebody may have put something there since it was checked.
+            # The target may have changed since the check.
             for file, place in zip(made, places, strict=True):
                 if place == scratch.target:
                     check_replaceable_file(target, place, kind)
                 elif not (place.is_file() and cmp(place, file, shallow=False)):
-                    # The same bytes: a killed run came as far as that.
+                    # Equal bytes: written by a run that was killed here.
                     check_replaceable_file(target.with_name(place.name), place, kind)
             for file, place in zip(made, places, strict=True):
                 with overwriting(allowed=True):  # it was checked
@@ -208,7 +208,7 @@ def _real(target: Path) -> Path:
     """Return an output's path without links.
 
     Raises:
-        InputError: nothing can have it.
+        InputError: the path is not possible.
     """
     try:
         real = Path(os.path.realpath(target))
@@ -219,7 +219,7 @@ def _real(target: Path) -> Path:
             file=target,
             expected="another name (-o), or a locale of UTF-8 (LC_ALL=C.UTF-8)",
         ) from None
-    except (OSError, ValueError) as error:  # too long, a loop of links, no right to look
+    except (OSError, ValueError) as error:  # too long, a loop of links, no permission
         why = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot be written ({why.lower()})", file=target) from None
     return real
@@ -254,10 +254,10 @@ def _check_place(target: Path, real: Path, inputs: Sequence[Path | None]) -> Non
 
 
 def _check_replaceable(target: Path, real: Path, kind: str) -> None:
-    """Refuse a folder that is not an older artefact of a kind, whole or damaged, and only that.
+    """Check that a folder is empty or exactly an older artefact of a kind, intact or damaged.
 
     Raises:
-        InputError: it is a file, or a folder with something else in it.
+        InputError: it is a file, or holds something else.
     """
     if not real.exists():
         return

@@ -1,10 +1,11 @@
 """Scratch beside an output: a hidden folder with its owner's process in its name, and a lock.
 
-``.NAME.PROCESS.urbantwin-new`` holds what a run is writing, ``.NAME.PROCESS.KEY.urbantwin-partial``
-what a run can go on from, and ``.NAME.PROCESS.urbantwin-old`` what has just been replaced. A run
-holds a lock (``flock``) on its own folder; the kernel takes the lock from a process that dies, so
-nothing stays locked, and the next run on the same output recognises dead scratch and removes it.
-Windows has no such locks: nothing is written there.
+``.NAME.PROCESS.urbantwin-new`` holds the output of a running process,
+``.NAME.PROCESS.KEY.urbantwin-partial`` a state that a later run can resume, and
+``.NAME.PROCESS.urbantwin-old`` an output that has just been replaced. A run holds a lock
+(``flock``) on its own folder; the kernel releases the lock when the process dies, so nothing stays
+locked, and the next run on the same output recognises dead scratch and removes it. Windows lacks
+such locks, so writing is not supported there.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _NEW, _PARTIAL, _OLD = ".urbantwin-new", ".urbantwin-partial", ".urbantwin-old"
 _LEFT = re.compile(
     rf"\.(?P<name>.+)\.(?P<process>\d+)(?:\.(?P<key>[0-9a-f]{{16}}){_PARTIAL}|{_NEW}|{_OLD})"
 )
-#: Longer names of outputs are cut, so that the scratch's own stays one that file systems take.
+#: Longest part of an output's name in a scratch name, which file systems limit.
 _LONGEST = 150
 _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 _EXCHANGE = 2  # RENAME_EXCHANGE, renameat2(2)
@@ -53,11 +54,11 @@ _numbers = count()
 
 @dataclass(frozen=True)
 class Scratch:
-    """A run's own scratch.
+    """Scratch of a run.
 
     Attributes:
         target: the output, without symbolic links.
-        folder: the scratch; empty, or what an interrupted run with the same key left.
+        folder: the scratch folder; empty, or the state of an interrupted run with the same key.
     """
 
     target: Path
@@ -68,13 +69,13 @@ class Scratch:
 def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
     """Hold an output: yield scratch for it, while no other run may write it.
 
-    What dead runs left is removed before. In the end the scratch goes, too; with a ``key`` it stays
+    Scratch of dead runs is removed before, and this scratch at the end. With a ``key`` it is kept
     when the block fails, for the next run with that key, until a run on this output succeeds.
 
     Args:
-        target: the output; its folder is made if it is not there, and taken away again if the block
-            fails and nothing is in it.
-        key: 16 hexadecimal digits that say what is made.
+        target: the output; its parent folder is created if missing, and removed again if the block
+            fails and leaves it empty.
+        key: 16 hexadecimal digits that identify the result.
 
     Raises:
         InputError: another run is writing it, it is not writable, or this is Windows.
@@ -108,13 +109,13 @@ def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
 
 
 def refuse_if_written(target: Path) -> None:
-    """Refuse an output that a run is writing now.
+    """Raise an error if a run is currently writing an output.
 
     Args:
         target: the output, without symbolic links.
 
     Raises:
-        InputError: one is, or this is Windows.
+        InputError: a run is writing it, or this is Windows.
     """
     _refuse_windows(target)
     for left, process, _ in _left(target):
@@ -128,14 +129,14 @@ def refuse_if_written(target: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[None]:
-    """Make a folder to write to; remove it again if the block leaves it empty.
+    """Create a folder to write to; remove it again if the block leaves it empty.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: the folder cannot be created.
     """
     made: list[Path] = []
     try:
-        with deferred():  # none is made that is not known here
+        with deferred():  # all created folders are recorded
             made += _make_parents(folder)
         yield
     finally:
@@ -146,9 +147,9 @@ def new_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def passing_folder(subject: str) -> Iterator[Path]:
-    """Yield a folder in the system's temporary one that goes with the block.
+    """Yield a temporary folder that is removed with the block.
 
-    What killed runs left there of the same subject goes, too.
+    Folders left by killed runs with the same subject are removed as well.
     """
     place = Path(tempfile.gettempdir())
     number = next(_numbers)
@@ -161,19 +162,19 @@ def passing_folder(subject: str) -> Iterator[Path]:
 
 
 def inside_scratch(path: Path) -> bool:
-    """Return whether a path lies inside scratch of a run."""
+    """Return whether a path is inside a run's scratch."""
     return any(_LEFT.fullmatch(one.name) for one in path.parents)
 
 
 def put_in_place(scratch: Path, target: Path) -> None:
-    """Give a finished folder its name, and remove the older one that had it.
+    """Rename a finished folder to its target, and remove the older one.
 
-    At every moment the older one or this one has the name.
+    At every moment either folder has the target's name.
     """
     if not target.exists():
         scratch.rename(target)
         return
-    # What comes out of the exchange is the older one: nothing for a run to go on from.
+    # After the exchange this is the older folder, which no run can resume.
     passing = _scratch_of(target, _NEW)
     if passing != scratch:
         scratch.rename(passing)
@@ -181,8 +182,8 @@ def put_in_place(scratch: Path, target: Path) -> None:
         if _exchange(passing, target):
             _remove(passing)
             return
-        # A file system without an exchange: the older one steps aside, and whoever comes next
-        # puts it back if this run is killed between the two.
+        # Without an exchange, the older folder is renamed first; the next run restores it if this
+        # one is killed in between.
         older = _scratch_of(target, _OLD)
         with alone(target.parent):
             target.rename(older)
@@ -199,8 +200,8 @@ def put_in_place(scratch: Path, target: Path) -> None:
 
 
 def remove_dead(folder: Path, name: str | None = None) -> None:
-    """Remove what dead runs left in a folder, of the output ``name`` or of every output."""
-    with alone(folder):  # a run that has made its scratch has not locked it yet
+    """Remove scratch of dead runs in a folder, for the output ``name`` or for all."""
+    with alone(folder):  # a run locks its scratch only after creating it
         for entry in _hidden(folder):
             found = _LEFT.fullmatch(entry.name)
             if (
@@ -219,7 +220,7 @@ def _refuse_windows(target: Path) -> None:
 
 
 def _clear(target: Path) -> None:
-    """Put back and remove what dead runs left, but for what a run can go on from."""
+    """Restore replaced outputs of dead runs, and remove their scratch, except resumable states."""
     for left, _, its_key in _left(target):
         if left.suffix == _OLD and not target.exists():
             left.rename(target)
@@ -228,7 +229,7 @@ def _clear(target: Path) -> None:
 
 
 def _own(target: Path, key: str | None) -> Path:
-    """Take over what a dead run with the same key left, or make a folder; return it."""
+    """Return the scratch folder: that of a dead run with the same key, or a new one."""
     mine = _scratch_of(target, _NEW if key is None else f".{key}{_PARTIAL}")
     for left, _, its_key in _left(target):
         if key is not None and its_key == key and not mine.exists():
@@ -263,7 +264,7 @@ def _hidden(folder: Path) -> list[Path]:
     try:
         with os.scandir(folder) as entries:
             return sorted(folder / one.name for one in entries if one.name.startswith("."))
-    except OSError:  # There is no such folder, or none that can be looked into.
+    except OSError:  # no such folder, or not readable
         return []
 
 
@@ -276,12 +277,12 @@ def _is_dead(left: Path, process: int) -> bool:
     except OSError:  # It is gone, or none of ours.
         return False
     try:
-        # Shared: others who look at the same time are no owners.
+        # A shared lock, so that simultaneous checks do not see each other as owners.
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             return False
-        try:  # No locks on this file system: is there such a process?
+        try:  # without locks: does the process exist?
             os.kill(process, 0)
         except ProcessLookupError:
             return True
@@ -298,7 +299,7 @@ def _lock(folder: Path) -> int:
 
     lock = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # it waits for those who look, which is a moment
+        fcntl.flock(lock, fcntl.LOCK_EX)  # waits for checks, which are short
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             os.close(lock)
@@ -320,12 +321,12 @@ def _identity(descriptor: int) -> tuple[int, int]:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Let runs look at what is in a folder one after the other."""
+    """Serialise the runs' access to a folder."""
     import fcntl
 
     lock = os.open(folder, os.O_RDONLY)
     try:
-        if _identity(lock) not in _held:  # a scratch of our own is private
+        if _identity(lock) not in _held:  # our own scratch is private
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX)
             except OSError as error:
@@ -337,7 +338,7 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Let two paths change their names in one step, where the system can (Linux)."""
+    """Exchange two paths atomically, where the system supports it (Linux)."""
     rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if rename is None:
         return False
@@ -345,7 +346,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 
 def _make_parents(folder: Path) -> list[Path]:
-    """Make a folder and those above it; return what was made, the innermost first."""
+    """Create a folder and its parents; return the created ones, innermost first."""
     missing = []
     for one in (folder, *folder.parents):
         if one.exists():

@@ -1,4 +1,4 @@
-"""Files on storage that has an address: ``s3://bucket/name``, and all else that fsspec reaches."""
+"""Files on storage with a URL: ``s3://bucket/name``, and everything else that fsspec supports."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from urbantwin.errors import InputError, StageError, UrbanTwinError
 __all__ = ["Storage", "is_url"]
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+")
-#: What libraries take for many names.
+#: Characters that libraries treat as wildcards.
 _PATTERN = re.compile(r"[*?\[]")
 _PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
-#: Here a file appears whole, and folders are but names; elsewhere it is written beside, and moved.
+#: Object stores: files appear atomically, and folders are only names. Elsewhere files are written
+#: under another name and renamed.
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "oss", "memory"}
 _FULL = {errno.ENOSPC: "there is no room left", errno.EDQUOT: "the quota is used up"}
 _GO_ON = "give the same command again: it goes on from what was made"
@@ -26,26 +27,26 @@ _LIBRARIES |= {"abfs": "adlfs", "abfss": "adlfs", "adl": "adlfs"}
 
 
 def is_url(place: object) -> bool:
-    """Return whether somebody gave an address of storage, and not the path of a folder."""
+    """Return whether a value is a URL of storage, not the path of a folder."""
     return isinstance(place, str) and _URL.match(place) is not None
 
 
 @dataclass(frozen=True)
 class Storage:
-    """A place on storage, as a folder is one on a disk; it may be sent to other processes.
+    """A place on storage, like a folder on a disk; it can be pickled.
 
     Attributes:
-        url: without a slash at its end.
+        url: URL without a trailing slash.
     """
 
     url: str
 
     @classmethod
     def of(cls, url: str) -> Storage:
-        """Return the place of an address.
+        """Return the place of a URL.
 
         Raises:
-            InputError: nothing here can reach it.
+            InputError: the URL is invalid or cannot be accessed.
         """
         found = cls(url.rstrip("/"))
         if not is_url(found.url) or _PATTERN.search(url):
@@ -60,15 +61,15 @@ class Storage:
         return _PASSWORD.sub(r"\1:***@", self.url)
 
     def __truediv__(self, name: str) -> Storage:
-        """Return a place below; that of an empty name is this one."""
+        """Return a place below; for an empty name this place."""
         return Storage(f"{self.url}/{name}") if name else self
 
     def write(self, name: str, *parts: bytes | memoryview) -> None:
-        """Write a file, which appears whole or not at all.
+        """Write a file atomically.
 
         Raises:
-            InputError: the storage refuses it.
-            StageError: there is no room, or the storage fails.
+            InputError: the storage denies it.
+            StageError: no space, or the storage fails.
         """
         with self._told(name):
             system, root = self._reached()
@@ -77,7 +78,7 @@ class Storage:
             if self._protocol in _OBJECTS:
                 try:
                     system.pipe_file(path, content)
-                except FileNotFoundError:  # what holds objects is the one thing that can be missing
+                except FileNotFoundError:  # only the bucket can be missing
                     raise InputError(
                         "is not there", file=f"{self._protocol}://{root.partition('/')[0]}",
                         expected="a bucket that is there",
@@ -87,15 +88,15 @@ class Storage:
             system.pipe_file(f"{path}.part", content)
             try:
                 system.mv(f"{path}.part", path)
-            except FileNotFoundError:  # another run of the same command has moved the same bytes
+            except FileNotFoundError:  # another run has moved the same bytes
                 if not system.exists(path):
                     raise
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds.
+        """Return the content of a file.
 
         Raises:
-            InputError: it is not there, or the storage refuses it.
+            InputError: the file is missing, or the storage denies it.
             StageError: the storage fails.
         """
         with self._told(name):
@@ -104,7 +105,7 @@ class Storage:
             return content
 
     def read_all(self, names: Sequence[str]) -> dict[str, bytes]:
-        """Return what files hold, by name; those that cannot be read are left out."""
+        """Return the content of files, by name; unreadable ones are omitted."""
         with self._told():
             system, root = self._reached()
             paths = {f"{root}/{name}": name for name in names}
@@ -112,10 +113,10 @@ class Storage:
             return {paths[path]: content for path, content in found.items() if path in paths}
 
     def names(self) -> list[str]:
-        """Return the names of all files below, sorted; none where there is nothing.
+        """Return the names of all files below, sorted; empty if there are none.
 
         Raises:
-            InputError: the storage refuses it, or what holds this place is not there.
+            InputError: the storage denies it, or the bucket is missing.
             StageError: the storage fails.
         """
         with self._told():
@@ -128,10 +129,10 @@ class Storage:
             return sorted(one.removeprefix(root).lstrip("/") for one in found if one != root)
 
     def remove(self) -> None:
-        """Remove all that is below.
+        """Remove all files below.
 
         Raises:
-            InputError: the storage refuses it.
+            InputError: the storage denies it.
             StageError: the storage fails.
         """
         with self._told():
@@ -144,7 +145,7 @@ class Storage:
         return self.url.partition("://")[0].lower()
 
     def _reached(self) -> tuple[Any, str]:
-        """Return what reaches the storage, and this place as it names it."""
+        """Return the file system of the storage, and this place's path in it."""
         from fsspec.core import url_to_fs  # type: ignore[import-untyped, unused-ignore]
 
         system, root = url_to_fs(self.url)
@@ -152,7 +153,7 @@ class Storage:
 
     @contextmanager
     def _told(self, name: str = "") -> Iterator[None]:
-        """Say in one line what a library says of the storage in its own way."""
+        """Convert exceptions of storage libraries into one-line errors."""
         place = f"{self}/{name}" if name else str(self)
         expected = "a place on storage that may be written"
         try:
@@ -178,10 +179,10 @@ class Storage:
             if error.errno == errno.EROFS:
                 raise InputError("is read-only", file=place, expected=expected) from None
             raise StageError(f"{place}: {_first_line(error)}; {_GO_ON}") from error
-        except ValueError as error:  # a protocol that nobody knows, a bucket that none can be
+        except ValueError as error:  # an unknown protocol, an invalid bucket
             raise InputError(_first_line(error), file=place, expected=expected) from None
-        except Exception as error:  # each library has its own
-            if "Validation" in type(error).__name__:  # a name that no bucket can have
+        except Exception as error:  # types differ between libraries
+            if "Validation" in type(error).__name__:  # an invalid bucket name
                 raise InputError(_first_line(error), file=place, expected=expected) from None
             if "redential" in type(error).__name__ or "redential" in str(error):
                 raise InputError(

@@ -1,4 +1,4 @@
-"""Tables: validated reading of Parquet and Feather, of which a damaged one is one line; writing."""
+"""Tables: validated reading of Parquet and Feather with one-line errors, and writing."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ __all__ = [
     "write_parquet_and_csv",
 ]
 
-#: How our tables are written. A checksum of each page, of which zstd has none of its own, shows
-#: readers that one is damaged.
+#: Options of written tables. Page checksums let readers detect damage, since zstd has none here.
 PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
 
 def write_parquet_and_csv(stem: Path, table: pa.Table) -> None:
-    """Write a table twice: for programs (Parquet), and for spreadsheets (CSV).
+    """Write a table as Parquet and as CSV.
 
     Args:
         stem: the file's name without ``.parquet`` and ``.csv``.
-        table: to write.
+        table: table to write.
     """
     import pyarrow.csv
     import pyarrow.parquet as pq
@@ -51,10 +50,9 @@ def read_parquet(
 
     Args:
         path: the file.
-        expected: what it should be, for errors.
-        columns: the columns to read; all without it. Those that the file lacks are left out.
-        schema: what it must have, column for column; then no value may be missing, and no number
-            may be other than finite.
+        expected: expected content, for errors.
+        columns: columns to read, all if not given; columns that the file lacks are omitted.
+        schema: required columns; then values must not be missing, and numbers must be finite.
 
     Raises:
         InputError: missing, damaged, larger than its size allows, or with other columns.
@@ -65,19 +63,18 @@ def read_parquet(
 
 
 class ParquetGroups:
-    """A Parquet file of which groups of rows are read, each checked when it is.
+    """A Parquet file that is read by row groups, each validated when read.
 
     Args:
         path: the file.
-        expected: what it should be, for errors.
-        schema: what it must have, column for column; then no value may be missing, and no number
-            may be other than finite.
+        expected: expected content, for errors.
+        schema: required columns; then values must not be missing, and numbers must be finite.
 
     Attributes:
-        count: how many groups of rows it has.
-        num_rows: how many rows.
-        rows: how many rows each group has.
-        column_names: its columns.
+        count: number of row groups.
+        num_rows: number of rows.
+        rows: number of rows of each group.
+        column_names: names of its columns.
 
     Raises:
         InputError: missing, damaged, larger than its size allows, or with other columns.
@@ -88,9 +85,9 @@ class ParquetGroups:
 
         self._path, self._expected, self._schema = path, expected, schema
         try:
-            # Not mapped: a page that a damaged disk cannot read would end the process.
+            # Not memory-mapped: an unreadable page would kill the process.
             self._file = pq.ParquetFile(path, memory_map=False, page_checksum_verification=True)
-            with path.open("rb") as stream:  # which Arrow does not look at
+            with path.open("rb") as stream:  # Arrow does not check this
                 if stream.read(4) != b"PAR1":
                     raise ValueError("its first bytes are not those of Parquet")
         # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
@@ -125,10 +122,10 @@ class ParquetGroups:
             raise _damaged(error, path, expected) from None
 
     def read(self, columns: Sequence[str] | None = None, *, group: int | None = None) -> pa.Table:
-        """Return all rows, or those of a group; of some columns alone where they are given.
+        """Return all rows, or those of a group, of all or some columns.
 
         Raises:
-            InputError: they are damaged.
+            InputError: the rows are damaged.
         """
         wanted = None if columns is None else list(columns)
         try:
@@ -144,10 +141,10 @@ class ParquetGroups:
             raise _damaged(error, self._path, self._expected) from None
 
     def each_row(self, columns: Sequence[str], group: int) -> Iterator[pa.RecordBatch]:
-        """Yield the rows of a group one by one: no more of them is unpacked than is asked for.
+        """Yield the rows of a group one by one, decompressing only what is requested.
 
         Raises:
-            InputError: one is damaged; the row is named.
+            InputError: a row is damaged; names it.
         """
         row = sum(self.rows[:group])
         try:
@@ -192,14 +189,14 @@ def columns_of(
     """Return columns of a table as arrays.
 
     Args:
-        table: as it was read.
+        table: table as read.
         kinds: column -> ``number`` (float64, finite), ``whole`` (int64), ``text`` (objects) or
             ``text or none``.
-        path: for errors.
-        expected: what the file should be, for errors.
+        path: file, for errors.
+        expected: expected content, for errors.
 
     Raises:
-        InputError: a column is missing, is of another kind, or lacks a value; it is named.
+        InputError: a column is missing, is of another kind, or lacks a value; names it.
     """
     import pyarrow as pa
 
@@ -225,10 +222,10 @@ def columns_of(
 
 
 def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
-    """Refuse columns in which a value is missing, or a number is not finite.
+    """Check that columns have no missing values and only finite numbers.
 
     Raises:
-        InputError: one is; the column is named.
+        InputError: a column fails; names it.
     """
     for name in columns:
         column = table[name]
@@ -243,7 +240,7 @@ def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
 
 
 def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.Table:
-    """Return a table in one piece; offsets, lengths and text are checked before they are used."""
+    """Return a validated table in contiguous chunks."""
     table.validate(full=True)
     names = table.column_names
     if len(set(names)) < len(names):
@@ -254,10 +251,10 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
 
 
 def _damaged(error: Exception, path: Path, expected: str) -> InputError:
-    """Return what is said of a file of Parquet that cannot be read.
+    """Return the error for a Parquet file that cannot be read.
 
     Raises:
-        LimitError: a limit of the system is the cause, and not the file.
+        LimitError: a system limit is the cause, not the file.
     """
     limit = limit_reached(error)
     if limit is not None:

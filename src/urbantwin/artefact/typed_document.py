@@ -23,13 +23,13 @@ Kind = TypeVar("Kind")
 
 #: No length, height or place of a site is larger, metres.
 _LARGEST = 1e7
-#: No other number of a site is larger either; how JSON may write one that is.
+#: Largest plausible number of a site, and patterns of larger ones in JSON.
 _BEYOND = 1e12
 _LONG = re.compile(rb"[eE]\+?0*[1-9]\d|(?<![\d.])\d{13}")
-#: How JSON writes what neither XML nor a person's text may have.
+#: Characters in JSON that are not allowed in XML or users' texts.
 _CONTROL = re.compile(rb"\\(u00[01][0-9a-fA-F]|[bf]|u[fF]{3}[eEfF])|\xef\xbf[\xbe\xbf]")
 _CONTROLS = frozenset(chr(k) for k in (*range(9), 11, 12, *range(14, 32), 0xFFFE, 0xFFFF))
-#: What some editors begin a file of UTF-8 with.
+#: Byte order mark of some UTF-8 editors.
 _MARK = b"\xef\xbb\xbf"
 
 
@@ -65,7 +65,7 @@ Numbers: TypeAlias = Annotated[_Array, PlainValidator(_table)]
 Pairs: TypeAlias = Annotated[_Array, PlainValidator(partial(_table, columns=2))]
 Triples: TypeAlias = Annotated[_Array, PlainValidator(partial(_table, columns=3))]
 Quads: TypeAlias = Annotated[_Array, PlainValidator(partial(_table, columns=4))]
-#: A number that may be left open: null in the file, NaN here.
+#: A number that may be missing: null in the file, NaN in Python.
 Said: TypeAlias = Annotated[float, PlainValidator(_said)]
 
 
@@ -81,7 +81,7 @@ def _leaves(value: object) -> Iterator[object]:
 
 
 def _has_control(value: object) -> bool:
-    """Return whether a text within a document has a character of control."""
+    """Return whether a text in a document has a control character."""
     texts = (one for one in _leaves(value) if isinstance(one, str))
     return any(not _CONTROLS.isdisjoint(text) for text in texts)
 
@@ -92,15 +92,15 @@ def _has_beyond(value: object) -> bool:
 
 
 def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
-    """Read a JSON file as a dataclass, with all that is in it; fields that it lacks are refused.
+    """Read a JSON file as a dataclass; missing fields are errors.
 
     Args:
         path: the file.
         kind: the dataclass; arrays in it are annotated with the types of this module.
-        expected: what the file should be, for errors.
+        expected: expected content, for errors.
 
     Raises:
-        InputError: missing, not JSON, or a field is missing or wrong; the first one is named.
+        InputError: missing, not JSON, or a field is missing or wrong; names the first.
     """
     data = read_bytes(path, expected)
     value = json_value(data, file=path, expected=expected)

@@ -16,13 +16,13 @@ __all__ = ["Verified", "is_artefact", "verify"]
 
 @dataclass(frozen=True)
 class Verified:
-    """What was found of one artefact.
+    """Outcome of the verification of an artefact.
 
     Attributes:
-        folder: the artefact's, or the part of it that was asked for.
-        kind: of the artefact.
-        files: how many were checked.
-        damages: what is wrong.
+        folder: folder of the artefact, or of its requested part.
+        kind: kind of the artefact.
+        files: number of checked files.
+        damages: damaged, missing and foreign files.
     """
 
     folder: Path
@@ -41,10 +41,10 @@ def verify(
 
     Args:
         path: an artefact, its manifest or another file of it, a part of a dataset of several
-            sensors, or a folder of artefacts, or of folders of them: what ``urbantwin run`` or
-            ``urbantwin experiment run`` wrote.
-        workers: threads that take checksums.
-        progress: told the share done and what is being done.
+            sensors, or a folder of artefacts, or of folders of them, as written by
+            ``urbantwin run`` or ``urbantwin experiment run``.
+        workers: number of threads for checksums.
+        progress: called with the fraction done and a description.
 
     Raises:
         InputError: there is no artefact, or its inventory cannot be read.
@@ -72,18 +72,18 @@ def verify(
 
 
 def is_artefact(path: Path) -> bool:
-    """Return whether there is an artefact at a path, around it or in it."""
+    """Return whether there is an artefact at a path, above it or in it."""
     return path.exists() and any(True for _ in _artefacts(path))
 
 
 def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the folder of each artefact, and which folder of it is meant (``""``: all)."""
+    """Yield the folder of each artefact, and the requested subfolder of it (``""`` for all)."""
     inside = path.resolve()
     if inside.is_file():
         inside = inside.parent
     around = [folder for folder in (inside, *inside.parents) if _is_artefact(folder)]
     if around:
-        # A part of an artefact has no inventory of its own, but a manifest.
+        # A part of an artefact has a manifest but no inventory.
         folder = next((one for one in around if (one / INVENTORY).is_file()), around[0])
         below = inside.relative_to(folder).as_posix()
         yield folder, "" if below == "." else below
@@ -93,12 +93,12 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
             continue
         if _is_artefact(entry):
             yield entry, ""
-        else:  # a folder of artefacts in a folder of folders: the datasets of a campaign
+        else:  # nested folders: the datasets of a campaign
             inside_it = (one for one in sorted(entry.iterdir()) if one.is_dir())
             named = (one for one in inside_it if not one.name.startswith("."))
             yield from ((one, "") for one in named if _is_artefact(one))
 
 
 def _is_artefact(folder: Path) -> bool:
-    """Return whether a folder is an artefact, or was one before its inventory was lost."""
+    """Return whether a folder is an artefact, even if its inventory is missing."""
     return (folder / INVENTORY).is_file() or kind_of(folder) is not None

@@ -1,8 +1,8 @@
-"""Outputs that are single files: which of them we wrote, and what may be replaced.
+"""Single-file outputs: which ones urbantwin wrote, and which may be replaced.
 
-A folder that holds such outputs has a record, ``.urbantwin-files``: of each its name, its kind and
-its SHA-256. A file is replaced only if the record says that we wrote it, for the same kind of
-output, and it is still the same; anything else needs the user's word (``--overwrite``).
+A folder with such outputs has a record, ``.urbantwin-files``, with name, kind and SHA-256 of each.
+A file is replaced only if the record lists it for the same kind of output and it is unchanged; any
+other file requires the user's ``--overwrite``.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ def overwriting(allowed: bool) -> Iterator[None]:
 
 
 def check_replaceable_file(target: Path, real: Path, kind: str | None) -> None:
-    """Refuse an output where something else is than a file that we wrote for the same output.
+    """Check that an output is free, or is an unchanged file that urbantwin wrote for it.
 
     Args:
-        target: the output as the user named it.
-        real: without symbolic links.
-        kind: of the output; ``None`` if no file is replaced without the user's word.
+        target: the output as named by the user.
+        real: the output without symbolic links.
+        kind: kind of output; ``None`` if no file may be replaced without ``--overwrite``.
 
     Raises:
-        InputError: it is a folder or no regular file; or it is a file of somebody else, changed
-            since it was written, or read-only, and the user did not say ``--overwrite``.
+        InputError: not a regular file; or a file of other origin, changed since it was written, or
+            read-only, without ``--overwrite``.
     """
     try:
         found = real.stat()
@@ -82,13 +82,13 @@ def check_replaceable_file(target: Path, real: Path, kind: str | None) -> None:
 
 
 def publish_file(file: Path, real: Path, kind: str | None, *, target: Path | None = None) -> None:
-    """Give a finished file the name of an output, if what has that name may be replaced.
+    """Rename a finished file to an output, if an existing file may be replaced.
 
     Args:
         file: the finished file, on the same file system.
         real: the output, without symbolic links.
-        kind: of the output; ``None`` if it is not noted that we wrote it.
-        target: the output as the user named it.
+        kind: kind of output; ``None`` to not record it.
+        target: the output as named by the user.
 
     Raises:
         InputError: see `check_replaceable_file`.
@@ -101,17 +101,16 @@ def publish_file(file: Path, real: Path, kind: str | None, *, target: Path | Non
 
 
 def _note(file: Path, real: Path, kind: str) -> None:
-    """Note that a finished file is about to take the place of an output.
+    """Record a finished file that is about to replace an output.
 
-    What is there already stays noted, so that a run that is killed in between leaves a file that is
-    known, whichever of the two it is.
+    The existing file stays recorded, so that after a kill in between either file is known.
 
     Args:
         file: the finished file.
         real: the output, without symbolic links.
-        kind: of the output.
+        kind: kind of output.
     """
-    if inside_scratch(real):  # a part of an artefact, which has an inventory
+    if inside_scratch(real):  # part of an artefact with an inventory
         return
     noted = {
         name: value for name, value in _read(real.parent).items()
@@ -131,7 +130,7 @@ def _note(file: Path, real: Path, kind: str) -> None:
 
 
 def take_mode(file: Path, real: Path) -> None:
-    """Give a finished file or folder the mode and owner of what it replaces, if there is one."""
+    """Copy mode and owner of an existing output to the file or folder that replaces it."""
     with suppress(FileNotFoundError):
         found = real.stat()
         with suppress(PermissionError):
@@ -141,7 +140,7 @@ def take_mode(file: Path, real: Path) -> None:
 
 
 def _read(folder: Path) -> Mapping[str, dict[str, str | list[str]]]:
-    """Return what the record of a folder says; nothing where it is damaged or not there."""
+    """Return the record of a folder; empty if damaged or missing."""
     record = folder / RECORD
     try:
         if not stat.S_ISREG(record.lstat().st_mode) or record.stat().st_size > _LONGEST:

@@ -15,7 +15,7 @@ from urbantwin.fidelity.sampling import sample_rows
 
 __all__ = ["MOST_POINTS", "write_challenge"]
 
-#: Points of a file: 1.5 MB, more than which entries were not allowed to have.
+#: Most points of a file: 1.5 MB, the challenge's limit.
 MOST_POINTS = 125_000
 
 
@@ -24,22 +24,22 @@ def write_challenge(
 ) -> list[str]:
     """Write ``synthetic/NNNN.bin`` (float32 N x 3), ``predictions.json`` and ``submission.json``.
 
-    Frames are spread evenly over the dataset, in their order, numbered from 0001. Points outside
-    the challenge's space are left out.
+    Frames are evenly spread over the dataset, in order, numbered from 0001. Points outside the
+    challenge's volume are omitted.
 
     Args:
-        dataset: one of our datasets, in the real frames' frame of reference.
-        out: the folder to write; an older submission there is replaced.
-        frames: how many of them.
-        detections: what a detector found in the challenge's real frames; without it there is no
-            ``predictions.json``, and only realism can be scored.
+        dataset: an UrbanTwin dataset, in the real frames' frame of reference.
+        out: folder to write; an older submission is replaced.
+        frames: number of frames.
+        detections: detections in the challenge's real frames; if not given, ``predictions.json`` is
+            omitted, and only realism can be scored.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
 
     Raises:
-        InputError: the dataset cannot be read or has too few frames, a frame has no point in the
-            space that counts, the detections are wrong, or ``out`` holds other files.
+        InputError: the dataset cannot be read or has too few frames, a frame has no point in that
+            volume, the detections are wrong, or ``out`` holds other files.
     """
     check_folder(out, kind="submission", inputs=[dataset, detections])
     recording = open_recording(dataset)

@@ -1,4 +1,4 @@
-"""The formats that a twin is exported to."""
+"""Export formats of twins."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ __all__ = ["FORMATS", "Exported", "Format", "export_twin", "format_named"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format.
+    """An export format.
 
     Attributes:
-        name: what people call it.
-        ending: of the file's name; empty where a folder is written.
-        versions: those of the format's standard that can be asked for, the default first.
-        files: endings of names that are files, where a folder is written otherwise.
-        write: writes a twin, whole or not at all: twin, path, version; returns what a person
-            should be told.
+        name: name of the format.
+        ending: suffix of the file's name; empty for a folder.
+        versions: versions of the format's standard, the default first.
+        files: suffixes written as files, for a format that otherwise writes a folder.
+        write: function of twin, path and version that writes atomically and returns notes for the
+            user.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Format:
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written, and what a person should be told of it."""
+    """A written export, with notes for the user."""
 
     path: Path
     notes: tuple[str, ...] = ()
@@ -89,7 +89,7 @@ def format_named(name: str) -> Format:
     """Return a format.
 
     Raises:
-        InputError: there is no such name.
+        InputError: the name is unknown.
     """
     if name not in FORMATS:
         raise InputError(
@@ -101,13 +101,13 @@ def format_named(name: str) -> Format:
 def export_twin(
     twin: Twin, name: str, out: Path | None = None, *, version: str | None = None
 ) -> Exported:
-    """Write a twin in another format, whole or not at all.
+    """Write a twin in another format, atomically.
 
     Args:
         twin: the twin.
         name: the format.
-        out: the file or folder to write; by default one named after the twin, here.
-        version: of the format's standard, where it has versions.
+        out: file or folder to write; if not given, named after the twin, in the current folder.
+        version: version of the format's standard, if it has versions.
 
     Raises:
         InputError: the format, the version or ``out`` cannot be used.
@@ -129,5 +129,5 @@ def export_twin(
 
 
 def _file_name(name: str) -> str:
-    """Return a name without what file systems do not take: "A / B" is "A-B"."""
+    """Return a name without characters that file systems reject: "A / B" becomes "A-B"."""
     return re.sub(r'[\s/\\:*?"<>|]*[/\\:*?"<>|\x00-\x1f]+\s*', "-", name).strip(" .-") or "twin"

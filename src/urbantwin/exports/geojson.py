@@ -21,7 +21,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["LAYERS", "write_geojson"]
 
-#: What is written, in the order of drawing: areas below lines below points.
+#: Layers in drawing order: areas below lines below points.
 LAYERS = (
     "lane",
     "junction",
@@ -41,17 +41,16 @@ Feature = tuple[str, shapely.Geometry, dict[str, Any]]
 
 
 def write_geojson(twin: Twin, path: Path) -> None:
-    """Write lanes and what belongs to them in WGS84 degrees.
+    """Write lanes and their furniture in WGS84 degrees.
 
-    Where ``path`` ends in ``.geojson`` it is one file, each feature's layer in its property
-    ``layer``; else a folder with one file per layer, which QGIS opens as one layer each.
-    The layers are ``LAYERS``: ``lane``, ``junction``, ``crossing`` and ``island`` are areas,
-    ``centre_line`` runs in the lane's direction, ``stop_line`` across it; ``signal`` and ``sign``
-    stand where their heads and plates do. Headings are degrees clockwise from north, as maps have
-    them.
+    A ``path`` that ends in ``.geojson`` gives one file with the property ``layer``; otherwise a
+    folder with one file per layer, which QGIS opens as layers. The layers are ``LAYERS``: ``lane``,
+    ``junction``, ``crossing`` and ``island`` are areas, ``centre_line`` runs in the lane's
+    direction, ``stop_line`` across it; ``signal`` and ``sign`` are at their heads and plates.
+    Headings are degrees clockwise from north.
 
     Raises:
-        InputError: the folder holds something else.
+        InputError: the folder holds other files.
     """
     layers: dict[str, list[dict[str, Any]]] = {name: [] for name in LAYERS}
     for layer, shape, properties in _features(twin):
@@ -146,7 +145,7 @@ def _of_lane(lane: Lane, name: str, kind_of_road: str) -> dict[str, Any]:
 
 
 def _polygons(shape: shapely.Geometry) -> shapely.Geometry:
-    """Return the areas of a shape without the lines that a repair may have left beside them."""
+    """Return the areas of a shape, without lines left by a repair."""
     parts = [p for p in shapely.get_parts(shape) if p.geom_type in ("Polygon", "MultiPolygon")]
     areas = [piece for part in parts for piece in shapely.get_parts(part)]
     return areas[0] if len(areas) == 1 else shapely.MultiPolygon(areas)
@@ -168,7 +167,7 @@ def _feature(
 
     placed = shapely.transform(shape, degrees)
     if placed.geom_type in ("Polygon", "MultiPolygon"):
-        # Rounded corners may cross; on the grid of the decimals they are set right.
+        # Rounded corners may cross; this is repaired on the grid of the decimals.
         if not placed.is_valid:
             placed = _polygons(shapely.make_valid(placed))
             placed = _polygons(shapely.set_precision(placed, 10.0**-DECIMALS))

@@ -20,7 +20,7 @@ from urbantwin.traffic.events.openscenario import TRAFFIC_STORY
 
 __all__ = ["write_openscenario"]
 
-#: vehicleCategory of a class, and what it weighs about, kg.
+#: vehicleCategory of a class, and its approximate mass, kg.
 _VEHICLES = {
     "car": ("car", 1500),
     "van": ("van", 2200),
@@ -32,21 +32,21 @@ _VEHICLES = {
     "bicycle": ("bicycle", 90),
 }
 _PLACES = 4  # a tenth of a millimetre, and of a milliradian
-#: A file says when it was written; ours are the same whenever they are.
+#: A fixed date, so that files do not depend on the time of writing.
 _DATE = "2000-01-01T00:00:00"
 
 
 def write_openscenario(motion: Motion, path: Path, *, road_file: str | None = None) -> None:
     """Write a motion: positions in the site's frame, which is that of the exported OpenDRIVE.
 
-    The origin of an object is the middle of its box on the ground. Who was put in for an event
-    has its story (``near_miss 2 at 15 s``); everybody else, who reacts to events too, is in the
-    story ``traffic``, whose acts for an event's actors bear its name.
+    The origin of an object is the centre of its box on the ground. Actors inserted for an event are
+    in its story (``near_miss 2 at 15 s``); all others, which also react to events, are in the story
+    ``traffic``, whose acts of an event's actors have its name.
 
     Args:
         motion: the motion.
         path: the ``.xosc`` to write.
-        road_file: name of the OpenDRIVE file of the twin; left out if not given.
+        road_file: name of the twin's OpenDRIVE file; omitted if not given.
     """
     root = etree.Element("OpenSCENARIO")
     header = {"revMajor": "1", "revMinor": "3", "date": _DATE}
@@ -71,7 +71,7 @@ def write_openscenario(motion: Motion, path: Path, *, road_file: str | None = No
         story = _add(board, "Story", name=name)
         for track in members:
             _act(story, f"{name}, {_name(track)}", track, tracks[track])
-    # Who is there at one moment, or parked, stands where `Init` put it.
+    # Actors with a single step, and parked ones, stay where `Init` put them.
     moving = {track: name for track, name in others.items() if len(tracks[track]["time_s"]) > 1}
     if moving:
         story = _add(board, "Story", name=TRAFFIC_STORY)
@@ -86,7 +86,7 @@ def write_openscenario(motion: Motion, path: Path, *, road_file: str | None = No
 
 
 def _tracks(motion: Motion) -> dict[int, dict[str, Any]]:
-    """Return the columns of each track in the order of time; parked vehicles stand all the time."""
+    """Return the columns of each track in order of time; parked vehicles have one row."""
     table = motion.actors
     columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
     order = np.lexsort([columns["time_s"], columns["track"]])
@@ -105,7 +105,7 @@ def _tracks(motion: Motion) -> dict[int, dict[str, Any]]:
 def _stories(
     motion: Motion, tracks: Mapping[int, Any]
 ) -> tuple[dict[str, list[int]], dict[int, str]]:
-    """Return the tracks of each event that put somebody in, and a name for everybody else."""
+    """Return the tracks of each event that inserted actors, and the acts of all others."""
     put_in = {row["track"] for row in motion.manifest.get("inserted", ())}
     stories: dict[str, list[int]] = {}
     told: dict[int, str] = {}
@@ -151,7 +151,7 @@ def _entity(entities: etree._Element, name: str, rows: Mapping[str, Any]) -> Non
 
 
 def _act(story: etree._Element, name: str, track: int, rows: Mapping[str, Any]) -> None:
-    """Let a track follow its trajectory from when it is there."""
+    """Add an act in which a track follows its trajectory."""
     act = _add(story, "Act", name=name)
     group = _add(act, "ManeuverGroup", maximumExecutionCount="1", name=f"group of {name}")
     actors = _add(group, "Actors", selectTriggeringEntities="false")

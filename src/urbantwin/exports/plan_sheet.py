@@ -20,11 +20,11 @@ ENDINGS = (".svg", ".png")
 def write_plan(twin: Twin, path: Path) -> None:
     """Draw a twin's lanes, markings, signals and signs; see ``urbantwin.drawing.plan``.
 
-    Where ``path`` ends in ``.svg`` or ``.png`` it is that one file, else a folder with both. The
+    A ``path`` that ends in ``.svg`` or ``.png`` gives one file, otherwise a folder with both. The
     same twin gives the same bytes.
 
     Raises:
-        InputError: the path is a file of another kind, or a folder that holds something else.
+        InputError: the path is a file of another kind, or a folder with other files.
     """
     single = path.suffix.lower() in ENDINGS
     if single and path.is_dir():

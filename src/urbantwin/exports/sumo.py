@@ -26,26 +26,25 @@ from urbantwin.twin import Twin
 
 __all__ = ["write_sumo"]
 
-#: What runs the folder so that vehicles slow down in bends.
+#: Script that runs the folder with lower speeds in bends.
 DRIVER = Path(sumo.__file__).with_name("curves.py")
-#: Milliseconds of real time per step in sumo-gui, so that one can follow it.
+#: Delay per step in sumo-gui, milliseconds of real time.
 DELAY_MS = 50
 
 
 def write_sumo(twin: Twin, folder: Path) -> None:
-    """Write a folder that ``sumo -c twin.sumocfg`` and ``sumo-gui -c twin.sumocfg`` run as it is.
+    """Write a folder that ``sumo -c twin.sumocfg`` and ``sumo-gui -c twin.sumocfg`` can run.
 
-    ``network.net.xml`` is the network that the traffic stage drives on: the twin's own; where
-    counts are asked for, with signals that serve them, and with other offsets if the site says so.
-    ``types.add.xml`` and ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's
-    demand, duration and seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the eye. The
-    first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a file is
-    in ``curves.json``: how fast vehicles are in the bends of streets; and in ``gates.json``: how
-    gates meter the vehicles that come into the region; and in ``one_lane.json``: on which streets
-    vehicles wait for oncoming ones. ``drive.py`` runs the folder with all of them.
+    ``network.net.xml`` is the network of the traffic stage: the twin's own, with requested counts
+    with adapted signals, and with the site's offsets. ``types.add.xml`` and ``demand.rou.xml`` are
+    SUMO's inputs for the site's demand, duration and seed. ``buildings.add.xml`` and
+    ``view.settings.xml`` are for display. The first second of the motion is SUMO's second
+    ``warmup_s``. Settings without a SUMO file format are in ``curves.json`` (speeds in bends),
+    ``gates.json`` (metering of vehicles that enter the region) and ``one_lane.json`` (streets where
+    vehicles wait for oncoming ones). ``drive.py`` runs the folder with all of them.
 
     Raises:
-        InputError: the folder holds something else, or the step is none that SUMO can make.
+        InputError: the folder holds other files, or SUMO cannot use the time step.
     """
     asked = twin.site["traffic"]
     step_ms, substeps = sumo_substeps(float(asked["step_s"]))
@@ -93,7 +92,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
 
 
 def _split_types(routes: Path, types: Path) -> None:
-    """Move the vehicle types to a file of their own, which SUMO loads before the routes."""
+    """Move the vehicle types to a separate file, which SUMO loads before the routes."""
     root = etree.parse(routes).getroot()
     moved = etree.Element("additional")
     for kind in root.findall("vType"):
@@ -123,7 +122,7 @@ def _write_buildings(path: Path, mesh: LabelledMesh) -> None:
 
 
 def _write_view(path: Path, twin: Twin) -> None:
-    """What sumo-gui shows first: the real world's colours, the anchor in the middle."""
+    """Write sumo-gui's initial view: realistic colours, centred on the region."""
     root = etree.Element("viewsettings")
     etree.SubElement(root, "scheme", name="real world")
     middle = twin.region.centroid
@@ -132,7 +131,7 @@ def _write_view(path: Path, twin: Twin) -> None:
 
 
 def _write_configuration(path: Path, end_s: float, options: dict[str, object]) -> None:
-    """Write the run's options, each in the section that SUMO's own documentation gives it."""
+    """Write the run's options in their sections of SUMO's documentation."""
     sections: dict[str, dict[str, object]] = {
         "input": {
             "net-file": "network.net.xml",

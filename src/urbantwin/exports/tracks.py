@@ -33,9 +33,9 @@ _PLACES = 6  # micrometres, microradians
 
 
 def write_tracks(motion: Motion, path: Path) -> None:
-    """Write a motion's actors as CSV: a row for each and step, site frame, metres, rad, seconds.
+    """Write a motion's actors as CSV, a row per actor and step; site frame, metres, rad, seconds.
 
-    x and y are the middle of the bounds, z is the ground. ``urbantwin traffic replay`` reads it.
+    x and y are the centre of the bounds, z is the ground. ``urbantwin traffic replay`` reads it.
     """
     kinds = pa.schema([(to, ACTOR_SCHEMA.field(name).type) for name, to in _COLUMNS.items()])
     how = csv.WriteOptions(quoting_style="none")
@@ -48,14 +48,14 @@ def write_tracks(motion: Motion, path: Path) -> None:
 
 
 def _rounded(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Return a column of numbers as they are written."""
+    """Return a column with numbers rounded for writing."""
     if not pa.types.is_floating(column.type):
         return column
     return pa.chunked_array([np.round(column.to_numpy(), _PLACES)])
 
 
 def write_openlabel(motion: Motion, path: Path) -> None:
-    """Write a motion's actors as ASAM OpenLABEL 1.0.0: a cuboid for each in every frame."""
+    """Write a motion's actors as ASAM OpenLABEL 1.0.0: a cuboid per actor and frame."""
     rows = {name: motion.actors[name].to_pylist() for name in motion.actors.column_names}
     frames: dict[str, Any] = {
         str(k): {"frame_properties": {"timestamp": float(time_s)}, "objects": {}}

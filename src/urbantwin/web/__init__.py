@@ -1,6 +1,6 @@
-"""What a browser shows: packets, a server on this machine, pages saved as one file.
+"""The viewer: packets, a server on this machine, pages saved as a single file.
 
-The page itself is TypeScript (``web/`` in a checkout); its bundle lies in ``page/``.
+The page itself is TypeScript (``web/`` in a checkout); its bundle is in ``page/``.
 """
 
 from typing import TYPE_CHECKING

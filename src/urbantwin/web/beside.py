@@ -1,4 +1,4 @@
-"""Two sides with one camera: frames that belong together, how far apart they are, what is worst."""
+"""Two sides with one camera: paired frames, distances between them, and worst places."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ __all__ = [
 
 #: Places with missing points, and pairs, that are listed of a report.
 _MOST_MISSING, _MOST_PAIRS = 20, 5
-#: The worst place of a pair is looked for in cells of this size, metres.
+#: Cell size in the search for the worst place of a pair, metres.
 _CELL_M = 4.0
 
 
 def pairs_of_sides(
     first: list[FrameEntry], second: list[FrameEntry], *, same_clock: bool
 ) -> list[tuple[int, int]]:
-    """Return which frames belong together.
+    """Return indices of paired frames.
 
-    Frames of the same names and, of two datasets of ours, of the same time; else those of the same
+    Frames are paired by equal names and, for two datasets of one clock, equal times; otherwise by
     number, as ``compare`` pairs them.
 
     Args:
-        first: of one side.
-        second: of the other.
-        same_clock: their times are of one clock.
+        first: frames of one side.
+        second: frames of the other side.
+        same_clock: whether their times are of one clock.
     """
     names = {entry.name: index for index, entry in enumerate(second)}
     if len(names) == len(second):
@@ -91,10 +91,10 @@ def read_report(folder: Path) -> dict[str, Any]:
 
 
 def sides_of_report(folder: Path, report: Mapping[str, Any]) -> tuple[Path, Path]:
-    """Return the two sides of a report, which knows their names alone: beside it, or here.
+    """Return the two sides of a report, searched by name beside it and in the current folder.
 
     Raises:
-        InputError: one of them is not found.
+        InputError: a side is not found.
     """
     found = []
     for side in ("real", "synthetic"):
@@ -118,17 +118,17 @@ def worst_places(
     scene_SE3_points: Pose | None,
     worst_of_pair: Callable[[int, int], NDArray[np.float64] | None],
 ) -> list[dict[str, Any]]:
-    """Return what is worst in a report: where points are missing, and the worst pairs.
+    """Return the worst places of a report: missing points, and the worst pairs.
 
     Args:
-        report: of ``urbantwin compare``.
-        pairs: which frames are shown together.
-        first: the frames of the real side.
-        scene_SE3_points: puts places of the report into the scene; None where they are in it.
-        worst_of_pair: where a pair is worst, in the scene; None where it cannot be read.
+        report: report of ``urbantwin compare``.
+        pairs: indices of paired frames.
+        first: frames of the real side.
+        scene_SE3_points: transform from the report's frame to the scene; None for the identity.
+        worst_of_pair: returns the worst place of a pair, in the scene; None if unreadable.
 
     Raises:
-        InputError: the report has figures of another form.
+        InputError: the report has another form.
     """
     shown = {first[index].name: (index, other) for index, other in pairs}
     rows: list[dict[str, Any]] = []
@@ -162,7 +162,7 @@ def worst_places(
 
 
 def farthest_place(points: NDArray[np.float64], away: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the place (3,) around which points are farthest from the other side's, all in all."""
+    """Return the place (3,) with the largest summed distance of points from the other side."""
     cell = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
     _, where = np.unique(cell, axis=0, return_inverse=True)
     weight = np.minimum(away, _CELL_M)

@@ -1,4 +1,4 @@
-"""Which frames are shown: from one to another, each or every so many."""
+"""Selection of frames to show: a range, and a step."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class ChosenFrames:
     """Frames from ``first`` to before ``last``, every ``every``-th.
 
     Attributes:
-        first: number of the first, from 0.
-        last: number of the first that is left out; None for all that there are.
-        every: 1 for each.
+        first: number of the first frame, from 0.
+        last: end of the range, exclusive; None for all frames.
+        every: step; 1 for every frame.
     """
 
     first: int = 0
@@ -28,10 +28,10 @@ class ChosenFrames:
 
     @classmethod
     def of(cls, frames: str | None, every: int) -> ChosenFrames:
-        """Return what ``A:B`` and a step say.
+        """Return the selection of a text ``A:B`` and a step.
 
         Raises:
-            InputError: they say nothing.
+            InputError: they are malformed.
         """
         if every < 1:
             raise InputError(f"is {every}", place="every", expected="1 or more")
@@ -48,10 +48,10 @@ class ChosenFrames:
         return cls(first, ends[1], every)
 
     def rows(self, count: int) -> range:
-        """Return the numbers of the frames, of so many.
+        """Return the selected frame numbers, given the number of frames.
 
         Raises:
-            InputError: there are fewer.
+            InputError: the range begins behind the last frame.
         """
         if self.first and self.first >= count:
             raise InputError(

@@ -19,8 +19,8 @@ class MotionSide:
     """A motion as a side (see `side.Side`).
 
     Args:
-        motion: whose actors.
-        chosen: which steps are shown.
+        motion: the motion.
+        chosen: steps to show.
     """
 
     def __init__(self, motion: Motion, *, chosen: Callable[[int], Sequence[int]] = range) -> None:
@@ -36,11 +36,11 @@ class MotionSide:
 
     @property
     def full_scale(self) -> float:
-        """The intensity that is shown brightest: there is none."""
+        """Full scale of the intensity; not used for a motion."""
         return 1.0
 
     def frame(self, index: int) -> Frame:
-        """Raise: a motion has no points."""
+        """Raise an error: a motion has no points."""
         raise InputError("has no points", place=self.entries[index].name, expected="a dataset")
 
     def boxes(self, index: int) -> ShownBoxes:

@@ -1,4 +1,4 @@
-"""From a path to what is shown of it: what it is, and what lies beside it."""
+"""Opening of paths for the viewer, with the artefacts beside them."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ __all__ = ["Wanted", "open_shown"]
 
 
 def open_shown(wanted: Wanted, tell: Progress = untold) -> Shown:
-    """Open what is asked for.
+    """Open the requested paths.
 
     Raises:
-        InputError: it is missing, damaged, or nothing that can be shown.
+        InputError: a path is missing, damaged, or cannot be shown.
     """
     return _Opening(wanted, tell).shown()
 
@@ -56,7 +56,7 @@ class _Opening:
         self.sought = sought(wanted)
 
     def shown(self) -> Shown:
-        """Return what is shown."""
+        """Return the content to show."""
         paths, kinds = self.sought.paths, self.sought.kinds
         if len(kinds) == 1 and kinds[0] in ("twin", "motion"):
             if self.sought.detections is not None:
@@ -171,7 +171,7 @@ class _Opening:
 
     @staticmethod
     def _roles(own: Sequence[OwnDataset | None]) -> list[str]:
-        """Say which side is real: what is no dataset of ours; of two alike, the first."""
+        """Return the roles: real is the side that is not UrbanTwin's; of two alike, the first."""
         if own[0] is not None and own[1] is None:
             return ["synthetic", "real"]
         return ["real", "synthetic"]
@@ -242,14 +242,15 @@ class _Opening:
             None,
             twin.manifest["anchor"]["latitude"],
         ):
-            return  # another site's twin happens to lie beside
+            return  # twin of another site
         scene: Pose | None = None
         if not in_site:
             site = placed.site_SE3_frame(placed.manifest["frames"][0]["name"])
             scene = None if site is None else site.inverse()
         self._twin_layers(shown, twin, self._motion(placed.folder, twin), scene)
 
-    # -- what lies beside ----------------------------------------------------------------------
+    # -- artefacts beside the path
+    # ------------------------------------------------------------------
 
     def _twin_folder(self, path: Path) -> Path | None:
         if self.wanted.twin is not None:
@@ -264,7 +265,7 @@ class _Opening:
             return None
         motion = Motion.load(folder)
         if twin is not None and motion.manifest.get("twin_sha256") != twin.sha256:
-            return None  # driven on another twin
+            return None  # motion on another twin
         return motion
 
     def _twin_layers(
@@ -289,7 +290,7 @@ class _Opening:
 
 
 def _title(own: Sequence[OwnDataset | None]) -> str:
-    """Return the name of the site that one dataset was made of; empty where there is none."""
+    """Return the name of a single dataset's site; empty if unknown."""
     if len(own) != 1 or own[0] is None:
         return ""
     twin = (own[0].manifest.get("made_from") or {}).get("twin") or {}
@@ -301,7 +302,7 @@ def _recording(path: Path) -> Recording:
     """Open frames of any layout.
 
     Raises:
-        InputError: no recording is there, or it is damaged.
+        InputError: there is no recording, or it is damaged.
     """
     nothing = path.is_dir() and layout_of(path) is None and not recordings_inside(path)
     if nothing:
@@ -310,7 +311,7 @@ def _recording(path: Path) -> Recording:
 
 
 def _beside(path: Path, kind: str) -> Path | None:
-    """Return the artefact of a kind beside a path, or beside the folder of parts it is in."""
+    """Return the artefact of a kind beside a path, or beside the parent folder of a part."""
     for above in path.resolve().parents[:2]:
         if kind_of(above / kind) == kind:
             return above / kind
@@ -318,7 +319,7 @@ def _beside(path: Path, kind: str) -> Path | None:
 
 
 def _ground_of(side: RecordedSide) -> float:
-    """Return how high the ground is: the second percentile of the points around the sensors."""
+    """Return the ground's height: the second percentile of the points around the sensors."""
     points = side.sample.points
     near = np.linalg.norm(points[:, :2] - side.sample.sensor_places[0, :2], axis=1) < 60.0
     return float(np.percentile(points[near if near.sum() > 50 else slice(None), 2], 2.0))

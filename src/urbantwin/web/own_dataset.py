@@ -1,4 +1,4 @@
-"""A dataset of ours as the page needs it: times, sensors, attributes of its boxes."""
+"""UrbanTwin datasets for the page: times, sensors, additional columns of boxes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class OwnDataset:
     """A dataset's manifest and labels.
 
     Args:
-        folder: of the dataset.
+        folder: folder of the dataset.
 
     Attributes:
-        folder: its folder.
+        folder: folder of the dataset.
         manifest: content of ``dataset.json``.
 
     Raises:
-        InputError: the manifest is not right.
+        InputError: the manifest is wrong.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -43,11 +43,11 @@ class OwnDataset:
 
     @property
     def sensors(self) -> list[dict[str, Any]]:
-        """The sensors as the manifest has them."""
+        """The sensors' entries in the manifest."""
         return list(self.manifest["rig"]["sensors"])
 
     def entries(self, recording: Recording) -> list[FrameEntry]:
-        """Return the frames that the manifest names, those that are missing or cut short marked."""
+        """Return the frames in the manifest, with missing or truncated ones marked."""
         there = set(recording.names)
         found = []
         for one in self.manifest["frames"]:
@@ -58,7 +58,7 @@ class OwnDataset:
         return found
 
     def site_SE3_frame(self, name: str) -> Pose | None:  # noqa: N802
-        """Return what takes the points of a frame to the site; None where nothing says."""
+        """Return the transform of a frame's points to the site frame; None if unknown."""
         told = self._frames.get(name, {})
         rows = told.get("dataset_SE3_site") or self.manifest.get("dataset_SE3_site")
         return None if rows is None else pose_of_matrix(rows).inverse()
@@ -69,16 +69,16 @@ class OwnDataset:
 
     @cached_property
     def objects(self) -> LabelledObjects | None:
-        """The labelled boxes of all frames; None where there are none.
+        """The labelled boxes of all frames; None without labels.
 
         Raises:
-            InputError: they are damaged.
+            InputError: the labels are damaged.
         """
         there = LabelledObjects.is_in(self.folder)
         return LabelledObjects.in_folder(self.folder) if there else None
 
     def complete(self, name: str, boxes: ShownBoxes) -> None:
-        """Add to boxes of a frame what a `Frame` does not say of them."""
+        """Add columns to the boxes of a frame that a `Frame` lacks."""
         if self.objects is None:
             return
         own = self.objects.of_frame(name)

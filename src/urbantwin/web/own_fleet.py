@@ -1,4 +1,4 @@
-"""What a fleet says beyond its frames: times, the sensors of its nodes, columns of its labels."""
+"""UrbanTwin fleets for the page: times, sensors of nodes, additional columns of labels."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["OwnFleet"]
 
 
 class OwnFleet(OwnDataset):
-    """A fleet's tables and manifests, as those of one dataset in the site.
+    """A fleet's tables and manifests, presented as one dataset in the site frame.
 
     Args:
-        folder: of the fleet.
+        folder: folder of the fleet.
 
     Raises:
-        InputError: a manifest is not right.
+        InputError: a manifest is wrong.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -42,12 +42,12 @@ class OwnFleet(OwnDataset):
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second of all nodes."""
+        """Frames per second of all nodes."""
         return float(self.manifest["rate_hz"])
 
     @cached_property
     def sensors(self) -> list[dict[str, Any]]:
-        """The sensors of nodes that stand; those that ride are where their points come from."""
+        """Sensors of static nodes; those of mobile nodes are at the origin of their points."""
         return [
             {**one, "name": f"{node} {one['name']}"}
             for node, manifest in self._of_nodes.items()
@@ -56,7 +56,7 @@ class OwnFleet(OwnDataset):
         ]
 
     def entries(self, recording: Recording) -> list[FrameEntry]:
-        """Return the frames with the points of all nodes."""
+        """Return the frames with the point counts of all nodes."""
         table = self._files.states
         count = dict.fromkeys(recording.names, 0)
         rows = zip(table["frame"].to_pylist(), table["points"].to_pylist(), strict=True)

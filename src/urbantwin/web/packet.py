@@ -1,4 +1,4 @@
-"""A packet: what the page reads at once, a header in JSON and arrays of numbers behind it."""
+"""Packets of the page: a JSON header followed by arrays of numbers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 __all__ = ["MAGIC", "packet", "quantised"]
 
 MAGIC = b"UTWP"
-#: Arrays begin at multiples of this, so that the page reads them in place.
+#: Alignment of arrays, bytes, so that the page reads them in place.
 _ALIGNED = 8
-#: How fine positions are where two bytes reach as far as they span, metres; at most this coarse.
+#: Limits of the step of quantised positions, metres.
 _FINEST_M, _COARSEST_M = 0.001, 0.005
 _MOST = 65535
 
@@ -24,8 +24,8 @@ def packet(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byt
     """Return a packet: ``UTWP``, the length of the header (u32), the header, the arrays.
 
     Args:
-        header: what can stand in JSON; ``arrays`` is added to it.
-        arrays: by name, of the types f4, u1, u2, u4 or i4; little-endian, row by row.
+        header: JSON-compatible header, to which ``arrays`` is added.
+        arrays: arrays by name, of types f4, u1, u2, u4 or i4; written little-endian, row by row.
     """
     rows, parts, offset = [], [], 0
     for name, values in arrays.items():
@@ -44,11 +44,11 @@ def packet(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byt
 
 
 def quantised(points: NDArray[np.float64]) -> tuple[dict[str, Any], NDArray[Any]]:
-    """Return places (N, 3) as whole steps from an origin, or as f4 where they span too much.
+    """Return positions (N, 3) as integer steps from an origin, or as f4 for a large extent.
 
     Returns:
         ``origin`` (3) and, where positions are u2, ``step`` in metres, for the header; and the
-        array: ``origin + step * position`` is the place.
+        array: the position is ``origin + step * position``.
     """
     if not len(points):
         return {"origin": [0.0, 0.0, 0.0], "step": _FINEST_M}, np.zeros((0, 3), np.uint16)

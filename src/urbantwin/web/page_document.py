@@ -1,4 +1,4 @@
-"""The page as HTML: as the server gives it, and with everything in it."""
+"""HTML of the viewer's page, served or self-contained."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.errors import InputError
 
 __all__ = ["POLICY", "json_for_script", "page_file", "saved_html", "served_html"]
 
-#: What the page may do: nothing but show itself and ask its own server.
+#: Content security policy: no sources but the page's own server.
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "connect-src 'self'; media-src blob:; base-uri 'none'; form-action 'none'; "
@@ -25,7 +25,7 @@ def page_file(name: str) -> bytes:
     """Return ``page.js`` or ``page.css``.
 
     Raises:
-        InputError: the page is not built, in a checkout.
+        InputError: a checkout without the built page.
     """
     file = files(__package__).joinpath("page", name)
     try:
@@ -37,13 +37,13 @@ def page_file(name: str) -> bytes:
 
 
 def json_for_script(value: Any) -> str:  # noqa: ANN401
-    """Return JSON that can stand in a ``<script>``: no text of it ends the element."""
+    """Return JSON that is safe within a ``<script>`` element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def served_html(document: dict[str, Any]) -> bytes:
-    """Return the page that the server gives."""
+    """Return the page for the server."""
     return (
         f"{_head(document)}"
         '<link rel="stylesheet" href="page.css">\n</head>\n<body>\n'
@@ -53,11 +53,11 @@ def served_html(document: dict[str, Any]) -> bytes:
 
 
 def saved_html(document: dict[str, Any]) -> tuple[bytes, bytes]:
-    """Return what stands before the packets of a saved page and what stands behind them.
+    """Return the parts of a saved page before and behind its packets.
 
-    Script and style are allowed by their hashes alone (CSP level 3), and nothing may be loaded.
+    Script and style are allowed by their hashes only (CSP level 3), and nothing may be loaded.
     """
-    # The text of an element begins behind its tag: what it is must not end it.
+    # The text must not contain the end tag of its element.
     script = page_file("page.js").decode().replace("</script", "<\\/script")
     style = page_file("page.css").decode().replace("</style", "<\\/style")
     policy = (

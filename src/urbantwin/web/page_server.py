@@ -1,4 +1,4 @@
-"""The server of a page: on this machine alone, behind a token that only its address has."""
+"""Server of a page, on this machine only, protected by a token in its address."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ _RANGE = re.compile(r"bytes=(\d*)-(\d*)", re.ASCII)
 
 
 class PageServer:
-    """Serves what is shown, from the moment it is made until it is closed.
+    """Serves a page from its creation until `close`.
 
     Args:
-        shown: what is shown.
-        port: 0 for any that is free.
+        shown: content of the page.
+        port: port; 0 for any free one.
 
     Attributes:
-        address: of the page; who does not know it gets nothing.
+        address: address of the page, with its secret token.
 
     Raises:
-        InputError: the page is not built, or the port cannot be had.
+        InputError: the page is not built, or the port is not available.
     """
 
     def __init__(self, shown: Shown, port: int = 0) -> None:
@@ -80,9 +80,9 @@ class PageServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving; what is being answered is answered first, for a second.
+        """Stop serving; running responses get a second to finish.
 
-        What is cut then uvicorn and asyncio report with a traceback each, which nobody needs.
+        uvicorn and asyncio would log a traceback for each aborted response, which is suppressed.
         """
         loggers = [logging.getLogger(name) for name in ("uvicorn.error", "asyncio")]
         for one in loggers:
@@ -122,8 +122,8 @@ def _bound(port: int) -> socket.socket:
 def _application(
     shown: Shown, token: str, script: bytes, style: bytes, closing: Event
 ) -> Starlette:
-    # As many packets at once as there are processors. The other requests wait, and are refused when
-    # the server closes: else it would end only after all that a page had requested in advance.
+    # As many simultaneous packets as processors. Other requests wait, and are rejected when the
+    # server closes, which would otherwise wait for all packets that a page requested in advance.
     room = Semaphore(os.cpu_count() or 1)
 
     def index(request: Request) -> Response:
@@ -164,7 +164,7 @@ def _application(
 
 
 def _whole(request: Request, content: bytes, kind: str, cache: str = "no-store") -> Response:
-    """Return content, or the range of it that is asked for (RFC 9110, section 14)."""
+    """Return content, or its requested range (RFC 9110, section 14)."""
     tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
     headers = {"etag": tag, "accept-ranges": "bytes", "cache-control": cache}
     if request.headers.get("if-none-match") in (tag, "*"):
@@ -186,7 +186,7 @@ def _whole(request: Request, content: bytes, kind: str, cache: str = "no-store")
         if int(last) == 0:
             begin = size
     if last and first and int(last) < begin:
-        return Response(content, 200, headers, kind)  # no range at all
+        return Response(content, 200, headers, kind)  # not a range
     if begin >= size:
         return Response(status_code=416, headers={**headers, "content-range": f"bytes */{size}"})
     headers["content-range"] = f"bytes {begin}-{end}/{size}"
@@ -194,9 +194,9 @@ def _whole(request: Request, content: bytes, kind: str, cache: str = "no-store")
 
 
 class _Guarded:
-    """Refuses requests to other names than this machine's, and says what browsers may do.
+    """Rejects requests to other host names than this machine's, and sets security headers.
 
-    A name of a stranger's that is made to lead here (DNS rebinding) comes with that name.
+    A foreign name that resolves to this machine (DNS rebinding) has that name in the request.
     """
 
     def __init__(self, application: ASGIApp, port: int) -> None:

@@ -12,7 +12,7 @@ from urbantwin.web.packet import packet, quantised
 
 __all__ = ["FIELDS", "fields_of", "points_packet"]
 
-#: What is told of a point, its type, and where a reader has it.
+#: Fields of points: type in the packet, and attribute of a frame.
 FIELDS = {
     "intensity": ("u1", "intensity"),
     "ring": ("u2", "ring"),
@@ -25,7 +25,7 @@ FIELDS = {
 
 
 def fields_of(frame: Frame) -> list[str]:
-    """Return what a frame says of its points, besides their places."""
+    """Return the fields of a frame's points, besides positions."""
     return [name for name, (_, own) in FIELDS.items() if getattr(frame, own) is not None]
 
 
@@ -39,10 +39,10 @@ def points_packet(
     """Return the packet of a frame's points.
 
     Args:
-        frame: in the frame of the scene.
-        full_scale: the intensity that becomes 255.
-        fields: which of ``FIELDS`` to send; of one that the frame lacks, zeros.
-        away: (N,) distance of each point to the nearest of the other side, metres.
+        frame: the frame, in the scene's frame.
+        full_scale: intensity that is mapped to 255.
+        fields: the ``FIELDS`` to send; zeros for missing ones.
+        away: (N,) distance of each point to the nearest point of the other side, metres.
     """
     header, position = quantised(frame.points)
     arrays: dict[str, NDArray[Any]] = {"position": position}
@@ -57,7 +57,7 @@ def points_packet(
             if name == "intensity":
                 values = np.rint(np.clip(values / full_scale, 0.0, 1.0) * 255.0)
             most = np.iinfo(kind).max
-            # Instances of others may be larger: the page needs only to tell them apart.
+            # Foreign instance numbers may be larger; the page only needs to distinguish them.
             wrapped = values % (most + 1) if name == "instance" else np.clip(values, 0, most)
             arrays[name] = wrapped.astype(kind)
     if away is not None:

@@ -1,4 +1,4 @@
-"""Frames with points: a dataset of ours, or a recording in any layout that is known."""
+"""Frames with points: an UrbanTwin dataset, or a recording in any known layout."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from urbantwin.web.why_unseen import explain_unseen
 
 __all__ = ["RecordedSide"]
 
-#: Frames that were read and are kept: points and boxes of one are asked for one after the other.
+#: Number of cached frames; points and boxes of a frame are requested separately.
 _KEPT = 3
-#: Seconds between frames of a recording that does not say when they are.
+#: Assumed time between frames of a recording without times, seconds.
 _APART_S = 0.1
-#: A recording of ours is not read to learn what is in it; of others, at most so many frames are.
+#: Surveyed frames of other recordings at most; datasets of UrbanTwin need no survey.
 _SURVEYED = 60
 _TRIED = 5
 #: Beyond this, coordinates are a map's, metres.
@@ -39,17 +39,17 @@ class RecordedSide:
     """Frames of a recording as a side (see `side.Side`).
 
     Args:
-        recording: whose frames.
+        recording: recording with the frames.
         role: ``real``, ``synthetic`` or ``only``.
-        own: what our dataset says besides; None for other recordings.
-        chosen: which frames are shown.
-        beside: another side of the scene, in whose frame this one's points are.
-        in_site: put points where the site has them; else they stay in their own frame, and of a
-            sensor that moves they are put into the frame of the first.
-        tell: how far the survey of a recording is.
+        own: the UrbanTwin dataset; None for other recordings.
+        chosen: frames to show.
+        beside: another side, whose frame the points of this one are in.
+        in_site: transform points to the site frame; otherwise they stay in their own frame, or for
+            a moving sensor in that of the first frame.
+        tell: called with the progress of the survey.
 
     Raises:
-        InputError: there is no frame, or none of the first can be read.
+        InputError: no frame, or none of the first ones can be read.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class RecordedSide:
         self._survey(tell)
 
     def _survey(self, tell: Progress) -> None:
-        """Read the first frame, and of a short foreign recording all, to know what there is."""
+        """Read the first frame, or all of a short foreign recording, to learn its fields."""
         count = len(self.entries)
         several = count if self.own is None and count <= _SURVEYED else 0
         first: Frame | None = None
@@ -135,7 +135,7 @@ class RecordedSide:
 
     @property
     def surveyed(self) -> bool:
-        """Whether every frame was read to learn what is in it."""
+        """Whether every frame was read in the survey."""
         return self.own is None and len(self.entries) <= _SURVEYED
 
     @cached_property
@@ -145,7 +145,7 @@ class RecordedSide:
 
     @property
     def sensors_range_m(self) -> float:
-        """How far the sensors see; infinity where that is not known."""
+        """Largest range of the sensors, metres; infinity if unknown."""
         if self.own is None:
             return np.inf
         ranges = [one["sensor"].get("range_max_m") for one in self.own.sensors if "sensor" in one]
@@ -153,10 +153,10 @@ class RecordedSide:
         return max(known) if known and len(known) == len(ranges) else np.inf
 
     def scene_SE3_frame(self, index: int) -> Pose | None:  # noqa: N802
-        """Return what puts a frame into the scene; None where it stays as it is.
+        """Return the transform of a frame to the scene; None for the identity.
 
         Raises:
-            InputError: a frame of others must be read for it, and cannot be.
+            InputError: a frame has to be read for it, and cannot be.
         """
         if self.own is not None:
             site = self.own.site_SE3_frame(self.entries[index].name)
@@ -169,7 +169,7 @@ class RecordedSide:
         return self._poses[index]
 
     def _scene_SE3_others(self, frame: Frame) -> Pose | None:  # noqa: N802
-        """Return what puts a frame of others into the scene: that of the first, moved nearer."""
+        """Return the transform of a foreign frame to the scene, relative to the first."""
         pose: Pose | None = None
         if frame.world_SE3_frame is not None and self._first is not None:
             pose = self._first.inverse() @ frame.world_SE3_frame
@@ -198,7 +198,7 @@ class RecordedSide:
         return frame if pose is None else frame.moved(pose)
 
     def frame(self, index: int) -> Frame:
-        """Read a frame, in the frame of the scene; the last few are kept."""
+        """Return a frame in the scene's frame; the last few are cached."""
         with self._lock:
             kept = self._kept.get(index)
             if kept is None:
@@ -209,7 +209,7 @@ class RecordedSide:
             return kept
 
     def boxes(self, index: int) -> ShownBoxes:
-        """Return the boxes of a frame, and why some of them are not seen."""
+        """Return the boxes of a frame, with the reasons why some are not seen."""
         frame = self.frame(index)
         boxes = ShownBoxes.of(frame.boxes)
         if frame.boxes is None:
@@ -224,7 +224,7 @@ class RecordedSide:
 
 
 def _nearer(frame: Frame) -> NDArray[np.float64] | None:
-    """Return what is added to places of a map's coordinates; None where they are near.
+    """Return the shift of points in map coordinates; None if they are near the origin.
 
     The page's numbers have 24 bits: half a metre at the northings of a UTM zone.
     """

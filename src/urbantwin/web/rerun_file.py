@@ -1,4 +1,4 @@
-"""What is shown as a recording of rerun (https://rerun.io), for people who use it."""
+"""Export of shown content as a recording of rerun (https://rerun.io)."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def write_rerun(
     """Write points, boxes and sensors of every frame on a time line; return the file's size.
 
     Args:
-        shown: what is written.
-        path: the ``.rrd``.
-        inputs: what it is made from.
-        tell: how far it is.
+        shown: content to write.
+        path: the ``.rrd`` file.
+        inputs: input files and folders.
+        tell: called with the fraction done and a description.
 
     Raises:
-        InputError: rerun is not installed, or the place cannot be written.
+        InputError: rerun is not installed, or the path cannot be written.
     """
     check_rerun_file(path, inputs)
     import rerun as rr

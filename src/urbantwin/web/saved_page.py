@@ -1,4 +1,4 @@
-"""A page saved as one file, which works from a disk without a network."""
+"""A page saved as a single file that works offline."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from urbantwin.web.shown import Shown
 
 __all__ = ["MOST_BYTES", "SavedPage", "write_page"]
 
-#: Without a choice of frames, as many from the first on as fit into this, bytes.
+#: Largest size without a choice of frames, bytes; frames are included from the first on.
 _USUAL_BYTES = 40_000_000
-#: No page is larger: browsers hold a page as text, and half a gigabyte of it is their end.
+#: Largest size of a page, bytes: browsers hold a page as text, and fail at half a gigabyte.
 MOST_BYTES = 400_000_000
 
 
 @dataclass(frozen=True)
 class SavedPage:
-    """A page that was written.
+    """A saved page.
 
     Attributes:
         path: the file.
-        bytes: its size.
-        frames: how many frames of the first side are in it.
-        left_out: how many are not, for its size.
-        damaged: names of frames that cannot be read; the page says so.
+        bytes: its size, bytes.
+        frames: number of included frames of the first side.
+        left_out: number of frames omitted for the page's size.
+        damaged: names of unreadable frames, which the page lists.
     """
 
     path: Path
@@ -51,14 +51,15 @@ def write_page(
     inputs: Sequence[Path | None] = (),
     tell: Progress = untold,
 ) -> SavedPage:
-    """Write a page with everything in it; the same things shown give the same bytes.
+    """Write a self-contained page; the same content gives the same bytes.
 
     Args:
-        shown: what is in it.
+        shown: content of the page.
         path: the ``.html`` to write.
-        chosen: a person chose the frames: none is left out, and a page too large is refused.
-        inputs: what it is made from.
-        tell: how far it is.
+        chosen: whether the user chose the frames; then none is omitted, and a page that is too
+            large is an error.
+        inputs: input files and folders.
+        tell: called with the fraction done and a description.
 
     Raises:
         InputError: the place cannot be written, or the page would be too large.
@@ -101,7 +102,7 @@ def _too_large(path: Path, size: float) -> InputError:
 def _write_packets(
     shown: Shown, stream: BinaryIO, most: int, chosen: bool, tell: Progress
 ) -> int | None:
-    """Write packets; return how many steps of the time line are in, None for all."""
+    """Write packets; return the number of included time steps, None for all."""
     for name in shown.layers:
         tell(0.0, name)
         stream.write(_tag(name, shown.packet(name)))
@@ -139,7 +140,7 @@ def _steps(shown: Shown) -> list[list[tuple[int, int]]]:
 
 
 def _cut(document: dict[str, Any], kept: int | None) -> None:
-    """Take from a document what is behind the last frame that is in the page."""
+    """Remove entries behind the last included frame from a document."""
     if kept is None:
         return
     ends = [kept]

@@ -1,4 +1,4 @@
-"""What is worth jumping to on the time line."""
+"""Events for the time line."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from urbantwin.web.tracks import Tracks
 
 __all__ = ["events_of"]
 
-#: From so many points on an object has appeared.
+#: Number of points from which an object counts as visible.
 _APPEARED = 5
 _MOST_APPEARED = 100
-#: Nearer than this, metres, while they come closer by more than this, metres per second.
+#: Near misses: largest gap, metres, and smallest closing speed, metres per second.
 _NEAR_M, _CLOSING = 1.0, 2.0
 _MOST_NEAR = 12
 _STANDS_M = 0.1
@@ -24,11 +24,11 @@ _VEHICLES = ("car", "truck", "bus", "motorcycle", "van", "tram")
 
 
 def events_of(tracks: Tracks | None) -> list[dict[str, Any]]:
-    """Return events in the order of time: what there is to see, in which frame, of whom.
+    """Return events in order of time: kind, frame and tracks.
 
-    First appearances (the first frame with points on an object, after the first frame of all),
-    near misses (a vehicle and another less than a metre apart, coming closer by more than 2 m/s;
-    the nearest moment of each pair, the nearest dozen pairs), and the frame with most objects.
+    First appearances (the first frame with points on an object, after the first frame of all), near
+    misses (a vehicle and another object less than a metre apart, approaching at more than 2 m/s;
+    the nearest time of each pair, the nearest dozen pairs), and the frame with most objects.
     """
     if tracks is None or not len(tracks.track):
         return []
@@ -82,7 +82,7 @@ def _near_misses(tracks: Tracks) -> list[dict[str, Any]]:
 def _near(
     tracks: Tracks, vehicle: NDArray[np.bool_], stands: NDArray[np.bool_], first: int, last: int
 ) -> list[tuple[int, int, float, float]]:
-    """Return pairs of rows of a frame that are near and come closer: rows, gap, speed."""
+    """Return pairs of rows of a frame that are close and approaching: rows, gap, speed."""
     rows = np.arange(first, last)
     rows = rows[~tracks.companion[rows] & ~stands[rows] & (tracks.track[rows] >= 0)]
     moving = np.linalg.norm(tracks.velocity[rows, :2], axis=1) > _CLOSING / 2
@@ -107,7 +107,7 @@ def _near(
 
 
 def _standing(tracks: Tracks) -> NDArray[np.bool_]:
-    """Return which rows (R,) are of objects that never move: parked ones are passed closely."""
+    """Return which rows (R,) are of objects that never move; parked ones are passed closely."""
     _, who = np.unique(tracks.track, return_inverse=True)
     count = int(who.max(initial=-1)) + 1
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)

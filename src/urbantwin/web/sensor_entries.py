@@ -1,4 +1,4 @@
-"""Sensors as the page draws them: where they are, and what they can see."""
+"""Sensors as drawn on the page: poses and fields of view."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.geometry import Pose
 
 __all__ = ["sensors_of_frame", "sensors_of_manifest", "sensors_of_rig"]
 
-#: Nobody says how far a foreign sensor sees; so far its frustum is drawn, metres.
+#: Drawn range of sensors with unknown range, metres.
 _UNKNOWN_RANGE_M = 50.0
 
 
@@ -49,7 +49,7 @@ def sensors_of_rig(rig: Any, scene_SE3_site: Pose | None) -> list[dict[str, Any]
 
 
 def sensors_of_frame(frame: Frame) -> list[dict[str, Any]]:
-    """Return the sensors of a recording that says only where they are: what they see, measured."""
+    """Return the sensors of a recording with positions only; fields of view are measured."""
     found = []
     for number, place in enumerate(frame.sensor_places):
         mine = frame.points

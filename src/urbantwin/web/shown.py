@@ -1,4 +1,4 @@
-"""What is shown: its document, and its packets, which are made when they are asked for."""
+"""Content of the viewer's page: its document, and its packets, made on request."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from urbantwin.web.verdicts import DetectionsBeside
 
 __all__ = ["Shown"]
 
-#: Packets are kept while they are together no larger than this, bytes.
+#: Largest total size of cached packets, bytes.
 _KEPT_BYTES = 192 << 20
 _FORMAT = 1
 
 
 @dataclass(eq=False)
 class Shown:
-    """What the page shows.
+    """Content of the page.
 
     Attributes:
-        title: for people.
+        title: title for display.
         kind: ``dataset``, ``motion``, ``twin``, ``frames`` or ``pair``.
-        sides: one or two; none of a twin alone.
+        sides: one or two sides; none for a twin alone.
         scene_frame: ``site`` or ``points``.
-        pairs: which frames belong together; None with one side.
-        layers: packets that are not of a frame, by name, and what makes them.
-        signals: whether the lanes' packet says what signals show.
-        sensors: as `sensor_entries` has them.
+        pairs: indices of paired frames; None with one side.
+        layers: functions that make packets without a frame, by name.
+        signals: whether the lanes' packet has signal states.
+        sensors: see `sensor_entries`.
         events: see `scene_events`.
-        worst: of a report.
+        worst: worst places of a report.
         ground_z: height of the ground near the sensors, metres.
-        detections: over the labels of side 0.
-        attribution: whose data it is.
-        notes: what a person should be told once.
+        detections: detections over the labels of side 0.
+        attribution: attributions of the data.
+        notes: notes for the user.
     """
 
     title: str
@@ -70,7 +70,7 @@ class Shown:
         self._making: dict[str, Lock] = {}
 
     def document(self) -> dict[str, Any]:
-        """Return what the page reads first; see docs/reference/formats.md."""
+        """Return the page's document; see docs/reference/formats.md."""
         has = self.layers
         return {
             "format": _FORMAT,
@@ -107,7 +107,7 @@ class Shown:
         }
 
     def document_side(self, number: int) -> dict[str, Any]:
-        """Return what the document says of a side."""
+        """Return the document's entry of a side."""
         side = self.sides[number]
         return {
             "name": side.name,
@@ -147,16 +147,16 @@ class Shown:
         return [list(range(len(side.entries))) for side in self.sides]
 
     def packet(self, name: str) -> bytes:
-        """Return a packet; the last ones are kept.
+        """Return a packet; recent ones are cached.
 
         Raises:
-            KeyError: there is no packet of that name.
-            InputError: what it is made of cannot be read.
+            KeyError: no packet has this name.
+            InputError: its input cannot be read.
         """
         make = self._maker(name)
         with self._lock:
             own = self._making.setdefault(name, Lock())
-        with own:  # two who ask for the same wait for one
+        with own:  # simultaneous requests share one
             with self._lock:
                 if name in self._packets:
                     self._packets.move_to_end(name)
@@ -204,7 +204,7 @@ class Shown:
                 if other is not None:
                     away = away_from(frame, self.sides[1 - number].frame(other))
             except InputError:
-                pass  # the other side's frame is damaged, which is told where it is shown
+                pass  # the damaged frame is reported where it is shown
         return points_packet(frame, full_scale=side.full_scale, fields=side.fields, away=away)
 
     def _boxes(self, number: int, index: int) -> bytes:

@@ -1,4 +1,4 @@
-"""The boxes of a frame as the page lists them."""
+"""Boxes of a frame as listed on the page."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ __all__ = ["ShownBoxes", "boxes_packet"]
 
 @dataclass(eq=False)
 class ShownBoxes:
-    """Boxes (B) of one frame, in the frame of the scene; what nobody says is None.
+    """Boxes (B) of a frame, in the scene's frame; unknown columns are None.
 
     Attributes:
         box: (B, 7) centre, length, width, height in metres, yaw in radians.
-        class_names: (B,) as the data calls them.
-        track: (B,) int64, -1 where the object is not followed.
-        velocity: (B, 3) metres per second; NaN where unknown.
-        points: (B,) points on each; -1 where unknown.
-        alone: (B,) points that there would be with that object alone.
-        occlusion: (B,) 0..1, NaN where unknown.
-        truncation: (B,) 0..1, NaN where unknown.
+        class_names: (B,) class names of the data.
+        track: (B,) int64, -1 for objects without a track.
+        velocity: (B, 3) metres per second; NaN if unknown.
+        points: (B,) number of points; -1 if unknown.
+        alone: (B,) number of points without occlusion by other objects.
+        occlusion: (B,) 0..1, NaN if unknown.
+        truncation: (B,) 0..1, NaN if unknown.
         difficulty: (B,) ``easy``, ``moderate``, ``hard`` or empty.
-        ignored: (B,) why each does not count, empty where it does.
-        hidden_by: (B,) tracks that stand before each; None where it was not looked for.
-        why: (B,) a sentence, why each is not seen; empty where it is.
-        score: (B,) of detections; NaN for labels.
+        ignored: (B,) reason why a box does not count, or empty.
+        hidden_by: (B,) occluding tracks; None if not computed.
+        why: (B,) sentence why an object is not seen, or empty.
+        score: (B,) scores of detections; NaN for labels.
         verdict: (B,) ``hit``, ``miss``, ``false alarm`` or empty.
-        match: (B,) of a detection, the label that it finds (a row); -1 where none.
+        match: (B,) row of the label matched by a detection, or -1.
     """
 
     box: NDArray[np.float64]
@@ -54,12 +54,12 @@ class ShownBoxes:
     match: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
-        """Return how many boxes there are."""
+        """Return the number of boxes."""
         return len(self.box)
 
     @classmethod
     def of(cls, boxes: Boxes | None) -> ShownBoxes:
-        """Return the boxes that a reader gives."""
+        """Return the boxes of a reader."""
         if boxes is None:
             return cls(np.zeros((0, 7)), [], np.zeros(0, np.int64))
         named = boxes.source_names or boxes.class_names
@@ -77,7 +77,7 @@ class ShownBoxes:
         )
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return what the packet's header lists: plain values, None where nothing is known."""
+        """Return rows for the packet's header: plain values, None if unknown."""
         return [self._row(index) for index in range(len(self))]
 
     def _row(self, index: int) -> dict[str, Any]:

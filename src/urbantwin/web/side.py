@@ -1,4 +1,4 @@
-"""A side of what is shown: frames in their order, in the frame of the scene."""
+"""A side of the page: consecutive frames in the scene's frame."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["FrameEntry", "Side", "told_without_folders"]
 
 @dataclass
 class FrameEntry:
-    """What is known of a frame before it is read.
+    """A frame that has not been read yet.
 
     Attributes:
-        name: of the frame.
-        time_s: when it is, seconds.
-        points: how many; 0 where nobody counted.
-        error: why it cannot be read, one line; None where nothing is known against it.
+        name: name of the frame.
+        time_s: time, seconds.
+        points: number of points; 0 if unknown.
+        error: reason why it cannot be read; None if none is known.
     """
 
     name: str
@@ -31,14 +31,14 @@ class FrameEntry:
 
 
 class Side(Protocol):
-    """Frames to be shown.
+    """Frames to show.
 
     Attributes:
-        name: for people.
+        name: name for display.
         role: ``real``, ``synthetic`` or ``only``.
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         entries: the frames.
-        fields: what is told of points, see `points.FIELDS`.
+        fields: fields of points, see `points.FIELDS`.
         has_points: whether frames have points.
         has_boxes: whether frames have boxes.
     """
@@ -71,7 +71,7 @@ class Side(Protocol):
 
 
 def told_without_folders(error: InputError, folder: Path) -> str:
-    """Return an error as one line in which files are named from a folder on: pages are shared."""
+    """Return an error as one line with paths relative to a folder, since pages are shared."""
     file = error.file
     if file is not None:
         place = Path(file)

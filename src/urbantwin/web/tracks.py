@@ -1,4 +1,4 @@
-"""Where everybody goes: the paths of all objects as one packet, and as rows to find events in."""
+"""Paths of all objects, as a packet, and as rows for the search for events."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from urbantwin.web.shown_boxes import ShownBoxes
 
 __all__ = ["Tracks", "tracks_of", "tracks_packet"]
 
-#: An object that moves less than this in all is told once, metres.
+#: An object with less total motion than this has a single position, metres.
 _STANDS_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """One row for each object and frame, sorted by frame, then track.
+    """One row per object and frame, sorted by frame, then track.
 
     Attributes:
-        frame: (R,) index among the frames that are shown.
-        time_s: (F,) of the frames.
-        track: (R,) the object.
-        box: (R, 7) in the frame of the scene.
-        velocity: (R, 3) metres per second; zeros where nothing says.
-        points: (R,) points on it; -1 where nothing says.
-        class_names: (R,) text.
-        companion: (R,) whether it rides with another: on a hook, on a leash.
+        frame: (R,) index of the shown frame.
+        time_s: (F,) times of the frames, seconds.
+        track: (R,) track number of the object.
+        box: (R, 7) boxes in the scene's frame.
+        velocity: (R, 3) metres per second; zeros if unknown.
+        points: (R,) number of points on the object; -1 if unknown.
+        class_names: (R,) class names.
+        companion: (R,) whether it is attached to another object: towed or leashed.
     """
 
     frame: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Tracks:
 
 
 def tracks_of(side: RecordedSide | MotionSide) -> Tracks | None:
-    """Return the tracks of a side; None where it has none, or would have to be read for them."""
+    """Return the tracks of a side; None if it has none, or they would have to be read."""
     if isinstance(side, MotionSide):
         return _of_frames(side, [side.boxes(index) for index in range(len(side.entries))])
     if side.own is not None and side.own.objects is not None:

@@ -1,4 +1,4 @@
-"""A twin as packets: its triangles, its lanes, its signals, its coverage."""
+"""Packets of a twin: triangles, lanes, signals, coverage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urbantwin.web.packet import packet, quantised
 
 __all__ = ["coverage_packet", "lanes_packet", "twin_packet"]
 
-#: Colours that are this near to each other are one group, of 255.
+#: Colours that differ by less than this (of 255) are merged.
 _SHADE = 12
 _COVERAGE_FORM = {
     "x0": ArrayOf("f8", ()),
@@ -28,7 +28,7 @@ _COVERAGE_FORM = {
     "rate_hz": ArrayOf("f8", (), least=1e-3),
     "facing": ArrayOf("f4", ("S", "rows", "columns")),
 }
-#: Signals stand this high over their stop lines in the picture, metres.
+#: Height of drawn signals above their stop lines, metres.
 _HEAD_M = 3.5
 
 
@@ -66,7 +66,7 @@ def twin_packet(twin: Twin, scene_SE3_site: Pose | None) -> bytes:
 
 
 def lanes_packet(twin: Twin, motion: Motion | None, scene_SE3_site: Pose | None) -> bytes:
-    """Return the packet of a twin's lanes and of what a motion's signals show."""
+    """Return the packet of a twin's lanes, with a motion's signal states."""
 
     def line(places: NDArray[np.float64]) -> list[list[float]]:
         moved = places if scene_SE3_site is None else scene_SE3_site.apply(places)
@@ -110,13 +110,13 @@ def _signals(twin: Twin, motion: Motion | None, line: Any) -> list[dict[str, Any
 
 
 def coverage_packet(folder: Path) -> bytes:
-    """Return the packet of where a rig sees how much of what stands upright, site frame.
+    """Return the packet of a rig's point density on upright surfaces, site frame.
 
     Args:
-        folder: of a coverage, as ``urbantwin rig coverage`` wrote it.
+        folder: folder of a coverage, written by ``urbantwin rig coverage``.
 
     Raises:
-        InputError: it is none.
+        InputError: the folder is not a coverage.
     """
     found = read_arrays(folder / "coverage.npz", "the maps of a coverage", _COVERAGE_FORM)
     value = found["facing"].sum(axis=0) / float(found["rate_hz"])

@@ -1,4 +1,4 @@
-"""Detections over the labels of a frame: which hit, which miss, which are false alarms."""
+"""Detections over the labels of a frame: true positives, misses, false positives."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class DetectionsBeside:
     """Detections of the frames of a side.
 
     Attributes:
-        detections: of any frames.
-        side: with the frames that they were found in.
+        detections: detections of any frames.
+        side: side with the detected frames.
     """
 
     detections: Detections
@@ -45,14 +45,14 @@ class DetectionsBeside:
         object.__setattr__(self, "_index", {names[k]: row for k, row in shared.items()})
 
     def over(self, index: int, labels: ShownBoxes) -> ShownBoxes:
-        """Return labels of a frame with the detections in it behind them, and what became of each.
+        """Return a frame's labels, followed by its detections, each with its verdict.
 
-        As `urbantwin model evaluate` judges, frame by frame: by falling score, each the nearest
-        object of its class within the class's distance that none found before.
+        As in `urbantwin model evaluate`: in order of falling score, each detection matches the
+        nearest unmatched object of its class within the class's distance.
 
         Args:
-            index: of the side's frame.
-            labels: of that frame, in the frame of the scene.
+            index: index of the side's frame.
+            labels: labels of that frame, in the scene's frame.
         """
         name = self.side.entries[index].name
         rows = np.zeros(0, np.int64)
@@ -100,7 +100,7 @@ class DetectionsBeside:
         score = seen.detections.score
         for kind in JUDGED:
             if kind == "large":
-                continue  # its members are judged as what they are
+                continue  # its member classes are evaluated separately
             roles = roles_of(seen.truth, kind, layout=recording.layout, vans=False)
             members = JUDGED[kind]
             order = np.flatnonzero([one in members for one in seen.detections.class_names])

@@ -1,4 +1,4 @@
-"""What a person asked for, and what the paths stand for: a line, a report, detections, parts."""
+"""Requests to the viewer, and the content of their paths: runs, reports, detections, parts."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ EXPECTED = (
     "a twin, a motion, a dataset, a folder of real frames, detections beside their data, "
     "a report of compare, a fleet, or a folder with a twin, a motion and a dataset in it"
 )
-#: What a folder of `urbantwin run` holds, what says most first.
+#: Contents of a folder of `urbantwin run`, in order of preference.
 _OF_A_LINE = ("dataset", "motion", "twin")
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a person asked for.
+    """A request to the viewer.
 
     Attributes:
-        path: what is shown.
-        other: what is shown beside it; None for one side.
-        twin: that frames are shown in; found beside them where None.
-        motion: whose signals are shown; found beside them where None.
-        detections: shown over the labels of the first side.
-        report: of ``compare``, whose worst places are listed.
-        frames: which frames are shown.
+        path: path to show.
+        other: path to show beside it; None for one side.
+        twin: twin to show frames in; None to search beside them.
+        motion: motion with the signals; None to search beside them.
+        detections: detections over the labels of the first side.
+        report: report of ``compare``, whose worst places are listed.
+        frames: frames to show.
     """
 
     path: Path
@@ -50,13 +50,13 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Sought:
-    """What the paths of a `Wanted` stand for.
+    """Resolved paths of a `Wanted`.
 
     Attributes:
-        paths: one or two, of what is shown.
-        kinds: which artefact each is; None for what others wrote.
-        detections: shown over the labels of the first; None without.
-        report: of ``compare``; None without.
+        paths: one or two paths to show.
+        kinds: kind of artefact of each; None for data of other programs.
+        detections: detections over the labels of the first; None without.
+        report: report of ``compare``; None without.
     """
 
     paths: tuple[Path, ...]
@@ -66,10 +66,10 @@ class Sought:
 
 
 def sought(wanted: Wanted) -> Sought:
-    """Return what is to be shown.
+    """Return the resolved paths of a request.
 
     Raises:
-        InputError: a path is missing, or stands for nothing that can be shown.
+        InputError: a path is missing, or cannot be shown.
     """
     given = [path for path in (wanted.path, wanted.other) if path is not None]
     report = None if wanted.report is None else read_report(wanted.report)
@@ -95,7 +95,7 @@ def sought(wanted: Wanted) -> Sought:
 
 
 def _place(path: Path) -> Path:
-    """Return the folder of a manifest, and what says most in a folder of `urbantwin run`."""
+    """Return the folder of a manifest, or the preferred artefact in a folder of `urbantwin run`."""
     if path.suffix == ".json" and path.is_file() and kind_of(path.parent) == path.stem:
         return path.parent
     if _kind(path) is None and path.is_dir():

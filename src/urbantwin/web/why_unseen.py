@@ -1,4 +1,4 @@
-"""Why an object has few points: outside, too far, or hidden, and by which other objects."""
+"""Reasons for objects with few points: outside, out of range, or occluded by other objects."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ __all__ = ["explain_unseen"]
 
 #: An object with fewer points than this is explained.
 _FEW = 5
-#: Lines of sight lead to an object's middle, and half way to each of its faces: along, across, up.
+#: Targets of lines of sight: the box centre, and half way to each face (along, across, up).
 _TOWARDS = np.array(
     [[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
 )
-#: Share of these lines that another box must end before it is named; how many are named.
+#: Fraction of these lines that an occluding box must block to be listed, and most boxes listed.
 _SHARE, _MOST = 0.15, 3
-#: Share of hidden rays above which an object that would have points is called hidden.
+#: Fraction of blocked rays above which an object with potential points counts as occluded.
 _HIDDEN = 0.5
 
 
 def explain_unseen(boxes: ShownBoxes, sensors: NDArray[np.float64], range_m: float) -> None:
-    """Say of objects with few points why, into ``hidden_by`` and ``why``.
+    """Set ``hidden_by`` and ``why`` of objects with few points.
 
-    What labels say comes first (why they do not count them, how many points they would have
-    alone); what hides an object is the box that ends a line of sight from the nearest sensor.
+    Labels take precedence (why they do not count, and the points without occlusion); an occluding
+    object is a box that blocks lines of sight from the nearest sensor.
 
     Args:
         boxes: labels of one frame.
-        sensors: (S, 3) where the sensors are, in the same frame.
-        range_m: how far they see; infinity where that is not known.
+        sensors: (S, 3) positions of the sensors, in the same frame.
+        range_m: range of the sensors, metres; infinity if unknown.
     """
     count = len(boxes)
     boxes.hidden_by = [None] * count
@@ -64,7 +64,7 @@ def explain_unseen(boxes: ShownBoxes, sensors: NDArray[np.float64], range_m: flo
 def _before(
     sight: LineOfSight, box: NDArray[np.float64], row: int, sensor: NDArray[np.float64]
 ) -> list[int]:
-    """Return rows of boxes before a box, those first that end most lines of sight to it."""
+    """Return rows of boxes that occlude a box, in descending order of blocked lines of sight."""
     x, y, z = np.moveaxis(_TOWARDS * box[row, 3:6] / 4, -1, 0)
     cos, sin = np.cos(box[row, 6]), np.sin(box[row, 6])
     targets = box[row, :3] + np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)

@@ -1,4 +1,4 @@
-"""What files say of people and machines: paths, names, addresses of mail, times of day, places."""
+"""Search of files for data about people and machines: paths, names, e-mail addresses, times."""
 
 from urbantwin.artefact.privacy.rules import names_here
 from urbantwin.artefact.privacy.search import Finding, search_files

@@ -1,7 +1,8 @@
-"""What files of many formats say in words: texts, metadata and dates as nested values.
+"""Readable content of files of many formats: texts, metadata and dates as nested values.
 
-A reader returns mappings, lists, texts and numbers; `Text` is all of a text file, `Marked` what the
-format itself says the kind of. A file that its reader refuses is searched by its letters.
+Readers return mappings, lists, texts and numbers; `Text` is a whole text file, `Marked` a text
+whose kind is known from the format. Files that their reader rejects are searched for printable
+characters.
 """
 
 from __future__ import annotations
@@ -26,19 +27,20 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["Marked", "Text", "content_of_file"]
 
-#: Of a larger file, only this many bytes are searched at its beginning and at its end.
+#: Of larger files, only this many bytes are searched at the beginning and at the end.
 _MOST_BYTES = 64_000_000
-#: Letters that follow each other in bytes by chance so rarely that nobody minds.
+#: Runs of printable characters that rarely occur by chance in binary data.
 _RUN = re.compile(rb"[\x20-\x7e]{8,}")
 _CDR_TEXT = re.compile(rb"[\x20-\x7e]{8,}(?=\0)")
-#: Coordinates are less; letters that are read as float32 are more: a small one is 10^20 or more.
+#: Coordinates are smaller; characters read as float32 are larger, 10^20 or more for lower-case
+#: letters.
 _LARGEST = 1e9
-#: Types of messages whose bytes are mostly numbers.
+#: Message types that consist mostly of numbers.
 _OF_POINTS = re.compile(r"PointCloud|CustomMsg|Scan|Packet|Image|LaserScan|UdpFrame")
 #: Largest number of objects of a map that are searched, and depth of files inside files.
 _MOST_OBJECTS, _DEEPEST = 200_000, 3
-#: Times below this many seconds count from the start of a drive or a turn: by GPS they would be in
-#: the first hour of a week.
+#: Times below this are relative to the start of a drive or a turn, seconds: as GPS times they would
+#: be in the first hour of a week.
 _FROM_A_START_S = 3600.0
 #: Words of the LAS standard for a system identifier; others are names of devices.
 _SYSTEMS = ("", "OTHER", "EXTRACTION", "MODIFICATION", "MERGE", "TRANSFORMATION")
@@ -46,21 +48,21 @@ _SYSTEMS = ("", "OTHER", "EXTRACTION", "MODIFICATION", "MERGE", "TRANSFORMATION"
 
 @dataclass(frozen=True)
 class Text:
-    """All of a text file."""
+    """Content of a text file."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Marked:
-    """A text of a kind that the format itself says."""
+    """A text whose kind is known from the format."""
 
     what: str
     text: str
 
 
 def content_of_file(path: Path) -> object:
-    """Return what a file says in words, by its format; of an unknown one, its letters."""
+    """Return the readable content of a file by its format; for unknown formats, its characters."""
     size = path.stat().st_size
     with path.open("rb") as stream:
         data = stream.read(_MOST_BYTES)
@@ -89,7 +91,7 @@ def _content(name: str, data: bytes, depth: int) -> object:
 
 
 def _letters(data: bytes, _: int = 0) -> object:
-    """Return a text as it is; of other bytes, letters that follow each other, by their place."""
+    """Return a text as it is; for binary data, runs of printable characters by position."""
     if b"\0" not in data[:4096]:
         with suppress(UnicodeDecodeError):
             return Text(data.decode())
@@ -138,7 +140,7 @@ def _metadata(told: dict[bytes, bytes] | None) -> dict[str, str]:
 
 
 def _table(table: Any) -> dict[str, object]:  # noqa: ANN401 - pyarrow has no types
-    """Return of each column its texts, or its least and greatest value."""
+    """Return the texts of each column, or its minimum and maximum."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -248,7 +250,7 @@ def _picture(data: bytes, _: int) -> object:
 
 
 def _floats(data: bytes, _: int) -> object:
-    """Return nothing of rows of float32, which letters come in by chance, and else the letters."""
+    """Return None for plausible rows of float32, and otherwise the printable characters."""
     if len(data) % 4 == 0:
         values = np.abs(np.frombuffer(data, "<f4"))
         if np.isfinite(values).all() and values.max(initial=0) < _LARGEST:
@@ -308,7 +310,7 @@ def _las(data: bytes, _: int) -> object:
 
 
 def _header_lines(data: bytes, _: int) -> object:
-    """Return the header of a PLY or a PCD, and all of one that is text."""
+    """Return the header of a PLY or PCD file, or the whole file if it is text."""
     end = re.search(rb"end_header\r?\n|^DATA .*\n", data, re.MULTILINE)
     if end is None or b"ascii" in data[: end.end()]:
         return _letters(data)

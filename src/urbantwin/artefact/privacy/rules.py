@@ -1,4 +1,4 @@
-"""What in a text, and under which names, may say something of a person, a machine or a moment."""
+"""Rules for texts and field names that may reveal a person, a machine or a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 __all__ = ["in_text", "in_value", "names_here"]
 
-#: Folders that absolute paths begin with, on Linux, on macOS and in containers.
+#: First folders of absolute paths on Linux, on macOS and in containers.
 _ROOTS = (
     "home|Users|root|tmp|var|mnt|media|opt|usr|srv|data|etc|private|Volumes|work|workspace|"
     "workspaces|scratch|nfs|app|build|builds|code|run|storage|content|kaggle|gpfs|lustre|afs|"
@@ -21,8 +21,8 @@ _ROOTS = (
 _END = r"[^\s\"'<>|;,)\]}]"
 _DAY = r"(?:0[1-9]|[12]\d|3[01])"
 _PATH, _MAIL, _TIME, _NAME = "absolute path", "e-mail address", "time stamp", "name of a person"
-#: Kind -> a pattern that begins with rare letters, which is fast to find, and what must stand
-#: directly before it.
+#: Kinds with a pattern that begins with rare characters, for speed, and a pattern required directly
+#: before it.
 _RULES = [
     (kind, re.compile(rule), re.compile(before))
     for kind, rule, before in (
@@ -38,7 +38,7 @@ _RULES = [
         ),
         (
             _TIME,
-            # The day on which Unix's clock begins is nobody's: writers of FBX put it there.
+            # The first day of Unix time reveals nothing: FBX writers use it.
             rf"(?!1970-01-01)(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1{_DAY}[T _]"
             # Midnight is a date in formats that ask for a moment.
             r"(?!00[:\-]00(?![:\-](?!00)\d))(?:[01]\d|2[0-3])[:\-][0-5]\d|"
@@ -60,7 +60,7 @@ _RULES = [
         ),
     )
 ]
-#: Characters before a pattern that are searched for what must stand there.
+#: Characters before a match that are searched for the required prefix.
 _BEFORE = 80
 #: Names of fields that hold people, their machines, vehicles or numbers.
 _PEOPLE = frozenset(
@@ -73,11 +73,11 @@ _TIME_FIELD = re.compile(
     r"(?i)(time|stamp|clock|epoch|date|begin|start|stop|utc|gps|created|modified|captured)|"
     r"(^|_)t$|_(s|ms|us|ns)$"
 )
-#: Seconds since 1970 of 1995 and of 2040; recordings count in s, ms, us or ns.
+#: Range of plausible time stamps, seconds since 1970: 1995 to 2040; recordings use s, ms, us or ns.
 _FIRST_S, _LAST_S = 788_918_400.0, 2_208_988_800.0
 #: Largest number of characters of a finding that are shown.
 _SHOWN = 120
-#: Names that many machines have, and words that mean something else; shorter names are words, too.
+#: Names of many machines, and words with other meanings; shorter names are words as well.
 _COMMON = frozenset(
     "root user users admin administrator ubuntu debian fedora runner docker nobody guest home "
     "localhost localdomain work test default build jenkins vagrant node pi car bus van tram pole "
@@ -87,11 +87,11 @@ _SHORTEST = 4
 
 
 def in_text(text: str, names: Mapping[str, str] | None = None) -> Iterator[tuple[int, str, str]]:
-    """Yield where a text may say something of somebody, what kind of thing, and what it says.
+    """Yield position, kind and text of possible personal data in a text.
 
     Args:
-        text: any.
-        names: what else to search for -> what it is, see `names_here`.
+        text: any text.
+        names: further texts to search for -> their kind, see `names_here`.
     """
     for what, rule, before in _RULES:
         for found in rule.finditer(text):
@@ -107,7 +107,7 @@ def in_text(text: str, names: Mapping[str, str] | None = None) -> Iterator[tuple
 
 
 def in_value(field: str, value: object) -> Iterator[tuple[str, str]]:
-    """Yield what the value of a field says of somebody because of the field's name."""
+    """Yield kind and text of personal data in a value, judged by the name of its field."""
     if not isinstance(value, str | int | float) or isinstance(value, bool):
         return
     text = str(value).strip()
@@ -121,9 +121,9 @@ def in_value(field: str, value: object) -> Iterator[tuple[str, str]]:
 
 
 def names_here() -> dict[str, str]:
-    """Return the names of the user, the machine, the home and the current folder -> what each is.
+    """Return the names of the user, the machine, the home and the current folder -> their kind.
 
-    Names that many machines have (``root``, ``ubuntu``) and very short ones are left out.
+    Very common (``root``, ``ubuntu``) and very short names are omitted.
     """
     found: dict[str, str] = {}
     with suppress(OSError, KeyError, ImportError):

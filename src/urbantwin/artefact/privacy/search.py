@@ -1,4 +1,4 @@
-"""Searching files for what they say of people: in their names, their texts and their metadata."""
+"""Search of files for personal data, in names, texts and metadata."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["Finding", "search_files"]
 
-#: Findings of a kind that are listed of one file; the rest are counted.
+#: Most findings of a kind listed per file; the rest are counted.
 _MOST = 5
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A place in a file that may say something of a person, a machine or a moment.
+    """A place in a file that may reveal a person, a machine or a time.
 
     Attributes:
-        file: its name, relative to what was searched.
-        place: where in it: a line and a byte, a field, a tag.
-        what: kind of thing: ``absolute path``, ``e-mail address``, ``time stamp``, ...
-        text: what it says, shortened.
+        file: file name, relative to the searched path.
+        place: place in the file: line and byte, field, tag.
+        what: kind: ``absolute path``, ``e-mail address``, ``time stamp``, ...
+        text: the text, shortened.
     """
 
     file: str
@@ -37,7 +37,7 @@ class Finding:
     text: str
 
     def __str__(self) -> str:
-        """Return it as one line."""
+        """Return the finding as one line."""
         return f"{self.file}: {self.place}: {self.what} ({self.text})"
 
 
@@ -50,11 +50,11 @@ def search_files(
 
     Args:
         path: the file or the folder.
-        names: what else to search for -> what it is; see `names_here`.
-        progress: called with the fraction done and what is being done.
+        names: further texts to search for -> their kind; see `names_here`.
+        progress: called with the fraction done and a description.
 
     Raises:
-        InputError: it is not there, or a file cannot be read.
+        InputError: the path does not exist, or a file cannot be read.
     """
     if not path.exists():
         raise InputError("not found", file=path, expected="a file or a folder to search")
@@ -100,12 +100,12 @@ def _in_file(path: Path, name: str, names: Mapping[str, str]) -> list[Finding]:
 def _found_in(
     value: object, place: str, field: str, names: Mapping[str, str]
 ) -> Iterator[tuple[str, str, str]]:
-    """Yield the place, the kind and the text of what a file's content may say of somebody.
+    """Yield place, kind and text of possible personal data in a file's content.
 
     Args:
-        value: what `contents` makes of a file, or a part of it.
-        place: of that part.
-        field: name of the field that it is the value of.
+        value: content from `contents`, or a part of it.
+        place: place of that part.
+        field: name of the field with that value.
         names: see `search_files`.
     """
     waiting = [(value, place, field)]  # a document may be nested deeper than Python calls
@@ -129,7 +129,7 @@ def _found_in(
             ]
         elif isinstance(value, list):
             some = range(len(value))
-            # Of long rows of numbers, the first and the last say what they are.
+            # Of long rows of numbers, the first and the last suffice.
             if len(value) > 16 and all(isinstance(one, int | float) for one in value):
                 some = range(0, len(value), len(value) - 1)
             waiting += [(value[k], f"{place}[{k}]", field) for k in reversed(some)]

@@ -1,4 +1,4 @@
-"""A twin as a package of maps for CARLA 0.9.16, and the same rig on a live server."""
+"""Export of a twin as a CARLA 0.9.16 map package, and its rig on a live server."""
 
 from urbantwin.exports.carla.package import write_carla
 

@@ -1,8 +1,8 @@
 """CARLA's frame: x east, y south, z up, metres; angles in degrees, clockwise from above.
 
 CARLA reads OpenDRIVE's x and y as x and -y (LibCarla, ``carla/road/element``: "Unreal's Y axis
-hack"), because Unreal's frame is left-handed. Unreal's own unit is the centimetre; CARLA's
-Python interface speaks in metres, and so do the files that we write beside the package.
+hack"), because Unreal's frame is left-handed. Unreal's own unit is the centimetre; CARLA's Python
+interface and the files beside the package use metres.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def carla_points(points: ArrayLike) -> NDArray[np.float64]:
 
 
 def carla_transform(pose: Pose) -> dict[str, dict[str, float]]:
-    """Return a pose as ``carla.Transform`` takes it.
+    """Return a pose as arguments of ``carla.Transform``.
 
     A ``carla.Rotation`` is about Unreal's axes: yaw clockwise from above, positive pitch lifts the
-    nose, positive roll lowers the right side. With F the mirror of y, the rotation of a pose R
-    (x forward, y left) is F R F there, so yaw and pitch change their signs and roll keeps its own.
+    nose, positive roll lowers the right side. With F the mirror of y, the rotation of a pose R (x
+    forward, y left) is F R F there, so yaw and pitch change their signs, and roll does not.
 
     Returns:
         ``location`` (x, y, z, metres) and ``rotation`` (pitch, yaw, roll, degrees).
@@ -46,7 +46,7 @@ def carla_transform(pose: Pose) -> dict[str, dict[str, float]]:
 
 
 def pose_of_carla(location: Sequence[float], rotation: Sequence[float]) -> Pose:
-    """Return the pose in the site frame of what CARLA places.
+    """Return the pose in the site frame of a CARLA transform.
 
     Args:
         location: x, y, z in CARLA's frame, metres.

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 __all__ = ["SEMANTIC_POINT", "LiveError", "chosen_blueprints", "drive", "site_points"]
 
 SEMANTIC = "sensor.lidar.ray_cast_semantic"
-#: How a point of ``sensor.lidar.ray_cast_semantic`` and of ``sensor.lidar.ray_cast`` is sent.
+#: Point formats of ``sensor.lidar.ray_cast_semantic`` and of ``sensor.lidar.ray_cast``.
 SEMANTIC_POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cos", "<f4"), ("actor", "<u4"), ("tag", "<u4")]
 )
@@ -64,11 +64,11 @@ def drive(
         seconds: simulated time, seconds.
 
     Returns:
-        What was spawned and written.
+        Counts of spawned actors and written files.
 
     Raises:
-        LiveError: the package is not one, CARLA's Python package is missing, ``out`` exists, no
-            server answers, or it failed.
+        LiveError: not a package, CARLA's Python package is missing, ``out`` exists, no server
+            answers, or the server failed.
     """
     plan = _read_plan(package)
     try:
@@ -111,7 +111,7 @@ def drive(
             }
             _write_json(out / "carla_frames.json", record)
             return record
-    except RuntimeError as error:  # what CARLA's client raises
+    except RuntimeError as error:  # raised by CARLA's client
         raise LiveError(f"the CARLA server failed ({str(error).splitlines()[0]})") from error
 
 
@@ -132,7 +132,7 @@ def _write_json(file: Path, value: object) -> None:
 
 
 def _load_map(client: Any, package: Path, plan: Mapping[str, Any]) -> bool:  # noqa: ANN401
-    """Load the imported map, else CARLA's own drawing of its roads; say which."""
+    """Load the imported map, or else CARLA's map generated from OpenDRIVE; return which."""
     name, folder = plan["carla"]["map"], plan["carla"]["package"]
     if any(one.rsplit("/", 1)[-1] == name for one in client.get_available_maps()):
         client.load_world(name)
@@ -149,7 +149,7 @@ def _in_steps(
     world: Any,  # noqa: ANN401
     plan: Mapping[str, Any],
 ) -> Iterator[None]:
-    """Let the server step only when told, and leave it afterwards as it was."""
+    """Run the server in synchronous mode during the block, and restore its settings."""
     before, manager = world.get_settings(), client.get_trafficmanager()
     settings = world.get_settings()
     settings.synchronous_mode = True
@@ -166,14 +166,14 @@ def _in_steps(
 
 
 class _Actors:
-    """Everything that was set down, and is taken away again."""
+    """Spawned actors and sensors, which are destroyed at the end."""
 
     def __init__(self, carla: Any, client: Any, world: Any) -> None:  # noqa: ANN401
         self.carla, self.client, self.world = carla, client, world
         self.made: list[Any] = []
 
     def set_down(self, plan: Mapping[str, Any]) -> dict[str, int]:
-        """Set down traffic; return how many of each class found room."""
+        """Spawn traffic; return the number of spawned actors of each class."""
         traffic, points = plan["traffic"], list(plan["spawn_points"]["spawn_points"])
         chance = random.Random(int(traffic["seed"]))
         chance.shuffle(points)
@@ -198,7 +198,7 @@ class _Actors:
         points: list[dict[str, Any]],
         asked: Mapping[str, Any],
     ) -> bool:
-        """Set a vehicle down on the next point that its class may use."""
+        """Spawn a vehicle at the next free point allowed for its class."""
         for number, point in enumerate(points):
             if name not in point["allowed"]:
                 continue
@@ -219,7 +219,7 @@ class _Actors:
 
     def _walker(self, blueprint: Any, speed_ms: float) -> bool:  # noqa: ANN401
         place = self.world.get_random_location_from_navigation()
-        if place is None:  # the map has no navigation for people on foot
+        if place is None:  # the map has no navigation for pedestrians
             return False
         walker = self.world.try_spawn_actor(blueprint, self.carla.Transform(place))
         if walker is None:
@@ -235,7 +235,7 @@ class _Actors:
         return True
 
     def listen(self, rig: Mapping[str, Any]) -> dict[str, tuple[queue.Queue[Any], str]]:
-        """Set up the sensors; return, by name, where their data arrives and their blueprint."""
+        """Set up the sensors; return their data queues and blueprints, by name."""
         found = {}
         for one in rig["sensors"]:
             blueprint = self.world.get_blueprint_library().find(one["blueprint"])
@@ -249,7 +249,7 @@ class _Actors:
         return found
 
     def destroy(self) -> None:
-        """Take everything away, the last first."""
+        """Destroy everything, in reverse order."""
         for actor in reversed(self.made):
             if hasattr(actor, "stop"):
                 actor.stop()
@@ -265,7 +265,7 @@ def chosen_blueprints(
     library: Any,  # noqa: ANN401
     asked: Mapping[str, Any],
 ) -> list[str]:
-    """Return the ids, sorted, of the blueprints that ``traffic.json`` asks for."""
+    """Return the sorted ids of the blueprints requested in ``traffic.json``."""
     wanted = asked["blueprints"]
     found = []
     for one in library.filter(wanted["filter"]):
@@ -283,7 +283,7 @@ def _write_frame(
     world: Any,  # noqa: ANN401
     queues: Mapping[str, tuple[queue.Queue[Any], str]],
 ) -> None:
-    """Make a step and write what the sensors saw in it and where everybody is."""
+    """Advance one step, and write the sensors' points and the actors' boxes."""
     frame = world.tick()
     for name, (arrived, blueprint) in queues.items():
         data = arrived.get(timeout=SLOW_S)
@@ -321,7 +321,7 @@ def site_points(
     Args:
         points: (N,) with fields x, y, z in the sensor's left-handed frame (y to the right).
         location: x, y, z of the sensor in CARLA's frame, metres.
-        rotation: its pitch, yaw, roll, degrees.
+        rotation: pitch, yaw, roll of the sensor, degrees.
     """
     xyz = np.column_stack([points["x"], points["y"], points["z"]]).astype(np.float64) * MIRROR
     pitch, yaw, roll = np.radians(np.asarray(rotation, np.float64)) * [-1.0, -1.0, 1.0]

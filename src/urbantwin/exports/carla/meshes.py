@@ -17,7 +17,7 @@ __all__ = ["named_objects", "navigation_objects"]
 
 #: Edge of the squares that ground and plants are cut into, metres.
 CELL_M = 100.0
-#: Semantic class -> object. Buildings are objects of their own, all else is joined by square.
+#: Object of each semantic class. Buildings are separate objects; all others are joined per square.
 _OBJECT_OF = {
     "road": "Road_Road",
     "parking": "Road_Road",
@@ -33,9 +33,9 @@ _OBJECT_OF = {
     "traffic-sign": "TrafficSign",
     "other-object": "Static",
 }
-#: Faces of the ground steeper than this stand: they are curbs.
+#: Ground faces steeper than this are curbs.
 _UPRIGHT = 0.5
-#: Material of an object's faces -> RoadRunner's name, by which CARLA chooses a material of its own
+#: RoadRunner's name of a material, by which CARLA chooses its own material
 #: (``PrepareAssetsForCookingCommandlet.cpp``). None may contain ``light`` or ``sign``.
 _ROADRUNNER = {
     ("Road_Road", ""): "Asphalt1_Road",
@@ -59,7 +59,7 @@ _AREAS = {
 def named_objects(
     mesh: LabelledMesh, paint: LabelledMesh
 ) -> tuple[list[MeshObject], dict[str, Look]]:
-    """Split the static world into named objects, in a fixed order, and say how they look.
+    """Split the static world into named objects, in a fixed order, with their appearance.
 
     Args:
         mesh: the static world, site frame.
@@ -76,12 +76,12 @@ def named_objects(
 
 
 def navigation_objects(objects: Sequence[MeshObject]) -> list[MeshObject]:
-    """Return what ``RecastBuilder`` reads: each object with one material, its area for pedestrians.
+    """Return objects for ``RecastBuilder``, each with its pedestrian area as its only material.
 
-    It goes by the names ``road``, ``sidewalk``, ``crosswalk``, ``grass`` and ``block`` (CARLA's
-    ``Util/DockerUtils/fbx/src/FBX2OBJ.cpp`` gives them by the names of meshes; areas in
-    ``LibCarla/source/carla/nav/Navigation.h``). The crosswalks come from the OpenDRIVE, by CARLA's
-    own ``get_xodr_crosswalks.py``. Ground of soil and grass is ``grass``, which pedestrians avoid;
+    It uses the names ``road``, ``sidewalk``, ``crosswalk``, ``grass`` and ``block`` (CARLA's
+    ``Util/DockerUtils/fbx/src/FBX2OBJ.cpp`` derives them from the names of meshes; areas in
+    ``LibCarla/source/carla/nav/Navigation.h``). Crosswalks come from the OpenDRIVE, by CARLA's own
+    ``get_xodr_crosswalks.py``. Ground of soil and grass is ``grass``, which pedestrians avoid;
     ``FBX2OBJ`` makes it ``block``.
     """
     return [
@@ -96,17 +96,17 @@ def navigation_area(name: str) -> str:
 
 
 def _kinds(mesh: LabelledMesh) -> NDArray[np.str_]:
-    """Return the object (F,) that each triangle belongs to."""
+    """Return the object name (F,) of each triangle."""
     names = {row.id: name for name, row in semantic_classes().items()}
     table = np.full(max(names) + 1, "Static", dtype="<U20")
     for number, name in names.items():
         table[number] = _OBJECT_OF.get(name, "Static")
     kinds = table[mesh.semantic]
-    # Flush sides of sidewalks are curbs; low raised ground between lanes is a curb all over, so
-    # that CARLA lets no pedestrian walk along it.
+    # Side faces of sidewalks are curbs; low raised ground between lanes is entirely a curb, so that
+    # CARLA's pedestrians do not walk along it.
     sides = np.abs(mesh.normals()[:, 2]) < _UPRIGHT
     kinds[(kinds == "Road_Sidewalk") & sides] = "Road_Curb"
-    # A pole with lamps or with a plate goes with them: CARLA sets up both from the OpenDRIVE.
+    # A pole with signal heads or a plate belongs to them: CARLA creates both from the OpenDRIVE.
     on_pole = np.isin(mesh.part, np.unique(mesh.part[kinds == "Pole"])) & (mesh.part > 0)
     for head, whole in (("Static", "TrafficLight"), ("TrafficSign", "TrafficSign")):
         parts = np.unique(mesh.part[on_pole & (kinds == head)])
@@ -145,5 +145,5 @@ def _material_name(kind: str, material: str) -> str:
     for key in ((kind, material), (kind, "")):
         if key in _ROADRUNNER:
             return _ROADRUNNER[key]
-    # "asphalt-light" would keep a mesh out of the world.
+    # CARLA would omit a mesh with "light" in a material's name.
     return f"M_{kind}_{material.replace('light', 'pale').replace('-', '_')}"

@@ -1,11 +1,11 @@
 """Names of meshes by which CARLA tags them, and safe names of maps.
 
-``make import`` calls every mesh of a map ``<map>_<object>`` and sorts by what that name contains
+``make import`` names every mesh of a map ``<map>_<object>`` and sorts by substrings of that name
 (carla 0.9.16, ``MoveAssetsCommandlet.cpp`` and ``SSTags.h``; the names are RoadRunner's). Unreal
-compares without regard to case. A mesh whose name contains ``light`` or ``sign`` is imported but
-not placed in the world (``PrepareAssetsForCookingCommandlet.cpp``), because CARLA sets up its own
-from the map's OpenDRIVE. So a street called "Lightfoot Road" would come out empty, unless its
-map's name is chosen with care.
+compares case-insensitively. A mesh with ``light`` or ``sign`` in its name is imported but not
+placed in the world (``PrepareAssetsForCookingCommandlet.cpp``), because CARLA creates its own from
+the map's OpenDRIVE. So the map of a street called "Lightfoot Road" would be empty, unless its name
+is chosen with care.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import unicodedata
 
 __all__ = ["OBJECTS", "folder_of", "map_name"]
 
-#: First part of an object's name -> CARLA's folder of its semantic tag (``Tagger.cpp``).
+#: CARLA's folder of the semantic tag, by the first part of an object's name (``Tagger.cpp``).
 OBJECTS = {
     "Road_Road": "Road",
     "Road_Marking": "RoadLine",
@@ -31,7 +31,7 @@ OBJECTS = {
     "TrafficLight": "TrafficLight",
     "TrafficSign": "TrafficSign",
 }
-#: In the order in which ``make import`` looks for them; all else becomes Terrain.
+#: In the order of checks in ``make import``; anything else becomes Terrain.
 _SORTED = (
     ("road_road", "Road"),
     ("roads_road", "Road"),
@@ -46,7 +46,7 @@ _SORTED = (
     ("roads_gutter", "SideWalk"),
 )
 _NOT_PLACED = ("light", "sign")
-#: Words that mean something to CARLA wherever they stand in a name.
+#: Substrings with a meaning to CARLA anywhere in a name.
 _WORDS = re.compile(
     r"light|sign|terrain|tile|roads?(?=_(?:road|marking|sidewalk|curb|gutter))", re.IGNORECASE
 )
@@ -55,7 +55,7 @@ _LETTERS = str.maketrans({"ß": "ss", "ø": "o", "Ø": "O", "æ": "ae", "Æ": "A
 
 
 def folder_of(asset: str) -> str | None:
-    """Return the folder that ``make import`` moves a mesh to; ``None`` where it is not placed."""
+    """Return the folder to which ``make import`` moves a mesh; ``None`` if it is not placed."""
     name = asset.lower()
     if any(word in name for word in _NOT_PLACED):
         return None
@@ -63,10 +63,10 @@ def folder_of(asset: str) -> str | None:
 
 
 def map_name(name: str, latitude: float, longitude: float) -> str:
-    """Return a map's name for CARLA: letters, digits and ``_``, without words that it looks for.
+    """Return a map's name for CARLA: letters, digits and ``_``, without special substrings.
 
-    A word that CARLA looks for is broken: ``perth_lights`` becomes ``perth_li_ghts``. A name
-    without Latin letters gives way to the place: ``Map_25p0330_121p5654``.
+    Special substrings are split: ``perth_lights`` becomes ``perth_li_ghts``. A name without Latin
+    letters is replaced by the position: ``Map_25p0330_121p5654``.
     """
     plain = unicodedata.normalize("NFKD", name.translate(_LETTERS))
     plain = plain.encode("ascii", "ignore").decode()

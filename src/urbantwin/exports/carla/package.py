@@ -1,4 +1,4 @@
-"""The CARLA package: map mesh, OpenDRIVE, spawn points, traffic, rig and how to import it."""
+"""CARLA package: map mesh, OpenDRIVE, spawn points, traffic, rig, and import instructions."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from urbantwin.twin import Twin
 __all__ = ["spawn_points", "write_carla"]
 
 
-#: Class of actors -> blueprints of CARLA 0.9.16: a pattern of ``BlueprintLibrary.filter``, the
-#: value of the attribute ``base_type``, and blueprints of that type that are another class of ours
-#: or that a street rarely sees (https://carla.readthedocs.io/en/0.9.16/catalogue_vehicles/).
+#: Blueprints of CARLA 0.9.16 by class of actors: a pattern of ``BlueprintLibrary.filter``, the
+#: value of the attribute ``base_type``, and exceptions that belong to another class or are rare in
+#: streets (https://carla.readthedocs.io/en/0.9.16/catalogue_vehicles/).
 BLUEPRINTS: dict[str, dict[str, Any]] = {
     "car": {
         "filter": "vehicle.*",
@@ -65,19 +65,19 @@ _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 
 
 def carla_traffic(twin: Twin, scratch: Path | None = None) -> dict[str, Any]:
-    """Return what reproduces the twin's mix of traffic, for a client of CARLA.
+    """Return a traffic mix equivalent to the twin's, for a CARLA client.
 
-    ``per_hour`` is the flow that the site asks for. ``population`` is how many of a class are on
-    the streets at a time: in a closed loop those who circulate, elsewhere flow times the mean time
-    to drive the planned routes freely (Little's law; ``mean_travel_s`` is that time, or in a loop
-    the time for a way round). ``speed_factor`` is that of SUMO's vehicle types: mean, deviation,
-    least and greatest share of the speed limit, of which CARLA's Traffic Manager takes the
-    difference in percent; pedestrians and cyclists have ``speed_ms`` instead, what they want to go
-    at.
+    ``per_hour`` is the site's requested flow. ``population`` is the number of actors of a class
+    present at a time: in a closed loop the circulating ones, elsewhere flow times the mean
+    free-flow travel time of the planned routes (Little's law; ``mean_travel_s`` is that time, in a
+    loop the time of a lap). ``speed_factor`` is that of SUMO's vehicle types: mean, deviation,
+    least and greatest fraction of the speed limit, from which CARLA's Traffic Manager takes the
+    difference in percent. Pedestrians and cyclists have the desired speed ``speed_ms`` instead,
+    m/s.
 
     Args:
         twin: the twin.
-        scratch: a folder for SUMO's files; the system's when not given.
+        scratch: folder for SUMO's files; the system's temporary folder if not given.
     """
     asked = twin.site["traffic"]
     per_hour: Mapping[str, float] = asked["per_hour"]
@@ -120,7 +120,7 @@ def carla_traffic(twin: Twin, scratch: Path | None = None) -> dict[str, Any]:
 
 
 def _speed(name: str) -> dict[str, Any]:
-    """Return how fast a class wants to go."""
+    """Return the desired speed of a class."""
     parameters = ACTOR_KINDS[name].parameters
     found = _NORMC.match(parameters.get("speedFactor", ""))
     keys = ("mean", "deviation", "least", "greatest")
@@ -158,20 +158,20 @@ def _mean_seconds(demand: Demand, edges: Mapping[str, tuple[float, float]]) -> d
     return {name: float(np.mean(values)) for name, values in times.items()}
 
 
-#: From one point of a lane to the next, and from its ends, metres: a bus fits between.
+#: Spacing of spawn points on a lane, and distance from its ends, metres: a bus fits between.
 EVERY_M, FROM_END_M = 15.0, 7.5
 #: Above the road, so that no wheel starts inside it (CARLA's documentation: 0.5 to 1 m).
 ABOVE_M = 0.5
-#: The direction of a lane is taken over this length, metres.
+#: Length over which a lane's direction is computed, metres.
 REACH_M = 1.0
 
 
 def spawn_points(network: RoadNetwork) -> list[dict[str, Any]]:
-    """Return places for vehicles in CARLA's frame, in the order of the lanes.
+    """Return spawn points of vehicles in CARLA's frame, in the order of the lanes.
 
-    Each has ``location`` (x, y, z, metres) and ``rotation`` (pitch, yaw, roll, degrees), which
-    ``carla.Transform`` takes as they are, the ``lane`` it is on, that lane's ``allowed`` classes
-    and ``speed_limit_kmh``, and ``at_m`` from the lane's start.
+    Each has ``location`` (x, y, z, metres) and ``rotation`` (pitch, yaw, roll, degrees) as for
+    ``carla.Transform``, its ``lane`` with the ``allowed`` classes and ``speed_limit_kmh``, and
+    ``at_m``, the distance from the lane's start, metres.
     """
     found = []
     for lane in network.lanes:

@@ -16,15 +16,15 @@ SEMANTIC, PLAIN = "sensor.lidar.ray_cast_semantic", "sensor.lidar.ray_cast"
 
 
 def carla_rig(rig: Rig, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
-    """Return the rig's sensors for CARLA, and the server's step: a frame of the rig.
+    """Return the rig's sensors for CARLA, and the server's time step, a frame of the rig.
 
     Args:
         rig: the rig, on its site.
         blueprint: ``SEMANTIC`` (a tag and an actor per point) or ``PLAIN`` (intensity, drop-out).
 
     Raises:
-        InputError: a sensor that CARLA has nothing like, or a rig that rides: which of CARLA's
-            vehicles carries it is not known before they drive.
+        InputError: a sensor without equivalent in CARLA, or a rig mounted on a vehicle, whose
+            equivalent in CARLA is not known in advance.
     """
     if rig.ride is not None:
         raise InputError("the rig rides, which is not exported", expected="a rig on the site")
@@ -35,12 +35,12 @@ def carla_rig(rig: Rig, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
 
 
 def carla_sensor(mounted: MountedSensor, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
-    """Return one sensor: blueprint, attributes (text, as CARLA takes them), transform.
+    """Return a sensor: blueprint, attributes (text, as for CARLA), transform.
 
-    CARLA spreads its channels evenly from ``upper_fov`` to ``lower_fov`` and fires them all at
-    once (``RayCastSemanticLidar.cpp``, ``CreateLasers``); a real sensor's table of elevations and
-    azimuth offsets cannot be given to it. ``largest_elevation_error_deg`` says how far off its
-    channels are. All turns of a frame are fired within one step of the server.
+    CARLA spaces its channels evenly from ``upper_fov`` to ``lower_fov`` and fires them at once
+    (``RayCastSemanticLidar.cpp``, ``CreateLasers``); it does not support a real sensor's table of
+    elevations and azimuth offsets. ``largest_elevation_error_deg`` is the resulting error of the
+    channels. All turns of a frame are fired within one step of the server.
     """
     model = mounted.sensor
     if model.pattern is not None:
@@ -61,7 +61,7 @@ def carla_sensor(mounted: MountedSensor, *, blueprint: str = SEMANTIC) -> dict[s
         "sensor_tick": 0.0,
     }
     if blueprint == PLAIN:
-        # CARLA's own drop-out by intensity is off: what it models is not this sensor.
+        # CARLA's own drop-out by intensity is off, since it models another sensor.
         sigma = model.assumed_range_sigma_m * mounted.calibration.range_noise
         sigma = sigma if mounted.effects.noise else 0.0
         attributes |= {"noise_stddev": sigma, "dropoff_general_rate": mounted.missing}

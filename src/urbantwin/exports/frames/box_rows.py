@@ -1,4 +1,4 @@
-"""Boxes of a frame as rows of names and values, for formats that hold whatever they are given."""
+"""Boxes of a frame as rows of names and values, for formats with free fields."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BOX_KEYS = (
 
 
 def box_rows(boxes: LabelledObjects) -> Iterator[dict[str, Any]]:
-    """Yield a row for each box, in the frame of its points; ``None`` where nothing is known."""
+    """Yield a row per box, in the points' frame; unknown values are ``None``."""
     hidden = np.isnan(boxes.occlusion)
     columns = (
         boxes.track.tolist(),

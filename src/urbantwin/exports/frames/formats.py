@@ -1,4 +1,4 @@
-"""The formats that a dataset is exported to."""
+"""Export formats of datasets."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from urbantwin.progress import Progress
 
 __all__ = ["DATASET_FORMATS", "DatasetFormat", "Writer"]
 
-#: Writes a dataset: what is written, the folder or file to write into, what is told how far it is.
-#: Returns what a person should be told of it.
+#: Writes a dataset, given the folder or file to write into and a progress callback; returns notes
+#: for the user.
 Writer = Callable[[FrameSource, Path, Progress], Sequence[str]]
-#: The same for datasets of the same frames, one for each sensor of a rig.
+#: Writes datasets of the same frames, one per sensor of a rig.
 PartsWriter = Callable[[Sequence[FrameSource], Path, Progress], Sequence[str]]
 #: The same for a fleet.
 FleetWriter = Callable[[Fleet, Path, Progress], Sequence[str]]
@@ -26,14 +26,14 @@ FleetWriter = Callable[[Fleet, Path, Progress], Sequence[str]]
 
 @dataclass(frozen=True)
 class DatasetFormat:
-    """A format.
+    """An export format.
 
     Attributes:
-        name: what ``--to`` calls it.
-        title: for people.
-        holds: which of ``losses.FIELDS`` it can hold.
-        ending: of the file's name; empty where a folder is written.
-        module: that its writer ``write_NAME`` is in.
+        name: name for ``--to``.
+        title: title for display.
+        holds: the ``losses.FIELDS`` that it can hold.
+        ending: suffix of the file's name; empty for a folder.
+        module: module of its writer ``write_NAME``.
     """
 
     name: str
@@ -44,27 +44,27 @@ class DatasetFormat:
 
     @property
     def write(self) -> Writer:
-        """What writes it; its module, and the library it needs, are imported now."""
+        """Its writer; importing it imports the library that it needs."""
         writer: Writer = getattr(self._module(), f"write_{self.name}")
         return writer
 
     @property
     def write_parts(self) -> PartsWriter | None:
-        """What writes a dataset for each sensor, by ``write_NAME_parts``; ``None``: nothing."""
+        """Writer of one dataset per sensor, ``write_NAME_parts``; ``None`` if not supported."""
         writer: PartsWriter | None = getattr(self._module(), f"write_{self.name}_parts", None)
         return writer
 
     @property
     def write_fleet(self) -> FleetWriter | None:
-        """What writes a fleet, by ``write_NAME_fleet``; ``None``: nothing."""
+        """Writer of fleets, ``write_NAME_fleet``; ``None`` if not supported."""
         writer: FleetWriter | None = getattr(self._module(), f"write_{self.name}_fleet", None)
         return writer
 
     def losses_besides(self, source: FrameSource) -> list[str]:
-        """Return what its writer leaves out besides, by ``losses_NAME`` in its module, if any.
+        """Return further losses, from ``losses_NAME`` in its module, if any.
 
         Raises:
-            InputError: it cannot hold this dataset at all.
+            InputError: the format cannot hold this dataset at all.
         """
         losses = getattr(self._module(), f"losses_{self.name}", None)
         return [] if losses is None else list(losses(source))
@@ -78,7 +78,7 @@ def _format(name: str, title: str, holds: str, ending: str = "", writer: str = "
 
 
 _OF_POINTS = " ".join(name for name, (of, _) in FIELDS.items() if of == "points")
-#: What ``boxes.csv`` and ``frames.csv`` hold beside clouds.
+#: Content of ``boxes.csv`` and ``frames.csv`` beside clouds.
 _LISTED = " ".join(name for name, (of, _) in FIELDS.items() if of != "points")
 
 DATASET_FORMATS: Mapping[str, DatasetFormat] = {

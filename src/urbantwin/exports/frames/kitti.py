@@ -1,9 +1,9 @@
 """KITTI's object benchmark: ``velodyne``, ``label_2``, ``calib``, ``image_2``, ``ImageSets``.
 
-Source: Geiger et al. 2012, and the development kit's readme. KITTI labels what its camera sees, and
-trainers keep the points of the image alone. So ``label_2`` has the boxes that a virtual camera sees
-(`virtual_camera`), and ``label_all``, as MMDetection3D's converter of Waymo calls it, those on all
-sides; a box outside of the image has the rectangle 0 0 0 0 there.
+Source: Geiger et al. 2012, and the development kit's readme. KITTI labels objects in its camera's
+view, and trainers keep points within the image only. So ``label_2`` has the boxes in view of a
+virtual camera (`virtual_camera`), and ``label_all``, named as in MMDetection3D's Waymo converter,
+those on all sides; a box outside of the image has the rectangle 0 0 0 0 there.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ __all__ = ["losses_kitti", "write_kitti"]
 _VISIBLE, _PARTLY = 0.2, 0.6
 _UNKNOWN_LEVEL = 3
 _NOWHERE = (0.0, 0.0, 0.0, 0.0)
-#: The rest of a ``DontCare`` line, in the development kit's own numbers.
+#: Remaining values of a ``DontCare`` line, from the development kit.
 _NO_BOX = "-1 -1 -1 -1000 -1000 -1000 -10"
 
 
 def losses_kitti(source: FrameSource) -> list[str]:
-    """Return what is lost besides what the format cannot hold."""
+    """Return notes on losses of this format."""
     return [
         "occlusion is told in KITTI's four levels",
         *left_out(source, "DontCare where the camera sees them, and else left out"),
@@ -51,15 +51,15 @@ def losses_kitti(source: FrameSource) -> list[str]:
 def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
     """Write a dataset as KITTI's object benchmark.
 
-    Frames that test go into ``testing``, all others into ``training``.
+    Test frames are written to ``testing``, all others to ``training``.
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     parts = write_splits(source, folder)
     both = sorted([*parts["train"], *parts["val"]])
@@ -89,7 +89,7 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
 
 
 def _calibration(camera_SE3_lidar: Pose) -> str:
-    """Return a frame's calibration: all cameras are the one that there is."""
+    """Return a frame's calibration, with the one camera repeated."""
     turned = np.column_stack([camera_SE3_lidar.rotation, camera_SE3_lidar.translation])
     rows = {f"P{number}": PROJECTION for number in range(4)}
     rows |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": turned, "Tr_imu_to_velo": np.eye(4)[:3]}
@@ -100,12 +100,12 @@ def _calibration(camera_SE3_lidar: Pose) -> str:
 
 
 def _labels(frame: Frame, camera: Pose, counted: Counter[str]) -> tuple[str, str]:
-    """Return the labels of what the camera sees, and those of what is on all sides.
+    """Return the labels in view of the camera, and those on all sides.
 
     Args:
         frame: the frame.
         camera: camera_SE3_frame.
-        counted: how many boxes were treated how, added to.
+        counted: counts of boxes by treatment, updated.
     """
     boxes, theirs = frame.objects, classes_in("kitti")
     seen, everywhere, regions = [], [], []
@@ -125,9 +125,10 @@ def _labels(frame: Frame, camera: Pose, counted: Counter[str]) -> tuple[str, str
             seen.append(line)
             counted["seen"] += 1
     if not seen and not regions:
-        # OpenPCDet's tool fails at a frame without any line, and KITTI has none: nothing is here.
+        # OpenPCDet's tool fails for a frame without lines, which KITTI does not have: an empty
+        # region.
         regions.append(f"DontCare -1 -1 -10 {_written(_NOWHERE, 2)} {_NO_BOX}\n")
-    # Readers take the regions to be the last lines.
+    # Readers expect the regions in the last lines.
     return "".join(seen + regions), "".join(everywhere)
 
 
@@ -154,12 +155,12 @@ def _level(occlusion: float) -> int:
 
 
 def _written(values: Sequence[float], digits: int) -> str:
-    """Return numbers as text, without a negative zero."""
+    """Return numbers as text, without negative zero."""
     return " ".join(f"{round(float(value), digits) + 0.0:.{digits}f}" for value in values)
 
 
 def _grey_image() -> bytes:
-    """Return the image of every frame: readers ask for its size, and there is nothing to see."""
+    """Return a grey image for every frame, since readers need an image's size."""
     from PIL import Image
 
     stream = io.BytesIO()

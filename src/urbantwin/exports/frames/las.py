@@ -1,9 +1,9 @@
-"""LAS 1.4 and LAZ: a file for each frame in the site's frame, which its CRS places on the Earth.
+"""LAS 1.4 and LAZ: a file per frame in the site frame, georeferenced by its CRS.
 
-Source: ASPRS LAS 1.4 R15, point format 6 and its standard classes. What the format has no place for
-stands in extra dimensions: ring, column, sensor, semantic (SemanticKITTI's number) and instance.
-Coordinates are whole tenths of a millimetre, intensities whole 65,535ths, times those of GPS's
-place in double precision: seconds from the start of the motion.
+Source: ASPRS LAS 1.4 R15, point format 6 and its standard classes. Extra dimensions hold other
+fields: ring, column, sensor, semantic (SemanticKITTI's number) and instance. Coordinates are in
+steps of 0.1 mm, intensities in steps of 1/65,535; the GPS time field holds seconds from the start
+of the motion, in double precision.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["write_las", "write_laz"]
 
 SCALE_M = 1e-4
 _BRIGHTEST = 65_535
-#: Of a file that always has the same bytes: the day that a header has to name.
+#: A fixed date for the header, so that the bytes are reproducible.
 _DAY = date(2000, 1, 1)
 _EXTRA = ("ring", "column", "sensor", "semantic", "instance")
 

@@ -1,7 +1,7 @@
-"""The boxes that a trainer reads, and the objects cut out of frames by them.
+"""Training boxes of a frame, and the object database cut out by them.
 
-A box without a point teaches nothing but false alarms: it is left out. A box with points that is
-ignored (docs/reference/labels.md) is marked as its format marks such a box.
+A box without points would teach false positives only, so it is omitted. A box with points that is
+ignored (docs/reference/labels.md) gets its format's mark for such boxes.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ __all__ = ["LearnedBoxes", "ObjectDatabase", "learned_boxes"]
 
 @dataclass(frozen=True, eq=False)
 class LearnedBoxes:
-    """The boxes of a frame as a trainer reads them, L of them.
+    """The training boxes of a frame, L of them.
 
     Attributes:
-        rows: (L,) which of the frame's boxes they are.
-        names: (L,) text, what the format calls their classes; ``marked`` where one does not count.
-        box: (L, 7) float32: centre, length, width, height, yaw, as the labels' text has them.
-        lines: the text: ``x y z dx dy dz heading class`` a line.
+        rows: (L,) indices among the frame's boxes.
+        names: (L,) class names of the format; ``marked`` for boxes that do not count.
+        box: (L, 7) float32: centre, length, width, height, yaw, equal to the labels' text.
+        lines: the labels' text: ``x y z dx dy dz heading class`` per line.
     """
 
     rows: NDArray[np.intp]
@@ -40,11 +40,11 @@ class LearnedBoxes:
 
 
 def learned_boxes(boxes: LabelledObjects, format_name: str, marked: str) -> LearnedBoxes:
-    """Return what a trainer reads of a frame's boxes.
+    """Return the training boxes of a frame.
 
     Args:
         boxes: all boxes of the frame.
-        format_name: by which its classes are known.
+        format_name: name of the format, for its classes.
         marked: the format's class of boxes that do not count.
     """
     theirs = classes_in(format_name)
@@ -53,26 +53,26 @@ def learned_boxes(boxes: LabelledObjects, format_name: str, marked: str) -> Lear
     names = np.where(boxes.ignored[rows] == "", called[rows], marked)
     lines = [label_line(boxes.box[row], name) for row, name in zip(rows, names, strict=True)]
     box = np.array([line.split()[:7] for line in lines], np.float32).reshape(-1, 7)
-    # A width of its own: OpenPCDet's evaluation writes KITTI's names over these, cut to fit.
+    # A fixed width, because OpenPCDet's evaluation overwrites these with KITTI's names.
     width = max(16, *map(len, theirs), *(len(one or "") for one in theirs.values()))
     return LearnedBoxes(rows, names.astype(f"<U{width}"), box, "".join(lines))
 
 
 class ObjectDatabase:
-    """The points in each box of the training frames, a file each, and the table of them.
+    """Database of objects: a file with the points in each training box, and a table of them.
 
     Args:
-        folder: of the export.
-        name: of the folder for the objects' files.
-        middle: from which height of the box the points' heights are told: ``middle``, as OpenPCDet
-            has it, or ``floor``, as MMDetection3D has it.
+        folder: folder of the export.
+        name: name of the folder for the objects' files.
+        middle: reference height of the points: ``middle`` of the box, as in OpenPCDet, or its
+            ``floor``, as in MMDetection3D.
 
     Attributes:
-        infos: the table: class -> an entry for each object.
+        infos: the table: class -> an entry per object.
 
-    Sources: OpenPCDet, ``CustomDataset.create_groundtruth_database``, and
-    ``roiaware_pool3d.cpp``, whose ``check_pt_in_box3d_cpu`` grows boxes by a centimetre in plan;
-    MMDetection3D, ``create_gt_database.py`` and ``box_np_ops.points_in_rbbox``, which does not.
+    Sources: OpenPCDet, ``CustomDataset.create_groundtruth_database``, and ``roiaware_pool3d.cpp``,
+    whose ``check_pt_in_box3d_cpu`` enlarges boxes by a centimetre in plan; MMDetection3D,
+    ``create_gt_database.py`` and ``box_np_ops.points_in_rbbox``, which does not.
     """
 
     def __init__(
@@ -88,9 +88,9 @@ class ObjectDatabase:
         """Write the objects of a frame.
 
         Args:
-            frame: its name.
+            frame: name of the frame.
             points: (N, 4) x, y, z, intensity.
-            found: its boxes.
+            found: training boxes of the frame.
         """
         for number, (inside, name, box) in enumerate(
             zip(self.inside(points, found.box), found.names.tolist(), found.box, strict=True)
@@ -115,7 +115,7 @@ class ObjectDatabase:
     def inside(
         self, points: NDArray[np.float32], boxes: Iterable[NDArray[np.float32]]
     ) -> Iterator[NDArray[np.intp]]:
-        """Yield the numbers of the points in each box, by the rule of the format's own tool."""
+        """Yield the indices of the points in each box, by the rule of the format's own tool."""
         margin = np.float32(0.0 if self._floor else 0.01)
         order = np.argsort(points[:, 0], kind="stable")
         x = points[order, 0]

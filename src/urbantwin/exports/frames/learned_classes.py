@@ -1,7 +1,7 @@
-"""What a dataset's boxes say of the config that learns from it: classes, range, sizes.
+"""Training parameters derived from a dataset's boxes: classes, range, sizes.
 
-Sizes of anchors are medians of the boxes in the frames of ``ImageSets/train.txt``; the range holds
-99 % of their middles.
+Anchor sizes are medians of the boxes in the frames of ``ImageSets/train.txt``; the range contains
+99 % of their centres.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ __all__ = ["PILLAR_M", "LearnedClass", "LearnedClasses", "learned_classes"]
 _EXPECTED = "a dataset of urbantwin record"
 #: Boxes with fewer points are no example; of a class with fewer boxes nothing is learned.
 _FEWEST_POINTS, _FEWEST_BOXES = 5, 10
-#: What stands still and belongs to nobody, and animals, is not learned.
+#: Classes to learn: not static obstacles, and not animals.
 _LEARNED = tuple(name for name in BOX_SEMANTICS if name not in ("animal", "obstacle"))
-#: Edge of a pillar, metres; so many of them along an edge are a multiple of this (strides 2, 2, 2).
+#: Edge of a pillar, metres, and the divisor of the number of pillars per side (strides 2, 2, 2).
 PILLAR_M, _MULTIPLE = 0.16, 16
-#: The range holds this share of the middles of boxes, and so much more on every side, metres.
+#: Fraction of box centres within the range, and its margin on every side, metres.
 _HELD, _MARGIN_M = 0.99, 2.0
-#: Overlap with an anchor from which on, and up to which, it is of the class or not.
+#: Overlap with an anchor above which it is positive, and below which negative.
 _LARGE, _SMALL = (0.6, 0.45), (0.5, 0.35)
-#: What is narrower is small, metres.
+#: Boxes narrower than this count as small, metres.
 _SMALL_M = 1.2
 _MOST_SAMPLED = 15
-#: How far beyond the range a middle may be detected, metres.
+#: Largest distance of a detected centre beyond the range, metres.
 _BEYOND_M = 5.0
 
 
 @dataclass(frozen=True)
 class LearnedClass:
-    """A class that there are enough examples of.
+    """A class with enough examples.
 
     Attributes:
-        name: ours.
-        count: its examples.
-        size_m: median length, width and height.
-        bottom_m: median height of the boxes' floors, frame of the points.
-        matched, unmatched: overlap with an anchor from which on, and up to which, the anchor is of
-            the class or of none.
-        sampled: how many a frame is filled up to by `gt_sampling`: whoever is frequent need not be
-            pasted in as often.
+        name: UrbanTwin's name of the class.
+        count: number of examples.
+        size_m: median length, width and height, metres.
+        bottom_m: median height of the boxes' floors, points' frame, metres.
+        matched, unmatched: overlap with an anchor above which it is positive, and below which
+            negative.
+        sampled: number per frame up to which `gt_sampling` adds objects; lower for frequent
+            classes.
     """
 
     name: str
@@ -63,13 +63,14 @@ class LearnedClass:
 
 @dataclass(frozen=True)
 class LearnedClasses:
-    """What is learned in a dataset.
+    """Classes and range learned from a dataset.
 
     Attributes:
-        classes: with enough examples, in the order of `BOX_SEMANTICS`.
-        range_m: least x, y, z and greatest x, y, z: square, so many pillars as strides divide.
-        labelled: every class that a box has, with its name's order.
-        few: classes with too few examples, and how many they have.
+        classes: classes with enough examples, in the order of `BOX_SEMANTICS`.
+        range_m: least x, y, z and greatest x, y, z, metres: square, with a number of pillars
+            divisible by the strides.
+        labelled: all classes of boxes, in order of name.
+        few: classes with too few examples, and their numbers of examples.
     """
 
     classes: tuple[LearnedClass, ...]
@@ -89,14 +90,14 @@ class LearnedClasses:
 
     @property
     def beyond_m(self) -> list[float]:
-        """Bounds as those of ``range_m`` for the middles that a model may detect."""
+        """Bounds of detected centres, like ``range_m``."""
         low, high = self.range_m[:3], self.range_m[3:]
         low_m = (round(one - _BEYOND_M, 2) for one in low)
         return [*low_m, *(round(one + _BEYOND_M, 2) for one in high)]
 
     @property
     def config_values(self) -> dict[str, object]:
-        """What the templates of all configs name."""
+        """Template variables common to all configs."""
         return {
             "names": self.names,
             "classes": self.classes,
@@ -108,19 +109,19 @@ class LearnedClasses:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should be told."""
+        """Notes for the user."""
         left = [f"not learned: {count} boxes of {name}" for name, count in self.few.items()]
         return [*left, f"the configs look {self.range_m[3]:g} m along x and y"]
 
 
 def learned_classes(dataset: Path) -> LearnedClasses:
-    """Return what is to be learned of a dataset.
+    """Return the training parameters of a dataset.
 
     Args:
-        dataset: one of ours; its labels and ``ImageSets/train.txt`` are read.
+        dataset: folder of an UrbanTwin dataset; its labels and ``ImageSets/train.txt`` are read.
 
     Raises:
-        InputError: it is no dataset of ours, or no class has enough boxes.
+        InputError: not an UrbanTwin dataset, or no class has enough boxes.
     """
     objects = LabelledObjects.in_folder(dataset)
     split = dataset / "ImageSets" / "train.txt"

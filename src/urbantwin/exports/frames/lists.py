@@ -1,7 +1,7 @@
-"""Boxes and poses as lists of text beside clouds, for formats that hold points alone.
+"""Boxes and poses as CSV lists beside clouds, for formats that hold points only.
 
-``boxes.csv`` is the list that `fidelity.readers.tables` reads: a row for each box; ``frames.csv``
-has for each frame its time, its part of the split, and where its points and its sensors are.
+``boxes.csv`` is the list read by `fidelity.readers.tables`, a row per box; ``frames.csv`` has time,
+part of the split, and the poses of points and sensors of each frame.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from urbantwin.geometry import Pose
 __all__ = ["BOX_COLUMNS", "FRAME_COLUMNS", "Lists"]
 
 BOX_COLUMNS = ("frame", *BOX_KEYS, "ignore")
-#: ``of`` is ``frame``, or the name of a sensor; the pose takes its points to the site.
+#: ``of`` is ``frame``, or the name of a sensor; the pose transforms its points to the site frame.
 FRAME_COLUMNS = ("frame", "time_s", "part", "of", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -33,8 +33,8 @@ class Lists:
 
     Args:
         source: the dataset.
-        folder: to write into.
-        in_site: boxes stand in the site's frame, as the points then do; else in the dataset's.
+        folder: folder to write into.
+        in_site: whether boxes and points are in the site's frame, otherwise in the dataset's.
     """
 
     def __init__(self, source: FrameSource, folder: Path, *, in_site: bool = False) -> None:
@@ -48,7 +48,7 @@ class Lists:
         self._frames.writerow(FRAME_COLUMNS)
 
     def add(self, frame: Frame) -> None:
-        """Write the rows of one frame."""
+        """Write the rows of a frame."""
         boxes = _in_site(frame) if self._in_site else frame.objects
         for row in box_rows(boxes):
             row |= {"frame": frame.name, "ignore": row["ignored"] is not None}
@@ -76,14 +76,14 @@ class Lists:
 
 
 def _text(value: Any) -> str:  # noqa: ANN401
-    """Return a value as it stands in a list: no number is rounded, nothing is known is empty."""
+    """Return a value as text for a list: numbers unrounded, unknown values empty."""
     if value is None:
         return ""
     return str(int(value)) if isinstance(value, bool) else str(value)
 
 
 def _in_site(frame: Frame) -> LabelledObjects:
-    """Return the boxes of a frame in the site; they keep standing upright there."""
+    """Return the boxes of a frame in the site frame, kept upright."""
     boxes = frame.objects
     middles, turned = site_boxes(frame)
     yaw = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])

@@ -1,4 +1,4 @@
-"""What a format cannot hold of a dataset, said before anything is written."""
+"""Losses of a dataset in an export format, reported before anything is written."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urbantwin.taxonomy import classes_in, semantic_classes
 
 __all__ = ["FIELDS", "losses_of"]
 
-#: What a dataset says, by the names that ``DatasetFormat.holds`` has for it: of what, and what.
+#: Fields of a dataset, as named in ``DatasetFormat.holds``: kind of data, and description.
 FIELDS: dict[str, tuple[str, str]] = {
     "intensity": ("points", "intensity"),
     "ring": ("points", "ring"),
@@ -38,15 +38,15 @@ FIELDS: dict[str, tuple[str, str]] = {
 
 
 def losses_of(source: FrameSource, format_name: str, holds: Collection[str]) -> list[str]:
-    """Return what is lost when a dataset is written in a format, a sentence each.
+    """Return the losses of a dataset in a format, a sentence each.
 
     Args:
         source: the dataset.
-        format_name: as ``--to`` has it, by which its classes are known.
-        holds: which of `FIELDS` it can hold.
+        format_name: name of the format, for its classes.
+        holds: the `FIELDS` that it can hold.
 
     Returns:
-        Nothing where nothing is lost.
+        Sentences; empty without losses.
     """
     held = set(holds)
     missing = [name for name in FIELDS if name not in held]
@@ -72,7 +72,7 @@ def losses_of(source: FrameSource, format_name: str, holds: Collection[str]) -> 
 def _of_classes(
     theirs: dict[str, str | None], ours: Collection[str], format_name: str, of: str
 ) -> list[str]:
-    """Return which classes become one, and which are left out; of none known, nothing is."""
+    """Return notes on merged and omitted classes; empty for formats with free class names."""
     if not theirs:
         return []
     merged: dict[str, list[str]] = defaultdict(list)

@@ -1,9 +1,9 @@
-"""LUMPI: a measurement of PLY clouds, ten a second, ``Label.csv``, and ``meta.json`` above.
+"""LUMPI: measurements of PLY clouds, ten per second, ``Label.csv``, and a common ``meta.json``.
 
-Source: Busch et al. 2022, and the readme and ``LumpiParser`` of the LUMPI SDK: clouds are taken in
+Source: Busch et al. 2022, and the readme and ``LumpiParser`` of the LUMPI SDK: clouds are read in
 the order of their names, and the labels of a cloud are those whose time, in tenths of a second, is
-its place in that order. So a measurement is frames that follow each other without a gap, and
-what comes after a gap is the next measurement. All is in the site frame.
+its index. So a measurement consists of frames without a gap, and a new one begins after a gap.
+Everything is in the site frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from urbantwin.taxonomy import classes_in
 
 __all__ = ["CLASSES", "losses_lumpi", "write_lumpi"]
 
-#: By their numbers, as the SDK's readme has them.
+#: Class names by number, from the SDK's readme.
 CLASSES = ("person", "car", "bicycle", "motorcycle", "bus", "truck", "unknown")
 #: The SDK leaves the first line, of names, and the last column, of shapes, out.
 COLUMNS = (
@@ -50,13 +50,13 @@ COLUMNS = (
     "shape",
 )
 _STEP_S, _JITTER_S = 0.1, 1e-3
-#: What marks a label that a person has seen to.
+#: Mark of labels checked by a person.
 _CORRECTED = 4
 _INTENSITY = 255
 
 
 def losses_lumpi(source: FrameSource) -> list[str]:
-    """Refuse what has not ten frames a second, and say what becomes coarser.
+    """Check the frame rate of ten per second, and return notes on lost precision.
 
     Raises:
         InputError: the dataset has another rate.
@@ -79,11 +79,11 @@ def write_lumpi(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     scenes = scenes_of(source, 1.5 * _STEP_S)
     place = {number: (k, scene.numbers[0]) for k, scene in enumerate(scenes)
@@ -122,14 +122,14 @@ def write_lumpi(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
 
 
 def _session(source: FrameSource, measurement: int, sensor: int) -> int:
-    """Return the number of what one sensor recorded of a measurement."""
+    """Return the number of a sensor's session in a measurement."""
     return 1 + measurement * len(source.sensors) + sensor
 
 
 def _columns(
     source: FrameSource, frame: Frame, measurement: int, start_s: float
 ) -> dict[str, NDArray[Any]]:
-    """Return what a cloud of LUMPI has of each point."""
+    """Return the columns of a LUMPI cloud."""
     names = frame.rays.dtype.names or ()
     none = np.zeros(len(frame.points))
     sensor = frame.rays["sensor"] if "sensor" in names else none.astype(np.uint8)

@@ -1,9 +1,9 @@
-"""MCAP: ROS 2 messages that Foxglove and ``ros2 bag play`` show, and every label as JSON.
+"""MCAP: ROS 2 messages for Foxglove and ``ros2 bag play``, and all labels as JSON.
 
-Source: the MCAP specification 0; ``sensor_msgs``, ``tf2_msgs`` and ``visualization_msgs`` of
-ROS 2 Humble. Topics: ``/points`` (PointCloud2 with every field of the points), ``/tf`` (site to the
-frame of the points, and to the sensors), ``/markers`` (boxes to look at) and ``/labels`` (JSON: all
-that a dataset says of boxes, and of the frame). Times are those of the motion, from 0.
+Source: the MCAP specification 0; ``sensor_msgs``, ``tf2_msgs`` and ``visualization_msgs`` of ROS 2
+Humble. Topics: ``/points`` (PointCloud2 with every field of the points), ``/tf`` (site to the frame
+of the points, and to the sensors), ``/markers`` (boxes for display) and ``/labels`` (JSON: all box
+columns of a dataset, and the frame's values). Times are those of the motion, from 0.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def write_mcap(source: FrameSource, file: Path, tell: Progress) -> list[str]:
         channels[LABELS_TOPIC] = writer.register_channel(
             LABELS_TOPIC, "json", writer.register_schema(LABELS, "jsonschema", schema)
         )
-        # A file has no `exported.json` beside it: whoever gets it is told where it comes from.
+        # The file is passed on without an `exported.json`, so it contains its origin.
         told = {
             "dataset_sha256": sha256_of(source.folder / "dataset.json"),
             "inputs": json.dumps(source.manifest["inputs"], ensure_ascii=False, sort_keys=True),
@@ -210,7 +210,7 @@ class _Made:
                         orientation=self._turn(Pose.from_ypr([0, 0, 0], yaw)),
                     ),
                     scale=self._vector(length, width, height),
-                    # Who does not count is hardly there.
+                    # Boxes that do not count are nearly transparent.
                     color=self._of(
                         "std_msgs/msg/ColorRGBA",
                         r=red,

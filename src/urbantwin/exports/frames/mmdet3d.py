@@ -1,9 +1,9 @@
-"""A custom dataset of MMDetection3D 1.4, ready to train: infos, objects to paste, a config.
+"""Custom dataset of MMDetection3D 1.4, ready to train: infos, object database, config.
 
 Sources: MMDetection3D 1.4, ``docs/en/advanced_guides/customize_dataset.md``, ``Det3DDataset``
 (``metainfo``, ``data_list``, ``instances``), ``create_gt_database.py`` and ``DataBaseSampler``.
-Boxes in the infos have the middle of the box, and the class that comes with them
-(``urbantwin_dataset.py``) says so; those of the objects to paste have the middle of the floor, as
+Boxes in the infos refer to the box centre, as declared in the accompanying class
+(``urbantwin_dataset.py``); those in the object database refer to the centre of the floor, as
 MMDetection3D keeps boxes in memory.
 """
 
@@ -29,16 +29,16 @@ __all__ = ["losses_mmdet3d", "write_mmdet3d"]
 
 #: Module of the class that reads the dataset, beside its config.
 MODULE = "urbantwin_dataset"
-#: The models that there are configs for; a config's file is named so. CenterPoint tells velocities,
-#: too, which objects that are pasted in do not have: nothing is pasted for it.
+#: Models with configs; also the names of the config files. CenterPoint also predicts velocities,
+#: which pasted objects lack, so nothing is pasted for it.
 CONFIGS = ("pointpillars", "centerpoint")
 
 
 def dataset_module(class_names: Sequence[str]) -> str:
-    """Return the module that reads the dataset: what the tutorial on custom datasets asks for.
+    """Return the Python module that reads the dataset, as in the tutorial on custom datasets.
 
     Args:
-        class_names: of the infos, in the order of their numbers.
+        class_names: class names of the infos, in order of their numbers.
     """
     return text_file("exports/frames/configs/mmdet3d_dataset.py.j2", names=class_names)
 
@@ -47,7 +47,7 @@ def mmdet3d_config(learned: LearnedClasses, name: str) -> str:
     """Return a config, as Python.
 
     Args:
-        learned: the classes, and where they are.
+        learned: the classes and their range.
         name: one of `CONFIGS`.
     """
     west, south, _, east, north, _ = learned.range_m
@@ -67,7 +67,7 @@ _FEATURES = 4
 
 
 def losses_mmdet3d(source: FrameSource) -> list[str]:
-    """Return what is lost besides what the format cannot hold."""
+    """Return notes on losses of this format."""
     return left_out(source, f"of the class {_UNKNOWN}, which MMDetection3D leaves out")
 
 
@@ -76,11 +76,11 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     for name in ("points", "labels"):
         (folder / name).mkdir()
@@ -129,7 +129,7 @@ def _entry(frame: Frame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dic
 
 
 def _pasted(database: ObjectDatabase) -> dict[str, list[dict[str, Any]]]:
-    """Return the table of objects with the keys that ``create_gt_database.py`` has besides."""
+    """Return the table of objects with the additional keys of ``create_gt_database.py``."""
     return {
         name: [
             one | {"image_idx": Path(one["path"]).name.split("_")[0], "difficulty": 0}

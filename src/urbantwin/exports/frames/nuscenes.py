@@ -1,6 +1,6 @@
 """nuScenes: its tables, and the clouds of ``LIDAR_TOP``; every frame is a key frame.
 
-The thirteen tables, and those of classes and objects of points: ``lidarseg`` and ``panoptic``.
+Writes the thirteen tables, and those of point labels: ``lidarseg`` and ``panoptic``.
 
 Source: Caesar et al. 2020, and the schema and code of nuscenes-devkit 1.2.0. Points are in the
 frame of the LiDAR with x to the right and y forward; boxes and ego poses are in the site, which is
@@ -39,7 +39,7 @@ _MOST_OBJECTS = 999
 
 
 def unnumbered_objects(source: FrameSource) -> int:
-    """Return how many objects with points a category has no numbers for in their scenes."""
+    """Return the number of objects with points beyond the panoptic numbers of their category."""
     theirs = classes_in("nuscenes")
     beyond = 0
     for scene in scenes_of(source):
@@ -57,7 +57,7 @@ def unnumbered_objects(source: FrameSource) -> int:
 
 
 class LabelledPoints:
-    """Labels of points, frame by frame; objects are numbered as they come, the rest have 0."""
+    """Point labels, frame by frame; objects are numbered in order of appearance, others are 0."""
 
     def __init__(self) -> None:
         self._numbers: dict[tuple[str, int], dict[int, int]] = defaultdict(dict)
@@ -72,14 +72,14 @@ class LabelledPoints:
     def write(self, frame: Frame, scene: str, lidarseg: Path, panoptic: Path) -> None:
         """Write the labels of a frame.
 
-        A point of an actor has the category of its box, which says more: a trailer's points are
-        a truck's among our classes of points.
+        A point of an actor has the category of its box, which is more specific: points of a trailer
+        have the semantic class of a truck.
 
         Args:
             frame: the frame.
-            scene: in which objects keep their numbers.
-            lidarseg: the file for the categories.
-            panoptic: the file for categories and objects.
+            scene: scene within which objects keep their numbers.
+            lidarseg: file of the categories.
+            panoptic: file of categories and objects.
         """
         category = self._of_semantic[frame.semantic]
         number = np.zeros(len(category), np.uint16)
@@ -107,15 +107,15 @@ def _write_array(path: Path, values: NDArray[np.uint16]) -> None:
     np.savez_compressed(path, data=values)
 
 
-#: The folder of the tables: what tools for training ask for.
+#: Folder of the tables, as training tools expect it.
 VERSION = "v1.0-trainval"
-#: nuScenes has intensity as 0..255, in whole numbers there.
+#: Scale of nuScenes' intensity, 0..255 in integers.
 INTENSITY = 255
-#: Parts of the split as ``splits.json`` calls them: the devkit's own names mean its own scenes.
+#: Names of the parts in ``splits.json``; the devkit's own names mean its own scenes.
 CUSTOM_SPLIT = "urbantwin_{}"
 _MASK_PIXELS = 1000
-#: Classes of the detection task and how far away their objects count, metres
-#: (``detection_cvpr_2019.json``); the classes of categories (``category_to_detection_name``).
+#: Classes of the detection task, with the range within which objects count, metres
+#: (``detection_cvpr_2019.json``); and the class of each category (``category_to_detection_name``).
 _RANGES_M = {
     **dict.fromkeys(("car", "truck", "bus", "trailer", "construction_vehicle"), 50.0),
     **dict.fromkeys(("pedestrian", "motorcycle", "bicycle"), 40.0),
@@ -137,12 +137,12 @@ _DETECTED = {
     "vehicle.trailer": "trailer",
     "vehicle.truck": "truck",
 }
-#: What labels points, and the ending of its files.
+#: Point label tasks, with the suffix of their files.
 _OF_POINTS = {"lidarseg": "bin", "panoptic": "npz"}
 
 
 def losses_nuscenes(source: FrameSource) -> list[str]:
-    """Return what becomes coarser."""
+    """Return notes on lost precision."""
     told = ["of boxes: occlusion becomes one of nuScenes' four levels of visibility"]
     if len(scenes_of(source)) > 1:
         told.append("of boxes: a track is followed within a scene, as in nuScenes, not across two")
@@ -157,11 +157,11 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     (folder / "samples" / CHANNEL).mkdir(parents=True)
     (folder / "maps").mkdir()
@@ -205,7 +205,7 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
 
 
 def _detected_classes(frame: Frame) -> set[str]:
-    """Return the classes of the detection task that have an object in range in a frame."""
+    """Return the classes of the detection task with an object in range in a frame."""
     boxes = frame.objects
     categories = classes_in("nuscenes")
     sensor = next(iter(frame.site_SE3_sensors.values())).translation
@@ -220,7 +220,7 @@ def _detected_classes(frame: Frame) -> set[str]:
 
 
 def _ceiling(found: set[str]) -> list[str]:
-    """Return what the detection task's mean over its classes can reach with these alone."""
+    """Return a note on the largest mean AP that is possible with the present classes."""
     if len(found) == len(_RANGES_M):
         return []
     return [

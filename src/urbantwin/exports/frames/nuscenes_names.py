@@ -1,4 +1,4 @@
-"""What nuScenes calls scenes, attributes and levels of visibility."""
+"""nuScenes' names of scenes, categories, attributes and visibility levels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = [
     "visibility_of",
 ]
 
-#: In the order of their indices in nuScenes-lidarseg; boxes have the first 24 but ``noise``.
+#: In the order of their indices in nuScenes-lidarseg; boxes have the first 24 except ``noise``.
 CATEGORIES = (
     "noise",
     "animal",
@@ -60,14 +60,14 @@ ATTRIBUTES = (
     "pedestrian.standing",
     "pedestrian.moving",
 )
-#: Share of an object that is to be seen, per cent, by the token that the table has.
+#: Visible fraction of an object, percent, by the token in the table.
 VISIBILITIES = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _BOUNDS = (0.4, 0.6, 0.8)
-#: Slower than this, metres per second, somebody stands.
+#: Speed below which an object counts as stopped, metres per second.
 _STANDS_MPS = 0.2
 
-#: Numbers of scenes that the devkit itself counts to each part (``nuscenes/utils/splits.py``):
-#: tools that know no other splits then train and validate by ours.
+#: Scene numbers of each part in the devkit (``nuscenes/utils/splits.py``), so that tools without
+#: other splits use ours.
 _NUMBERS = {
     "train": ((41, 76), (224, 264), (347, 386), (410, 459), (639, 679)),
     "val": ((92, 110), (552, 565), (904, 917), (919, 931), (1059, 1073)),
@@ -76,10 +76,10 @@ _NUMBERS = {
 
 
 def scene_names(parts: Sequence[str | None]) -> list[str]:
-    """Return the names of scenes of parts of the split, in their order.
+    """Return names for scenes, given their parts of the split.
 
-    Those of ``train``, ``val`` and ``test`` have names that the devkit counts to these parts as
-    long as it has some; all others have names that are in none of its parts.
+    Scenes of ``train``, ``val`` and ``test`` get names of these parts in the devkit while
+    available; all others get names that are in none of its parts.
     """
     known = {
         part: (f"scene-{number:04d}" for first, last in spans for number in range(first, last + 1))
@@ -90,13 +90,13 @@ def scene_names(parts: Sequence[str | None]) -> list[str]:
 
 
 def visibility_of(occlusion: float) -> str:
-    """Return the token of a level of visibility; who cannot be seen at all has the lowest."""
+    """Return the token of a visibility level; invisible objects get the lowest."""
     seen = 0.0 if math.isnan(occlusion) else 1 - occlusion
     return str(1 + sum(seen > bound for bound in _BOUNDS))
 
 
 def attribute_of(category: str, speed_mps: float, parked: bool) -> str | None:
-    """Return the one attribute of an object; ``None`` for categories that have none."""
+    """Return the single attribute of an object; ``None`` for categories without one."""
     moves = speed_mps > _STANDS_MPS
     if category in ("vehicle.bicycle", "vehicle.motorcycle"):
         return "cycle.without_rider" if parked else "cycle.with_rider"

@@ -30,9 +30,9 @@ from urbantwin.taxonomy import classes_in
 __all__ = ["CHANNEL", "STREAMED", "TablesOfFrames", "open_table"]
 
 CHANNEL = "LIDAR_TOP"
-#: Tables with a row for each frame, or for each box of it, written as they come.
+#: Tables with rows per frame or box, written as frames are processed.
 STREAMED = ("sample", "sample_data", "ego_pose", "sample_annotation", "lidarseg", "panoptic")
-#: What takes points with x to the right and y forward to those with x forward and y left.
+#: Rotation from a frame with x right and y forward to one with x forward and y left.
 _FRAME_SE3_LIDAR = Pose(np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]), np.zeros(3))
 
 Row = dict[str, Any]
@@ -40,15 +40,15 @@ AddRow = Callable[[Row], None]
 
 
 class TablesOfFrames:
-    """The rows of the tables.
+    """Rows of the nuScenes tables.
 
     Args:
         source: the dataset.
-        salt: what the tokens of one dataset have that those of another have not.
-        scenes: by their names, in the order of time.
+        salt: text that makes the tokens unique to the dataset.
+        scenes: the scenes by name, in order of time.
 
     Attributes:
-        rows: what adds a row to each of ``STREAMED``.
+        rows: function that adds a row, for each of ``STREAMED``.
     """
 
     def __init__(self, source: FrameSource, salt: str, scenes: dict[str, Scene]) -> None:
@@ -72,16 +72,16 @@ class TablesOfFrames:
                     key = self._scene_of[number], track
                     self._seen.setdefault(key, []).append(number)
                     self._class.setdefault(key, kind)
-        #: How many frames of each instance are written.
+        #: Number of written frames of each instance.
         self._written: Counter[tuple[str, int]] = Counter()
 
     @property
     def map_file(self) -> str:
-        """Where the mask of the map is."""
+        """Path of the map's mask."""
         return f"maps/{self._token('map')}.png"
 
     def scene_of(self, number: int) -> str:
-        """Return the name of the scene that a frame is in."""
+        """Return the name of a frame's scene."""
         return self._scene_of[number]
 
     def sweep(self, frame: Frame) -> str:
@@ -93,7 +93,7 @@ class TablesOfFrames:
 
         Args:
             frame: the frame.
-            files: its cloud, and its labels of points, by ``sample_data``, ``lidarseg`` and
+            files: paths of its cloud and point labels, by ``sample_data``, ``lidarseg`` and
                 ``panoptic``.
         """
         number, name = frame.number, frame.name
@@ -175,7 +175,7 @@ class TablesOfFrames:
             )
 
     def small_tables(self) -> dict[str, list[Row]]:
-        """Return the tables that are as large as the dataset is varied, after the last frame."""
+        """Return the tables that do not grow per frame, after the last frame."""
         log = self._token("log")
         return {
             "category": [
@@ -242,11 +242,11 @@ class TablesOfFrames:
         }
 
     def _channels(self) -> list[str]:
-        """Channels of the rig's own sensors: they have a place, and no clouds of their own."""
+        """Channels of the rig's sensors, which have poses but no clouds of their own."""
         return [f"LIDAR_{one['name']}" for one in self._source.sensors]
 
     def _ego(self, frame: Frame) -> Pose:
-        """Return the pose of the rig: upright, where the points' frame is, or the first sensor."""
+        """Return the pose of the rig: upright, at the points' frame, or at the first sensor."""
         if self._source.manifest["frame"] == "site":
             return dataset_frame("level", frame.site_SE3_sensors[self._source.sensors[0]["name"]])
         return dataset_frame("level", frame.site_SE3_dataset)
@@ -257,7 +257,7 @@ class TablesOfFrames:
             self._calibration(channel, pose)
 
     def _calibration(self, channel: str, ego_SE3_lidar: Pose) -> str:
-        """Return the token of a sensor's place on the rig, the same for the same to 1 nm."""
+        """Return the token of a sensor's pose on the rig; poses equal to 1 nm share one."""
         placed = _placed(ego_SE3_lidar, 9)
         token = self._token("calibrated_sensor", channel, json.dumps(placed))
         self._calibrated.setdefault(
@@ -275,7 +275,7 @@ class TablesOfFrames:
         return self._token("sample", self._source.names[number])
 
     def _instance(self, key: tuple[str, int]) -> str:
-        """Return the token of a track in a scene: its last 8 digits are the track's number."""
+        """Return the token of a track in a scene; its last 8 digits are the track's number."""
         return f"{self._token('instance', *map(str, key))[:24]}{key[1] & 0xFFFFFFFF:08x}"
 
     def _annotation(self, key: tuple[str, int], number: int | None) -> str:
@@ -284,7 +284,7 @@ class TablesOfFrames:
         )
 
     def _token(self, *of: str | None) -> str:
-        """Return 32 digits, the same for the same; nothing for what is not there."""
+        """Return a token of 32 digits derived from the arguments; empty if one of them is None."""
         if None in of:
             return ""
         text = "\0".join([self._salt, *(str(one) for one in of)])
@@ -300,7 +300,7 @@ def _placed(pose: Pose, places: int = 16) -> Row:
 
 @contextmanager
 def open_table(path: Path) -> Iterator[AddRow]:
-    """Yield what adds a row to a table: a list in JSON, a row on a line."""
+    """Yield a function that adds a row to a table: a JSON list with one row per line."""
     with path.open("w", encoding="utf-8", newline="\n") as file:
         separators = iter(["[\n"])
 

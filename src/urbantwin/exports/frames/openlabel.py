@@ -1,8 +1,8 @@
-"""ASAM OpenLABEL beside clouds, laid out as TUMTraf: ``point_clouds``, ``labels_point_clouds``.
+"""ASAM OpenLABEL beside clouds, in TUMTraf's layout: ``point_clouds``, ``labels_point_clouds``.
 
-Source: ASAM OpenLABEL 1.0.0 (7.13.1: a cuboid is its middle, a quaternion x, y, z, w and its size
-along its own axes), and the layout, the names of classes and of attributes of the TUM Traffic
-dataset's dev-kit. Cuboids are in the frame of the points.
+Source: ASAM OpenLABEL 1.0.0 (7.13.1: a cuboid is its centre, a quaternion x, y, z, w and its size
+along its own axes), and the layout and names of the TUM Traffic dataset's dev-kit. Cuboids are in
+the points' frame.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ __all__ = ["write_openlabel"]
 
 CLOUDS, LABELS, SPLIT = "point_clouds", "labels_point_clouds", "data_split"
 SITE = "site"
-#: Up to this share of it hidden, an object is called so, as TUMTraf's annotators do by eye; the
-#: borders are those of our levels of difficulty.
+#: Occlusion levels with their largest hidden fraction; TUMTraf's annotators judge by eye, and the
+#: limits are those of our difficulty levels.
 _OCCLUSION = ((0.2, "NOT_OCCLUDED"), (0.6, "PARTIALLY_OCCLUDED"), (1.0, "MOSTLY_OCCLUDED"))
 
 
 def write_openlabel(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
-    """Write a PCD and a file of labels for every frame, and lists of the split.
+    """Write a PCD and a label file per frame, and lists of the split.
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     sensors = [str(one["name"]) for one in source.sensors]
     cloud = sensors[0] if len(sensors) == 1 else _free("fused", sensors)
@@ -79,8 +79,8 @@ def _document(frame: Frame, cloud: str, sensors: list[str]) -> dict[str, Any]:
     site = _free(SITE, [cloud, *sensors])
     here = {one: frame.site_SE3_sensors[one] for one in sensors}
     if cloud not in here or not _same(here[cloud], frame.site_SE3_dataset):
-        # The points' frame is not the sensor's own: it stands upright, is several sensors', or
-        # the sensor moved on since the frame's time.
+        # The points' frame differs from the sensor's: it is upright, shared by several sensors, or
+        # the sensor has moved since the frame's time.
         points = _free("points", [site, *sensors]) if cloud in here else cloud
         here[points] = frame.site_SE3_dataset
     else:
@@ -133,7 +133,7 @@ def _transform(pose: Pose) -> dict[str, Any]:
 
 
 def _object_data(boxes: LabelledObjects, system: str) -> list[dict[str, Any]]:
-    """Return the cuboid of each box, with all that is known of it as its attributes."""
+    """Return the cuboid of each box, with its attributes."""
     found = []
     for row, (x, y, z, length, width, height, yaw) in enumerate(boxes.box.tolist()):
         cuboid = {

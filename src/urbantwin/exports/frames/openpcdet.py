@@ -1,9 +1,9 @@
-"""OpenPCDet's custom dataset, ready to train: what its own ``create_custom_infos`` makes, made.
+"""OpenPCDet's custom dataset, ready to train, including the output of ``create_custom_infos``.
 
 Sources: OpenPCDet, ``docs/CUSTOM_DATASET_TUTORIAL.md`` and
 ``pcdet/datasets/custom/custom_dataset.py`` (``get_infos``, ``create_groundtruth_database``). Two
-things differ from what that file would make: a frame without boxes has none (it fails at an empty
-text), and names have room for KITTI's, which its evaluation writes over them.
+differences from its output: frames without boxes are supported (it fails for an empty file), and
+names have room for KITTI's, which its evaluation writes over them.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from urbantwin.taxonomy import classes_in
 __all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
 
 
-#: OpenPCDet leaves out boxes of this name where it trains, and judges none by them.
+#: Class of boxes that OpenPCDet ignores in training and evaluation.
 DONT_CARE = "DontCare"
-#: The models that there are configs for; a config's file is named so.
+#: Models with configs; also the names of the config files.
 CONFIGS = ("pointpillar", "centerpoint")
 
 
@@ -42,8 +42,8 @@ def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "poin
     """Return a config as YAML.
 
     Args:
-        learned: the classes, and where they are.
-        data_path: of the dataset, as OpenPCDet's programs find it.
+        learned: the classes and their range.
+        data_path: path of the dataset for OpenPCDet's programs.
         model: one of `CONFIGS`.
     """
     in_kitti = {
@@ -61,12 +61,12 @@ def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "poin
 
 
 def _evaluated_as(name: str) -> str:
-    """Return what KITTI calls a class among those that its evaluation knows."""
+    """Return KITTI's name of a class, among those supported by its evaluation."""
     called = classes_in("kitti").get(name)
     return DONT_CARE if called in (None, "Misc") else "Truck" if called == "Tram" else str(called)
 
 
-#: Where OpenPCDet's own configs look, from its folder ``tools``.
+#: Data path in OpenPCDet's own configs, relative to its folder ``tools``.
 _DATA_PATH = "../data/custom"
 _COMMAND = """# In OpenPCDet's folder tools, with this folder at FOLDER:
 # python train.py --cfg_file FOLDER/{}.yaml --set DATA_CONFIG.DATA_PATH FOLDER
@@ -75,7 +75,7 @@ _FEATURES = 4
 
 
 def losses_openpcdet(source: FrameSource) -> list[str]:
-    """Return what is lost besides what the format cannot hold."""
+    """Return notes on losses of this format."""
     return left_out(source, f"{DONT_CARE}, which OpenPCDet neither learns nor judges by")
 
 
@@ -84,11 +84,11 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     for name in ("points", "labels"):
         (folder / name).mkdir()
@@ -119,17 +119,17 @@ def _config_to_train(learned: LearnedClasses, model: str) -> str:
 
 
 def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
-    """Write a config to train PointPillars on a dataset as it is, with OpenPCDet.
+    """Write a config to train PointPillars on an unchanged dataset with OpenPCDet.
 
     Args:
-        dataset: one of ours.
-        file: to write.
+        dataset: folder of an UrbanTwin dataset.
+        file: file to write.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
 
     Raises:
-        InputError: it is no dataset of ours, or no class has enough boxes.
+        InputError: not an UrbanTwin dataset, or no class has enough boxes.
     """
     check_file(file, kind="openpcdet", inputs=[dataset])
     learned = learned_classes(dataset)

@@ -1,12 +1,12 @@
-"""OPV2V as OpenCOOD reads it: a folder for each agent, a yaml beside each cloud.
+"""OPV2V as read by OpenCOOD: a folder per agent, with a yaml file beside each cloud.
 
-Every sensor that stands is an agent, and a vehicle with its sensors; of a fleet, every node.
+Every static sensor is an agent, and so is a vehicle with its sensors; of a fleet, every node.
 
 Source: Xu et al. 2022, OpenCDA's data dumper, and OpenCOOD's ``basedataset``, ``x_to_world``,
-``project_world_objects`` and ``pcd_to_np``. Its frames are CARLA's: left-handed, y turned round,
-poses x, y, z, roll, yaw, pitch in metres and degrees. Roadside units have negative numbers. An
-agent knows the vehicles that its own LiDAR sees: with OpenCOOD there is no other mark for
-those that nobody can learn from. Its intensity is the red of a colour.
+``project_world_objects`` and ``pcd_to_np``. Frames are CARLA's: left-handed, y inverted, poses x,
+y, z, roll, yaw, pitch in metres and degrees. Roadside units have negative numbers. An agent lists
+the vehicles that its own LiDAR sees, since OpenCOOD has no other mark for objects that cannot be
+learned. Its intensity is the red channel of a colour.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from urbantwin.taxonomy import classes_in
 
 __all__ = ["losses_opv2v", "write_opv2v", "write_opv2v_fleet", "write_opv2v_parts"]
 
-#: Folders of the parts of the split; frames of no part are where OpenCOOD does not look.
+#: Folders of the parts of the split; OpenCOOD ignores the folder of frames without a part.
 _PARTS = {"train": "train", "val": "validate", "test": "test", None: "unused"}
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 #: Classes of which OpenCOOD makes no vehicles: under a name of ours, which it does not read.
@@ -46,15 +46,15 @@ _KMH = 3.6
 
 @dataclass(frozen=True)
 class _Agent:
-    """A roadside unit of one sensor, or a vehicle that carries them all.
+    """A roadside unit with one sensor, or a vehicle with all its sensors.
 
     Attributes:
-        number: its folder: negative for roadside units.
-        source: the dataset that its points are in.
-        sensors: numbers of its sensors in the rig of that.
-        moving: whether it drives.
-        node: its name in a fleet; empty: it is of none.
-        fleet: that it is a node of.
+        number: number of its folder; negative for roadside units.
+        source: dataset with its points.
+        sensors: indices of its sensors in that dataset's rig.
+        moving: whether it is a vehicle.
+        node: name of its node in a fleet; empty without one.
+        fleet: its fleet.
     """
 
     number: int
@@ -66,7 +66,7 @@ class _Agent:
 
     @property
     def name(self) -> str:
-        """What it or its sensors are called."""
+        """Name of the agent or of its sensors."""
         if self.node:
             return self.node
         return " + ".join(str(self.source.sensors[one]["name"]) for one in self.sensors)
@@ -74,12 +74,12 @@ class _Agent:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A scenario: frames that follow each other, and the agents that are there in all of them.
+    """A scenario: consecutive frames, and the agents present in all of them.
 
     Attributes:
-        part: of the split; ``None``: of none.
-        times_s: of its frames, by their names.
-        agents: who is there.
+        part: part of the split; ``None`` without one.
+        times_s: times of its frames by name, seconds.
+        agents: its agents.
     """
 
     part: str | None
@@ -88,7 +88,7 @@ class _Scene:
 
 
 def _agents(sources: Sequence[FrameSource]) -> list[_Agent]:
-    """Return the agents of one dataset, or of one for each sensor."""
+    """Return the agents of a dataset, or of one dataset per sensor."""
     first = sources[0]
     rig = first.manifest["rig"]
     if rig.get("ride") is not None:
@@ -112,7 +112,7 @@ def _agents(sources: Sequence[FrameSource]) -> list[_Agent]:
 
 
 def losses_opv2v(source: FrameSource) -> list[str]:
-    """Return what is left out: who is not seen; and what OpenCOOD itself does not read."""
+    """Return notes on omitted boxes without points, and on classes that OpenCOOD does not read."""
     theirs = classes_in("opv2v")
     unseen = people = 0
     for name in source.names:
@@ -141,25 +141,25 @@ def write_opv2v(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
 
     Args:
         source: the dataset; each of its sensors is an agent.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     return write_opv2v_parts([source], folder, tell)
 
 
 def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progress) -> list[str]:
-    """Write the same of a dataset for each sensor.
+    """Write the same for one dataset per sensor.
 
     Args:
         sources: the datasets, of the same frames.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Raises:
-        InputError: they have not the same frames, or ride.
+        InputError: the frames differ, or the datasets are of one vehicle.
     """
     agents = _agents(sources)
     first = sources[0]
@@ -171,16 +171,17 @@ def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progre
 
 
 def write_opv2v_fleet(fleet: Fleet, folder: Path, tell: Progress) -> list[str]:
-    """Write the same of a fleet: each node is an agent, also one of several sensors.
+    """Write the same for a fleet: each node is an agent, even with several sensors.
 
-    A scenario has the agents that are there in all of its frames: it ends where one comes or goes.
-    Frames are written whether or not they were lost on the air, at their true times. The pose that
-    a node reports is ``predicted_ego_pos``; points are placed by the true one, as in OPV2V.
+    A scenario has the agents that are present in all of its frames: it ends when the set of present
+    nodes changes. Frames are written even if they were lost in transmission, at their true times.
+    The reported pose of a node is ``predicted_ego_pos``; points are placed by the true pose, as in
+    OPV2V.
 
     Args:
         fleet: the fleet.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
     """
     agents: dict[str, _Agent] = {}
     for told in fleet.manifest["nodes"]:
@@ -199,7 +200,7 @@ def write_opv2v_fleet(fleet: Fleet, folder: Path, tell: Progress) -> list[str]:
 
 
 def _scenes_of_fleet(fleet: Fleet, agents: Mapping[str, _Agent]) -> list[_Scene]:
-    """Return frames that follow each other, of one part of the split, with the same agents."""
+    """Return groups of consecutive frames with the same part of the split and the same agents."""
     scenes: list[_Scene] = []
     before_s = -np.inf
     for name, time_s in zip(fleet.names, fleet.times_s.tolist(), strict=True):
@@ -216,7 +217,7 @@ def _scenes_of_fleet(fleet: Fleet, agents: Mapping[str, _Agent]) -> list[_Scene]
 def _write_scenes(
     folder: Path, scenes: Sequence[_Scene], rate_hz: float, tell: Progress
 ) -> list[str]:
-    """Write scenarios, each agent's frames into its folder; return who the agents are."""
+    """Write scenarios with each agent's frames in its folder; return notes on the agents."""
     every: dict[int, str] = {}
     frames: list[tuple[Path, _Scene, str]] = []
     for k, scene in enumerate(scenes):
@@ -245,7 +246,7 @@ def _write_scenes(
                 read[source.folder] = source[source.names.index(name)]
             seen |= _write_agent(scenario, agent, read[source.folder])
         for agent in scene.agents:
-            # An agent learns of what any of them sees.
+            # Objects seen by any agent are training targets.
             _add_reach(reach, read[agent.source.folder], agent, seen)
     notes = [f"agents: {', '.join(f'{number} {name}' for number, name in every.items())}"]
     if np.isfinite(reach.low).all():
@@ -294,7 +295,7 @@ def _write_agent(scenario: Path, agent: _Agent, frame: Frame) -> set[int]:
 
 
 def _pose_of(frame: Frame, agent: _Agent) -> Pose:
-    """Return the pose of an agent's cloud: upright, at its first sensor, ahead as that looks."""
+    """Return the pose of an agent's cloud: upright, at its first sensor, with its heading."""
     name = agent.source.sensors[agent.sensors[0]]["name"]
     return dataset_frame("level", frame.site_SE3_sensors[name])
 
@@ -306,7 +307,7 @@ def _points_of(frame: Frame, agent: _Agent) -> NDArray[np.bool_]:
 
 
 def _speed(frame: Frame, agent: _Agent) -> float:
-    """Return how fast an agent drives, km/h, by where it is in the frames beside this one."""
+    """Return an agent's speed, km/h, from its positions in the adjacent frames."""
     source = agent.source
     if not agent.moving or len(source) < 2:
         return 0.0
@@ -317,7 +318,7 @@ def _speed(frame: Frame, agent: _Agent) -> float:
 
 
 def _write_cloud(path: Path, frame: Frame, mine: NDArray[np.bool_], site_SE3_agent: Pose) -> None:
-    """Write points with a grey as bright as the intensity, and the intensity itself."""
+    """Write points with a grey value of the intensity, and the intensity itself."""
     agent_SE3_frame = site_SE3_agent.inverse() @ frame.site_SE3_dataset
     points = (agent_SE3_frame.apply(frame.xyz[mine]) * _MIRROR).astype(np.float32)
     intensity = frame.intensity[mine].astype(np.float32)
@@ -348,7 +349,7 @@ def _told(
 
 
 def _objects(frame: Frame) -> Iterator[tuple[int, str, dict[str, Any]]]:
-    """Yield track, class and description of every box that has a class there."""
+    """Yield track, class and description of every box with a class in OPV2V."""
     boxes = frame.objects
     theirs = classes_in("opv2v")
     middles, rotations = site_boxes(frame)
@@ -376,8 +377,8 @@ def _objects(frame: Frame) -> Iterator[tuple[int, str, dict[str, Any]]]:
 def _carla_pose(pose: Pose) -> list[float]:
     """Return x, y, z, roll, yaw, pitch in CARLA's frame, metres and degrees.
 
-    With F the mirror of y, a pose's rotation R (x forward, y left) is F R F there, and OpenCOOD's
-    ``x_to_world`` makes that of the angles.
+    With F the mirror of y, a pose's rotation R (x forward, y left) is F R F in CARLA; OpenCOOD's
+    ``x_to_world`` computes the same from the angles.
     """
     turned = pose.rotation * _MIRROR * _MIRROR[:, None]
     yaw = np.arctan2(turned[1, 0], turned[0, 0])

@@ -1,7 +1,7 @@
-"""Parquet: a row for each frame, its points and their labels as lists, its boxes as structs.
+"""Parquet: a row per frame, with points and their labels as lists, and boxes as structs.
 
-``pyarrow.dataset``, DuckDB, polars and Hugging Face's ``datasets`` read it without code of ours. A
-row group has few frames, so that who streams reads no more than it needs.
+``pyarrow.dataset``, DuckDB, polars and Hugging Face's ``datasets`` can read it directly. A row
+group has few frames, so that streaming reads no more than needed.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _FRAME = (
 _SCHEMA = pa.schema(
     [*_FRAME, *((name, pa.list_(pa.from_numpy_dtype(kind))) for name, kind in COLUMNS.items())]
 )
-#: As `frame_columns` writes a frame alone.
+#: Same options as for single frames in `frame_columns`.
 _WRITTEN: dict[str, Any] = {
     **PARQUET,
     "compression_level": LEVEL,
@@ -74,11 +74,11 @@ _WRITTEN: dict[str, Any] = {
 
 
 def write_parquet(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
-    """Write ``PART-NNNNNN.parquet``, in which every frame is a row.
+    """Write ``PART-NNNNNN.parquet``, with a row per frame.
 
     Columns: ``dataset``, ``frame``, ``time_s``, ``part``, ``site_SE3_frame`` and those of sensors
-    (4x4, row by row), ``boxes`` (see docs/reference/labels.md), and a list for each value of a
-    point; of a campaign one more for each axis.
+    (4x4, row by row), ``boxes`` (see docs/reference/labels.md), a list for each value of a point,
+    and for a campaign one per axis.
     """
     write_in_order(source, folder, "parquet", tell, dataset=source.folder.resolve().name)
     return []
@@ -100,7 +100,7 @@ class _Shard:
 
     def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
         """Add a row."""
-        # Points have a `sensor`, too: that of the level is `sensor_name`.
+        # The column `sensor` is that of points; the level is `sensor_name`.
         levels = {f"{axis}_name" if axis in COLUMNS else axis: one for axis, one in levels.items()}
         if self._writer is None:
             kinds = {axis: _whole if isinstance(x, int) else _text for axis, x in levels.items()}

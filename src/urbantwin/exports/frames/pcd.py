@@ -1,7 +1,7 @@
-"""PCD: a file for each frame, with every field of its points; boxes and poses in lists beside.
+"""PCD: a file per frame with all fields of its points; boxes and poses in lists beside it.
 
 Source: the Point Cloud Library's file format 0.7. ``VIEWPOINT`` is the first sensor's pose in the
-frame of the points (x, y, z, then the quaternion w, x, y, z).
+points' frame (x, y, z, then the quaternion w, x, y, z).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
 
 
 def point_record(frame: Frame) -> NDArray[np.void]:
-    """Return all that is known of each point (N,) under the names that a dataset has for it."""
+    """Return all fields of points (N,) under their names in a dataset."""
     rays = frame.rays
     kinds = [(name, "<f4") for name in POINT]
     kinds += [(name, rays.dtype[name].newbyteorder("<").str) for name in rays.dtype.names or ()]

@@ -1,8 +1,8 @@
-"""Pickles that every NumPy reads: of numbers, texts, lists, mappings and arrays.
+"""Pickles readable by every NumPy: numbers, texts, lists, mappings and arrays.
 
-NumPy 2 writes arrays as calls of a module that NumPy 1 lacks, and OpenPCDet and MMDetection3D are
-run with NumPy 1. Here an array is a call of ``numpy.ndarray`` with its shape, type and bytes, which
-both know, and which may be written to. The same content gives the same bytes.
+NumPy 2 pickles arrays with a module that NumPy 1 lacks, and OpenPCDet and MMDetection3D run on
+NumPy 1. Here an array is pickled as a call of ``numpy.ndarray`` with shape, type and bytes, which
+both support, and which gives a writable array. The same content gives the same bytes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class _Plain(pickle.Pickler):
         if isinstance(obj, np.ndarray) and not obj.dtype.hasobject:
             return np.ndarray, (obj.shape, obj.dtype.str, bytearray(obj.tobytes()))
         if isinstance(obj, np.generic):
-            raise TypeError(f"{obj!r} is NumPy's")  # what is one number is Python's own here
+            raise TypeError(f"{obj!r} is NumPy's")  # scalars must be Python's own
         return NotImplemented
 
 
@@ -34,10 +34,10 @@ def write_plain_pickle(path: Path, content: object) -> None:
 
     Args:
         path: the file.
-        content: lists, mappings, numbers and texts of Python, and arrays.
+        content: Python lists, mappings, numbers and texts, and arrays.
     """
     stream = BytesIO()
     pickler = _Plain(stream, _PROTOCOL)
-    pickler.fast = True  # without it, bytes depend on which equal texts are one object
+    pickler.fast = True  # otherwise bytes depend on object identity
     pickler.dump(content)
     path.write_bytes(stream.getvalue())

@@ -1,4 +1,4 @@
-"""Points as files of other programs: PCD 0.7 and PLY, binary, a value of each field per point."""
+"""Point files of other programs: PCD 0.7 and PLY, binary, a value of each field per point."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PLY_TYPES = {
 
 
 def record_of(columns: Mapping[str, NDArray[np.generic]]) -> NDArray[np.void]:
-    """Return points (N,) of columns (N,) by name, in their order, each in its own type."""
+    """Return a record array (N,) of columns (N,) by name, in their order and types."""
     kinds = [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]
     record = np.empty(len(next(iter(columns.values()))), np.dtype(kinds))
     for name, values in columns.items():
@@ -37,7 +37,7 @@ def write_pcd_file(path: Path, points: NDArray[np.void], viewpoint: str = "0 0 0
 
     Args:
         path: the file.
-        points: (N,) packed, little-endian; a field of the record is one of the file.
+        points: (N,) packed, little-endian; fields of the record become fields of the file.
         viewpoint: x, y, z, then the quaternion w, x, y, z.
     """
     names = points.dtype.names or ()
@@ -63,7 +63,7 @@ def write_ply_file(path: Path, points: NDArray[np.void]) -> None:
 
     Args:
         path: the file.
-        points: (N,) packed, little-endian; a field of the record is a property.
+        points: (N,) packed, little-endian; fields of the record become properties.
     """
     names = points.dtype.names or ()
     lines = [f"property {_PLY_TYPES[points.dtype[name].str[1:]]} {name}\n" for name in names]

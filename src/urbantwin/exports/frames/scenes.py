@@ -1,4 +1,4 @@
-"""Frames that follow each other, cut where the split or the time has a gap."""
+"""Scenes: consecutive frames, split at gaps in time and at changes of the split's part."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from urbantwin.exports.frames.source import FrameSource
 
 __all__ = ["LONGEST_GAP_S", "Scene", "scenes_of"]
 
-#: A scene ends where the next frame is later than this: what nuScenes' devkit bridges when it
-#: derives a velocity (``NuScenes.box_velocity``).
+#: Largest time between frames of a scene, seconds: the limit of nuScenes' devkit for velocities
+#: (``NuScenes.box_velocity``).
 LONGEST_GAP_S = 1.5
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Frames that follow each other and are of one part of the split.
+    """Consecutive frames in one part of the split.
 
     Attributes:
-        part: ``train``, ``val``, ``test``; ``None``: of no part, a gap between two.
-        numbers: of its frames in the dataset.
+        part: ``train``, ``val``, ``test``; ``None`` for a gap between parts.
+        numbers: numbers of its frames in the dataset.
     """
 
     part: str | None
@@ -27,11 +27,11 @@ class Scene:
 
 
 def scenes_of(source: FrameSource, longest_gap_s: float = LONGEST_GAP_S) -> list[Scene]:
-    """Return the scenes of a dataset in the order of time; every frame is in one.
+    """Return the scenes of a dataset in order of time; every frame is in one.
 
     Args:
         source: the dataset.
-        longest_gap_s: a scene ends where the next frame is later than this.
+        longest_gap_s: largest time between frames of a scene, seconds.
     """
     parts = [source.part_of(name) for name in source.names]
     times = source.times_s

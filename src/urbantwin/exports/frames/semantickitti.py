@@ -1,10 +1,10 @@
 """SemanticKITTI: ``sequences/NN`` with ``velodyne``, ``labels``, ``poses.txt`` and ``calib.txt``.
 
 Source: Behley et al. 2019, and semantic-kitti-api (``README.md``, ``generate_sequential.py``). A
-sequence is a scene: frames that follow each other in one part of the split (`scenes`), as its tools
-join frames with those before them; frames are numbered from 0 in each. ``semantic-kitti.yaml`` is
-the API's configuration for this dataset: which sequences train, validate and test, and which share
-of the points each class has.
+sequence is a scene: consecutive frames in one part of the split (`scenes`), since its tools join
+frames with previous ones; frames are numbered from 0 in each. ``semantic-kitti.yaml`` is the API's
+configuration for this dataset: sequences of training, validation and test, and the fraction of
+points of each class.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from urbantwin.taxonomy import MOVING, classes_in, kitti_labels, semantic_classe
 
 __all__ = ["MOVING_M_S", "write_semantickitti"]
 
-#: Who is faster than this over the ground moves, metres per second.
+#: Ground speed above which an actor counts as moving, metres per second.
 MOVING_M_S = 0.25
 #: The API's names of the parts.
 _PARTS = {"train": "train", "val": "valid", "test": "test"}
@@ -38,11 +38,11 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
 
     Args:
         source: the dataset.
-        folder: to write into.
-        tell: told how far it is.
+        folder: folder to write into.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
     """
     theirs, moving = _numbers()
     counts = np.zeros(_LABELS, np.int64)
@@ -79,7 +79,7 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
 
 
 def _numbers() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return their number of each of ours, standing and moving; (65536,) each."""
+    """Return SemanticKITTI's number of each of our labels, for static and moving; (65536,) each."""
     labels, called = kitti_labels(), classes_in("semantickitti", "point")
     standing, moving = np.zeros(_LABELS, np.int64), np.zeros(_LABELS, np.int64)
     for one in semantic_classes().values():
@@ -91,7 +91,7 @@ def _numbers() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _moves(frame: Frame) -> NDArray[np.bool_]:
-    """Return which points (N,) are of somebody who moves."""
+    """Return which points (N,) are on a moving actor."""
     speed = np.hypot(frame.objects.velocity[:, 0], frame.objects.velocity[:, 1])
     moving = np.zeros(_LABELS, bool)
     moving[frame.objects.track[speed > MOVING_M_S] % _LABELS] = True
@@ -112,7 +112,7 @@ def _calibration(camera: Pose) -> str:
 def _configuration(counts: NDArray[np.int64], split: dict[str, list[int]]) -> str:
     labels = kitti_labels().values()
     learned = {one.learned: one.id for one in reversed(labels) if one.learned}
-    # Buses and trams are learned as what theirs are told as: other vehicles.
+    # Buses and trams are learned as other vehicles.
     learned |= {one.learned: one.id for one in labels if one.name == "other-vehicle"}
     inverse = {0: 0} | dict(sorted(learned.items()))
     all_points = max(1, int(counts.sum()))

@@ -1,9 +1,9 @@
-"""Many datasets as one stream of shards: frames of all of them, drawn among each other.
+"""Many datasets as one stream of shards, with their frames shuffled together.
 
-Who trains at scale reads shards one after the other, and shuffles no more than some hundred frames
-in memory: frames of a shard must be of many recordings beforehand. Datasets are dealt out to groups
-by the seed, and the frames of a group are shuffled; a shard holds frames of one group. With
-`GROUP` datasets or fewer every frame can be in any shard.
+Training at scale reads shards sequentially and shuffles only some hundred frames in memory, so a
+shard must already mix frames of many recordings. Datasets are randomly assigned to groups, and the
+frames of a group are shuffled; a shard holds frames of one group. With `GROUP` datasets or fewer,
+every frame can be in any shard.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ __all__ = [
     "write_in_order",
 ]
 
-#: Formats that datasets are written to as shards, and the module of the writer of each.
+#: Formats of shards, with the module of their writer.
 FORMATS = {"webdataset": "webdataset", "parquet": "parquet"}
-#: So many datasets are open at once, whose frames are in the same shards.
+#: Number of datasets open at once, whose frames share shards.
 GROUP = 64
-#: Shards of frames that are in no part of the split.
+#: Name of the shards of frames without a part of the split.
 NO_PART = "rest"
 KIND = "exported"
-#: A shard of a single dataset is closed when it has become so large: that streams well.
+#: Size at which a shard of a single dataset is closed, bytes: suitable for streaming.
 _ALONE_BYTES = 250_000_000
 
 
 @dataclass(frozen=True)
 class ShardSource:
-    """A dataset that goes into shards.
+    """A dataset written into shards.
 
     Attributes:
-        folder: of the dataset.
-        name: that tells its frames from those of others.
-        levels: of the axes of a campaign, which each of its frames tells.
-        part: of the split that all of it is in; ``None``: as its own lists say.
+        folder: folder of the dataset.
+        name: name that identifies its frames.
+        levels: levels of the axes of a campaign, stored with each of its frames.
+        part: part of the split of the whole dataset; ``None`` for its own lists.
     """
 
     folder: Path
@@ -66,7 +66,7 @@ class ShardWriter(Protocol):
 
     @property
     def size(self) -> int:
-        """Bytes so far, or near enough."""
+        """Approximate number of bytes so far."""
         ...
 
     def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
@@ -88,19 +88,19 @@ def export_shards(
     inputs: Sequence[Path] = (),
     progress: Progress = untold,
 ) -> dict[str, Any]:
-    """Write datasets as shards, ``PART-GGGG-NNNNN``; the same as there is stays.
+    """Write datasets as shards, ``PART-GGGG-NNNNN``; an equal existing export is kept.
 
     Args:
         sources: the datasets.
         to: one of `FORMATS`.
         out: the folder to write.
-        size: of a shard, bytes; it ends with the frame that passes it.
-        seed: of the order of the frames.
-        inputs: what ``out`` must not touch.
-        progress: told how far it is.
+        size: size of a shard, bytes; it ends with the frame that exceeds it.
+        seed: random seed of the order of frames.
+        inputs: files and folders that ``out`` must not overlap.
+        progress: called with the fraction done and a description.
 
     Returns:
-        What ``exported.json`` holds.
+        Content of ``exported.json``.
 
     Raises:
         InputError: a dataset is damaged, or ``out`` cannot be used.
@@ -136,7 +136,7 @@ def export_shards(
 def _written(
     sources: Sequence[ShardSource], to: str, folder: Path, size: float, seed: int
 ) -> Iterator[tuple[int, float, dict[str, Any]]]:
-    """Write all shards; yield how many frames more there are, the share done, what they are of."""
+    """Write all shards; yield the number of new frames, the fraction done, and their inputs."""
     draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5EED]))
     order = draw.permutation(len(sources)).tolist()
     groups = -(-len(sources) // GROUP)
@@ -169,14 +169,14 @@ def _written(
 def write_in_order(
     source: FrameSource, folder: Path, to: str, tell: Progress, *, dataset: str = ""
 ) -> None:
-    """Write a single dataset as shards ``PART-NNNNNN``, its frames in the order of time.
+    """Write a single dataset as shards ``PART-NNNNNN``, with frames in order of time.
 
     Args:
         source: the dataset.
-        folder: to write into.
+        folder: folder to write into.
         to: one of `FORMATS`.
-        tell: told how far it is.
-        dataset: what each frame calls it, if anything.
+        tell: called with the fraction done and a description.
+        dataset: name of the dataset stored with each frame, if any.
     """
     parts: dict[str, list[int]] = {}
     for number, name in enumerate(source.names):
@@ -191,7 +191,7 @@ def write_in_order(
 
 
 class _Shards:
-    """Shards of one name, each as large as it may be."""
+    """Shards with a common name, split by size."""
 
     def __init__(self, folder: Path, stem: str, to: str, size: float, *, digits: int = 5) -> None:
         self._stem, self._size, self._digits = folder / stem, size, digits

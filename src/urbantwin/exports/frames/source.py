@@ -36,12 +36,12 @@ class FrameSource(Dataset):
 
     @cached_property
     def sensors(self) -> tuple[Mapping[str, Any], ...]:
-        """The sensors as the manifest has them, in the order of ``rays["sensor"]``."""
+        """The sensors' entries in the manifest, in the order of ``rays["sensor"]``."""
         return tuple(self.manifest["rig"]["sensors"])
 
     @property
     def site(self) -> SiteFrame:
-        """The site's frame of reference: where on the Earth its origin is."""
+        """The site's frame of reference, with its origin on the Earth."""
         anchor = self.manifest["anchor"]
         return SiteFrame(float(anchor["latitude"]), float(anchor["longitude"]))
 
@@ -51,7 +51,7 @@ class FrameSource(Dataset):
         return float(self.manifest["rig"]["rate_hz"])
 
     def part_of(self, name: str) -> str | None:
-        """Return the part of the split that a frame is in; ``None`` for a frame of none."""
+        """Return a frame's part of the split; ``None`` without one."""
         return self._part_of_frame.get(name)
 
     @cached_property
@@ -60,7 +60,7 @@ class FrameSource(Dataset):
 
     @cached_property
     def labelled_classes(self) -> tuple[str, ...]:
-        """The classes that have a box."""
+        """Classes with a box."""
         counts = self.manifest["counts"]["boxes"]
         return tuple(name for name, count in counts.items() if count)
 
@@ -69,7 +69,7 @@ class FrameSource(Dataset):
         """The labelled boxes.
 
         Raises:
-            InputError: an actor has a class that there is not, or two boxes in a frame.
+            InputError: an actor has an unknown class, or two boxes in a frame.
         """
         found = super().objects
         unknown = next((one for one in found.class_name if one not in BOX_SEMANTICS), None)

@@ -1,8 +1,8 @@
-"""A camera that stands where the first sensor stands: formats of cameras ask for one.
+"""A virtual camera at the first sensor, for formats that require a camera.
 
-It looks along x of the frame of the points and is level with it. Its image and its lens are those
-of KITTI's left colour camera (Geiger et al. 2013, "Vision meets Robotics"; calibration of frame
-000000 of the object benchmark).
+It looks along x of the points' frame and is level with it. Image size and lens are those of KITTI's
+left colour camera (Geiger et al. 2013, "Vision meets Robotics"; calibration of frame 000000 of the
+object benchmark).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ __all__ = ["IMAGE", "PROJECTION", "camera_SE3_frame", "rectangle"]
 
 #: Width and height of the image, pixels.
 IMAGE = (1242, 375)
-#: (3, 4): the rectified camera's frame (x right, y down, z forward) to pixels.
+#: (3, 4): projection from the rectified camera's frame (x right, y down, z forward) to pixels.
 PROJECTION = np.array(
     [[721.5377, 0, 609.5593, 0], [0, 721.5377, 172.854, 0], [0, 0, 1, 0]], np.float64
 )
 #: x forward, y left, z up -> x right, y down, z forward.
 _TURN = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], np.float64)
-#: What is nearer to the camera's plane is not seen, metres.
+#: Near plane of the camera, metres.
 _NEAREST_M = 0.1
-#: A rectangle with a side below this is not seen, pixels: a label has hundredths.
+#: Smallest visible side of a rectangle, pixels; labels have two decimals.
 _LEAST_PIXELS = 0.01
 #: Corners of ``box_corners`` that an edge joins.
 _EDGES = np.array([[k, (k + 1) % 4] for k in range(4)] + [[k, k + 4] for k in range(4)]
@@ -34,17 +34,16 @@ _EDGES = np.array([[k, (k + 1) % 4] for k in range(4)] + [[k, k + 4] for k in ra
 
 
 def camera_SE3_frame(source: FrameSource, frame: Frame) -> Pose:  # noqa: N802
-    """Return the pose that takes points of a frame to the camera's."""
+    """Return the transform from a frame's points to the camera."""
     first = source.sensors[0]["name"]
     at = frame.site_SE3_dataset.inverse().apply(frame.site_SE3_sensors[first].translation[None])[0]
     return Pose(_TURN, -_TURN @ at + 0.0)
 
 
 def rectangle(box: NDArray[np.float64], camera_SE3_lidar: Pose) -> tuple[float, ...] | None:
-    """Return left, top, right and bottom of a box (7,) in the image, cut at its borders, pixels.
+    """Return left, top, right, bottom of a box (7,) in the image, clipped to its borders, pixels.
 
-    ``None`` where the image has nothing of it. What is behind the camera is cut off before the rest
-    is projected.
+    ``None`` if no part is in the image. Parts behind the near plane are cut off before projection.
     """
     corners = camera_SE3_lidar.apply(box_corners(box))
     depth = corners[:, 2]

@@ -1,4 +1,4 @@
-"""A dataset written in another format, whole or not at all."""
+"""Export of a dataset to another format, atomically."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["export_dataset"]
 
-#: Kind of the folder that is written: a later export may take its place.
+#: Kind of the written folder; a later export may replace it.
 KIND = "exported"
 
 
@@ -41,17 +41,17 @@ def export_dataset(
     """Write a dataset in another format.
 
     Args:
-        dataset: its folder.
+        dataset: folder of the dataset.
         to: one of `DATASET_FORMATS`.
-        out: the folder or file to write; by default one named after the dataset, here.
-        progress: told how far it is.
-        tell: told what the format cannot hold, a sentence each, before anything is written.
+        out: folder or file to write; if not given, named after the dataset, in the current folder.
+        progress: called with the fraction done and a description.
+        tell: called with each loss of the format, a sentence, before anything is written.
 
     Returns:
-        What was written, and what a person should be told of it, losses first.
+        The written path, and notes for the user, losses first.
 
     Raises:
-        InputError: there is no such format, the dataset is damaged, or ``out`` cannot be used.
+        InputError: the format is unknown, the dataset is damaged, or ``out`` cannot be used.
     """
     if to not in DATASET_FORMATS:
         names = ", ".join(DATASET_FORMATS)
@@ -92,7 +92,7 @@ def export_dataset(
 
 
 def _check_format(folder: Path, to: str) -> None:
-    """Refuse a folder with a dataset in another format.
+    """Check that a folder holds no export in another format.
 
     Raises:
         InputError: it holds one.
@@ -106,10 +106,10 @@ def _check_format(folder: Path, to: str) -> None:
 
 
 def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:
-    """Return a dataset, or those of a folder with one for each sensor, where a format takes them.
+    """Return a dataset, or those of each sensor if the format supports several.
 
     Raises:
-        InputError: it is none, or the format takes one alone.
+        InputError: not a dataset, or the format supports a single one only.
     """
     parts = parts_of(dataset)
     if len(parts) > 1 and wanted.write_parts is not None:
@@ -118,7 +118,7 @@ def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:
 
 
 def _nodes(fleet: Fleet, wanted: DatasetFormat) -> list[FrameSource]:
-    """Return the datasets of a fleet's nodes, where a format takes fleets.
+    """Return the datasets of a fleet's nodes, if the format supports fleets.
 
     Raises:
         InputError: it does not.
@@ -136,7 +136,7 @@ def _nodes(fleet: Fleet, wanted: DatasetFormat) -> list[FrameSource]:
 def _losses_of_all(
     sources: Sequence[FrameSource], fleet: Fleet | None, wanted: DatasetFormat
 ) -> list[str]:
-    """Return what is lost of any dataset; of a fleet with the node where it is not of all."""
+    """Return the losses of all datasets, with the node's name for those of some nodes only."""
     lost = [_losses(source, wanted) for source in sources]
     if fleet is None:
         return list(dict.fromkeys(one for own in lost for one in own))

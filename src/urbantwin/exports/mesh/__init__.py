@@ -1,4 +1,4 @@
-"""Named objects of triangles, written as other programs read them."""
+"""Named mesh objects in the formats of other programs."""
 
 from urbantwin.exports.mesh.fbx import check_fbx, write_fbx
 from urbantwin.exports.mesh.gltf import write_glb

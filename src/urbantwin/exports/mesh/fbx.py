@@ -1,4 +1,4 @@
-"""FBX, written by Assimp, whose library comes with the wheel ``cmeel-assimp``."""
+"""FBX export by Assimp, whose library is in the wheel ``cmeel-assimp``."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ __all__ = ["check_fbx", "write_fbx"]
 
 #: FBX's unit is the centimetre.
 _CM_PER_M = 100.0
-#: What the file says of its axes (``FbxAxisSystem``): z is up, x goes right, -y comes to the
-#: viewer. Assimp writes Maya's, y up, unless the scene that it converts came from an FBX.
+#: Axes in the file (``FbxAxisSystem``): z up, x right, -y towards the viewer. Assimp writes Maya's,
+#: y up, unless the converted scene came from an FBX.
 _AXES = {"UpAxis": 2, "FrontAxis": 1, "FrontAxisSign": -1, "OriginalUpAxis": 2}
 #: When it was made; Assimp writes the time of day.
 _DATE = {"Year": 1970, "Month": 1, "Day": 1, "Hour": 0, "Minute": 0, "Second": 0}
-#: ``aiProcess_JoinIdenticalVertices``: corners of one place become one vertex in the file.
+#: ``aiProcess_JoinIdenticalVertices``: coincident corners become one vertex in the file.
 _JOIN_IDENTICAL_VERTICES = 0x2
 
 
 def check_fbx() -> None:
-    """Refuse to write FBX where Assimp is missing, before any work.
+    """Check that Assimp is available, before any work.
 
     Raises:
         InputError: Assimp is not installed or does not load.
@@ -44,21 +44,21 @@ def check_fbx() -> None:
 
 
 def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look]) -> None:
-    """Write binary FBX 7.5: one mesh per object, named as it; x east, y north, z up, centimetres.
+    """Write binary FBX 7.5: one mesh per object with its name; x east, y north, z up, centimetres.
 
-    Unreal mirrors y as it imports (``FbxMainImport.cpp``, ``ConvertPos``), so the mesh comes out
-    in CARLA's frame. Nodes have no transform; the objects' extras are their properties.
-    Every triangle has its own normal, and texture coordinates in metres seen from the nearest
-    side. The same objects give the same bytes.
+    Unreal mirrors y on import (``FbxMainImport.cpp``, ``ConvertPos``), which gives CARLA's frame.
+    Nodes have no transform; the objects' extras are their properties. Every triangle has its own
+    normal, and texture coordinates in metres, projected along the dominant axis. The same objects
+    give the same bytes.
 
     Args:
-        objects: what to write, two or more: of one alone, Assimp makes the scene itself.
+        objects: objects to write, at least two: Assimp merges a single one with the scene.
         path: the file.
-        looks: how the objects' materials look, by name.
+        looks: appearance of the objects' materials, by name.
 
     Raises:
         InputError: Assimp is not installed.
-        StageError: it failed.
+        StageError: Assimp failed.
     """
     with passing_folder("urbantwin-fbx") as scratch:
         source, made = scratch / "scene.glb", scratch / "scene.fbx"
@@ -74,7 +74,7 @@ def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Loo
 
 
 def _by_corner(one: MeshObject) -> MeshObject:
-    """Return an object with the corners of its triangles apart, as its glTF stores an FBX's."""
+    """Return an object with separate corners per triangle, in the axes that become FBX's."""
     corners = one.vertices[one.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     side = np.argmax(np.abs(normal), axis=1)
@@ -93,7 +93,7 @@ def _by_corner(one: MeshObject) -> MeshObject:
 
 
 def _untouched(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (N, 3) that glTF's ``y_up`` turns into those given."""
+    """Return points (N, 3) that glTF's ``y_up`` maps to the given ones."""
     return np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
 
 
@@ -113,7 +113,7 @@ def _convert(source: Path, made: Path) -> None:
 
 @cache
 def _assimp() -> ctypes.CDLL:
-    """Load the library from its wheel, which keeps it beside the package ``cmeel``."""
+    """Load the library from its wheel, beside the package ``cmeel``."""
     if sys.platform == "win32":
         raise InputError("FBX is not written on Windows", place="--to", expected="another format")
     check_extra("fbx", "writing FBX", modules=("cmeel",))
@@ -122,7 +122,7 @@ def _assimp() -> ctypes.CDLL:
     assert found.origin is not None
     prefix = Path(found.origin).parent.parent / "cmeel.prefix"
     try:
-        for compression in sorted(prefix.glob("lib*/libz.so.1")):  # no path leads it there
+        for compression in sorted(prefix.glob("lib*/libz.so.1")):  # not on the search path
             ctypes.CDLL(str(compression), ctypes.RTLD_GLOBAL)
         ending = "dylib" if sys.platform == "darwin" else "so"
         library = ctypes.CDLL(str(prefix / "lib" / f"libassimp.{ending}"))
@@ -144,7 +144,7 @@ def _assimp() -> ctypes.CDLL:
 
 
 def _text(text: str) -> bytes:
-    """Return a text as FBX stores it: its length, then itself."""
+    """Return a text in FBX's format: length, then bytes."""
     return struct.pack("<I", len(text)) + text.encode()
 
 

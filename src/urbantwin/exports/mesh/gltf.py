@@ -26,13 +26,13 @@ def write_glb(
     looks: Mapping[str, Look],
     extras: Mapping[str, object] | None = None,
 ) -> None:
-    """Write binary glTF: a node per object, named as it; x east, y up, z south, metres.
+    """Write binary glTF: a node per object with its name; x east, y up, z south, metres.
 
     Args:
-        objects: what to write.
+        objects: objects to write.
         path: the file.
-        looks: how the objects' materials look, by name.
-        extras: of the scene.
+        looks: appearance of the objects' materials, by name.
+        extras: extras of the scene.
     """
     names = sorted({name for one in objects for name in one.materials})
     body = bytearray()

@@ -1,4 +1,4 @@
-"""An object of triangles with materials, and how a material looks."""
+"""Mesh objects with materials, and the appearance of materials."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ __all__ = ["Look", "MeshObject"]
 
 @dataclass(frozen=True, eq=False)
 class MeshObject:
-    """One mesh with a name.
+    """A named mesh.
 
     Attributes:
-        name: what other programs show.
+        name: name shown by other programs.
         vertices: (V, 3) site frame, metres.
         faces: (F, 3) indices, counter-clockwise seen from outside.
         material: (F,) index into ``materials``.
         materials: names of the materials of its faces.
-        extras: what else is known of it; JSON values.
-        normals: (V, 3) of the vertices, for formats that ask for them.
-        uv: (V, 2) texture coordinates, v upwards, likewise.
+        extras: further properties, JSON-compatible.
+        normals: (V, 3) vertex normals, for formats that need them.
+        uv: (V, 2) texture coordinates, v upwards, for formats that need them.
     """
 
     name: str
@@ -38,12 +38,12 @@ class MeshObject:
 
 @dataclass(frozen=True)
 class Look:
-    """How a material looks.
+    """Appearance of a material.
 
     Attributes:
         colour: linear RGB, 0..1.
-        alpha: share of light that it stops.
-        extras: what else is known of it; JSON values.
+        alpha: opacity, 0..1.
+        extras: further properties, JSON-compatible.
     """
 
     colour: tuple[float, float, float]

@@ -27,10 +27,10 @@ def write_obj(
     """Write OBJ: an ``o`` per object (blanks in names become ``_``); x east, y up, z south.
 
     Args:
-        objects: what to write.
-        path: the file; its materials go to a ``.mtl`` of the same name beside it.
-        looks: how the objects' materials look, by name.
-        comments: lines for the beginning.
+        objects: objects to write.
+        path: the file; materials are written to a ``.mtl`` of the same name.
+        looks: appearance of the objects' materials, by name.
+        comments: comment lines at the beginning.
     """
     library = path.with_suffix(".mtl")
     names = sorted({name for one in objects for name in one.materials})

@@ -1,4 +1,4 @@
-"""A twin's static world as other programs' scenes."""
+"""Export of a twin's static world to scene formats."""
 
 from urbantwin.exports.scene.write import SCENE_FORMATS, write_scene
 

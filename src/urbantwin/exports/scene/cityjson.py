@@ -24,7 +24,7 @@ from urbantwin.twin import Twin
 __all__ = ["flat_faces", "write_cityjson"]
 
 
-#: Neighbours whose normals differ by more than this lie in different planes, radians.
+#: Adjacent faces whose normals differ by more than this are in different planes, radians.
 _ANGLE = np.radians(0.5)
 
 
@@ -33,8 +33,8 @@ class Face:
     """A polygon.
 
     Attributes:
-        rings: indices of vertices, the outside first, counter-clockwise seen from the front.
-        first: a triangle of it.
+        rings: indices of vertices; the outer ring first, counter-clockwise seen from the front.
+        first: index of one of its triangles.
     """
 
     rings: list[list[int]]
@@ -44,20 +44,20 @@ class Face:
 def flat_faces(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], label: NDArray[np.int64]
 ) -> list[Face]:
-    """Join triangles of the same label over the edges where they lie in one plane.
+    """Merge adjacent coplanar triangles with the same label into polygons.
 
-    What does not bound an area once (it touches itself in a corner) stays triangles.
+    Groups with a border that touches itself in a corner remain triangles.
 
     Args:
         vertices: (V, 3).
-        faces: (F, 3), without triangles of no area.
-        label: (F,); triangles of different labels are not joined.
+        faces: (F, 3), without degenerate triangles.
+        label: (F,); triangles with different labels are not merged.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     normal = cross / np.linalg.norm(cross, axis=1, keepdims=True)
     group = _groups(faces, normal, label, len(vertices))
-    # Edges that no neighbour of the same group has in the other direction bound the group.
+    # Edges without an opposite edge in the same group form the group's border.
     start = faces.ravel()
     end = np.roll(faces, -1, axis=1).ravel()
     owner = np.repeat(group, 3)
@@ -92,7 +92,7 @@ def _groups(
     code = low * count + high
     order = np.argsort(code, kind="stable")
     same = code[order][1:] == code[order][:-1]
-    # Only edges that exactly two triangles share join them.
+    # Only edges shared by exactly two triangles connect them.
     alone = ~np.concatenate([[False], same[:-1]]) & ~np.concatenate([same[1:], [False]])
     pairs = same & alone
     one, other = order[:-1][pairs] // 3, order[1:][pairs] // 3
@@ -105,7 +105,7 @@ def _groups(
 
 
 def _rings(start: list[int], end: list[int]) -> list[list[int]] | None:
-    """Return closed rings of edges, ``None`` where a vertex has more than one way on."""
+    """Return closed rings of edges; ``None`` if a vertex has several outgoing edges."""
     following = dict(zip(start, end, strict=True))
     if len(following) < len(start):
         return None
@@ -128,7 +128,7 @@ def _rings(start: list[int], end: list[int]) -> list[list[int]] | None:
 def _ordered(
     rings: list[list[int]], vertices: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> list[list[int]] | None:
-    """Put the outside first; ``None`` where there is not exactly one."""
+    """Return the rings with the outer one first; ``None`` without exactly one outer ring."""
     areas = []
     for ring in rings:
         points = vertices[ring] - vertices[ring[0]]
@@ -147,13 +147,12 @@ _SCALE = 0.001
 def write_cityjson(twin: Twin, path: Path) -> list[str]:
     """Write every building as a ``MultiSurface``.
 
-    Triangles that lie in one plane are one surface. Its type follows from its normal: roof,
-    wall, ground or outer ceiling; panes of glass in walls are windows, wood in them doors.
-    Coordinates are in the UTM zone of WGS 84 at the site; heights are the DEM's, or without one
-    metres above the anchor's ground.
+    Coplanar triangles form one surface. Its type follows from its normal: roof, wall, ground or
+    outer ceiling; glass in walls is a window, wood in walls a door. Coordinates are in the UTM zone
+    of WGS 84 at the site; heights are the DEM's, or without a DEM metres above the anchor's ground.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
 
     Raises:
         InputError: the twin has no building.
@@ -192,7 +191,7 @@ def write_cityjson(twin: Twin, path: Path) -> list[str]:
 
 
 def _buildings(mesh: LabelledMesh) -> LabelledMesh:
-    """Return the triangles of all parts that are buildings and of some area."""
+    """Return the non-degenerate triangles of all parts that are buildings."""
     own = np.unique(mesh.part[mesh.semantic == semantic_id("building")])
     own = own[own >= FIRST_OBJECT]
     return mesh.select(np.isin(mesh.part, own) & (mesh.areas() > 1e-6))
@@ -257,7 +256,7 @@ def _objects(
 
 
 def mesh_rows(mesh: LabelledMesh, kept: NDArray[np.bool_]) -> LabelledMesh:
-    """Return a mesh with some of its faces and all of its vertices."""
+    """Return a mesh with selected faces and all vertices."""
     return LabelledMesh(
         mesh.vertices, mesh.faces[kept], mesh.semantic[kept], mesh.material[kept], mesh.part[kept]
     )

@@ -1,4 +1,4 @@
-"""The georeference of a scene, for formats that have no coordinate system of their own."""
+"""Georeference of a scene, for formats without a coordinate system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["georeference", "utm_code"]
 
 
 def georeference(twin: Twin) -> dict[str, Any]:
-    """Return the site frame as JSON values: its anchor, its PROJ string and what z is."""
+    """Return the site frame as JSON values: anchor, PROJ string and reference of z."""
     return {
         "latitude": twin.frame.latitude,
         "longitude": twin.frame.longitude,

@@ -7,7 +7,7 @@ from urbantwin.taxonomy import Material, SemanticClass, materials, semantic_clas
 
 __all__ = ["look_of", "material_label"]
 
-#: Colours of materials as they look in daylight, linear RGB.
+#: Colours of materials in daylight, linear RGB.
 _COLOURS = {
     "asphalt": (0.10, 0.10, 0.11),
     "asphalt-dark": (0.05, 0.05, 0.055),
@@ -49,17 +49,17 @@ _COLOURS = {
     "skin": (0.55, 0.35, 0.26),
 }
 _GREY = (0.5, 0.5, 0.5)
-#: What shows through glass is left to see.
+#: Opacity of glass.
 _GLASS_ALPHA = 0.5
 
 
 def material_label(semantic: SemanticClass, material: Material) -> str:
-    """Return ``building/brick``: the name of a material that keeps the class of its triangles."""
+    """Return ``building/brick``: a material name that includes the semantic class."""
     return f"{semantic.name}/{material.name}"
 
 
 def look_of(semantic: int, material: int) -> tuple[str, Look]:
-    """Return the name and the look of the triangles of a class and a material.
+    """Return name and appearance for triangles of a class and a material.
 
     The extras are the class, its number, the material and its reflectivities.
 

@@ -15,12 +15,12 @@ from urbantwin.extras import check_extra
 
 __all__ = ["check_usd", "write_usd"]
 
-#: Of Pixar's library, an optional extra.
+#: Modules of Pixar's library, an optional extra.
 _MODULES = ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "Vt")
 
 
 def check_usd() -> None:
-    """Refuse to write USD where it is not installed, before any work.
+    """Check that USD is installed, before any work.
 
     Raises:
         InputError: USD is not installed.
@@ -34,14 +34,14 @@ def write_usd(
     looks: Mapping[str, Look],
     extras: Mapping[str, object],
 ) -> None:
-    """Write a stage: ``/World/NAME`` a mesh per object, a subset of its faces per material.
+    """Write a stage: a mesh ``/World/NAME`` per object, with a face subset per material.
 
-    Display names keep the objects' names; classes and what else is known are custom data.
+    Display names are the objects' names; classes and extras are custom data.
 
     Args:
-        objects: what to write, site frame.
+        objects: objects to write, site frame.
         path: the file: ``.usda`` is text, ``.usd`` and ``.usdc`` are binary.
-        looks: how the objects' materials look, by name.
+        looks: appearance of the objects' materials, by name.
         extras: custom data of the stage.
 
     Raises:
@@ -95,7 +95,7 @@ def write_usd(
 
 
 def _token(name: str) -> str:
-    """Return a name as USD takes it: letters, digits and underscores."""
+    """Return a valid USD name: letters, digits and underscores."""
     token = re.sub(r"\W", "_", name, flags=re.ASCII)
     return token if re.match(r"[A-Za-z_]", token) else f"_{token}"
 

@@ -34,7 +34,7 @@ __all__ = ["SCENE_FORMATS", "write_scene"]
 
 #: Parts of the ground by their names.
 _GROUND = {"carriageway": "road", "footway": "sidewalk", "paved": "paved ground"}
-#: What an object of a class is called.
+#: Names of objects, by class.
 _NOUNS = {
     "building": "building",
     "fence": "fence",
@@ -47,19 +47,19 @@ _NOUNS = {
     "terrain": "ground",
     "water": "water",
 }
-#: What the paint on the road is called.
+#: Name of the road paint.
 PAINT = "lane paint"
-#: A part that has any of these is called after it, whatever else it has.
+#: A part with any of these classes is named after it.
 _TELLING = ("building", "trunk", "pole")
 
 
 def named_objects(
     mesh: LabelledMesh, paint: LabelledMesh
 ) -> tuple[list[MeshObject], dict[str, Look]]:
-    """Return the world as one object per part, in the order of their numbers, and their looks.
+    """Return the world as one object per part, in order of part numbers, and their looks.
 
-    Objects carry their class, its number and their ``part`` of ``scene.npz`` as extras. The paint
-    on the road is an object of its own, without a part.
+    Objects have their class, its number and their ``part`` in ``scene.npz`` as extras. Road paint
+    is a separate object without a part.
 
     Args:
         mesh: the static world, site frame.
@@ -90,10 +90,10 @@ def named_objects(
 
 
 def kind_of_part(part: int, semantic: NDArray[np.uint16]) -> tuple[str, str]:
-    """Return what an object is called, and its class.
+    """Return the name of an object, and its class.
 
     Args:
-        part: its number.
+        part: part number.
         semantic: (F,) classes of its triangles.
     """
     names = {one.id: one.name for one in semantic_classes().values()}
@@ -135,7 +135,7 @@ def _object(
 def write_ply(mesh: LabelledMesh, path: Path, comments: Mapping[str, object]) -> None:
     """Write a PLY whose faces carry colour, class, material and part; vertices are double.
 
-    Comments name the classes and the materials by their numbers.
+    Comments list the names of the class and material numbers.
 
     Args:
         mesh: the scene, site frame.
@@ -195,7 +195,7 @@ def _srgb(linear: tuple[float, float, float]) -> list[int]:
 
 
 Notes = Sequence[str] | None
-#: What readers know a format by.
+#: File name suffixes of each format.
 _ENDINGS = {
     "glb": (".glb",),
     "obj": (".obj",),
@@ -204,24 +204,24 @@ _ENDINGS = {
     "fbx": (".fbx",),
     "cityjson": (".json",),
 }
-#: Formats whose packages not every installation has.
+#: Checks of formats with optional packages.
 _CHECKS = {"usd": check_usd, "fbx": check_fbx}
 
 
 def write_scene(twin: Twin, path: Path, name: str) -> Notes:
-    """Write a twin's static world to a file, whole or not at all.
+    """Write a twin's static world to a file, atomically.
 
     Args:
         twin: the twin.
-        path: the file; OBJ has its materials in a ``.mtl`` beside it.
+        path: the file; OBJ gets its materials in a ``.mtl`` beside it.
         name: one of ``SCENE_FORMATS``.
 
     Returns:
-        What a person should be told.
+        Notes for the user.
 
     Raises:
-        InputError: ``path`` cannot be used, or what writes the format is not installed.
-        StageError: what writes it failed.
+        InputError: ``path`` cannot be used, or a package for the format is not installed.
+        StageError: the package failed.
     """
     if path.is_dir():
         raise InputError(
