@@ -1,4 +1,4 @@
-"""Alignment: a sensor's pose in the twin, estimated from its real frames."""
+"""Alignment: estimates a sensor's pose in the twin from its real frames."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The foot of curbs, as the rings of one frame show it."""
+"""Detection of the foot of curbs in the rings of one frame."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from urbantwin.fidelity.alignment.ground_plane import leveling
 
 __all__ = ["Curbs", "above_lowest", "curbs_of"]
 
-#: How far along a ring to either side, and how straight the ring must be there, metres.
+#: Length of a ring's arm on each side of a point, and its maximum deviation from a line, metres.
 _ARM_M, _STRAIGHT_M = 0.8, 0.05
-#: Points of one ring differ less in elevation over that length, where rings are not numbered.
+#: Maximum elevation difference of points of one ring over that length, if rings are not numbered.
 _RING_DEG = 0.12
-#: A ring that meets a curb turns at least this much in plan, and rises this much more than a
-#: straight one would (sum of both arms' slopes): the foot, not the top, and no crease of a road.
+#: A ring at a curb turns at least by this angle in plan, and rises this much more than a straight
+#: one (sum of both arms' slopes). This selects the foot, not the top, and no crease of a road.
 _BEND_DEG, _RISE = 12.0, 0.04
-#: Higher above the lowest point around than this a point is of no curb, metres.
+#: Maximum height of a curb point above the lowest point around, metres.
 _MOST_M = 0.45
 _FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Curbs:
-    """Places where a ring leaves the carriageway.
+    """Points where rings leave the carriageway.
 
     Attributes:
         points: (N, 3) foot of the curb, in the frame of the points.
@@ -39,7 +39,7 @@ class Curbs:
 
 
 def above_lowest(level: NDArray[np.float64], cell_m: float = 1.0) -> NDArray[np.float64]:
-    """Return how high (N, 3) level points are above the lowest in their cell and its neighbours."""
+    """Return the height of (N, 3) level points above the lowest point in the 3 x 3 cells around."""
     if not len(level):
         return np.zeros(0)
     cell = np.floor(level[:, :2] / cell_m).astype(np.int64)
@@ -54,17 +54,17 @@ def curbs_of(
     up: NDArray[np.float64],
     ring: NDArray[np.int64] | None = None,
 ) -> Curbs:
-    """Find where rings bend at the foot of a curb.
+    """Return the points where rings bend at the foot of a curb.
 
-    A beam that turns draws a smooth line on a road. Where it meets a curb the line climbs the
-    face, which takes it along the curb, and then crosses the sidewalk: at the foot it bends in
-    plan and upward. Steps of height between neighbouring cells, the usual cue, are useless from a
-    car's roof: at 15 m a ring needs 1.5 m to climb 15 cm.
+    A rotating beam traces a smooth line on a road. At a curb the line climbs the face, along the
+    curb, and then crosses the sidewalk: at the foot it bends in plan and upward. Height steps
+    between neighbouring cells, the usual cue, do not work from a car's roof: at 15 m a ring needs
+    1.5 m to climb 15 cm.
 
     Args:
-        points: (N, 3) of one sensor, which is at their origin, in any order.
+        points: (N, 3) points of one sensor, which is at their origin, in any order.
         up: (3,) unit vector away from the ground, in the frame of the points.
-        ring: (N,) beam of each point; else points of like elevation are taken for one ring's.
+        ring: (N,) ring of each point; otherwise points of similar elevation form a ring.
     """
     level = points @ leveling(up).T
     low = np.flatnonzero(above_lowest(level) < _MOST_M)
@@ -83,7 +83,7 @@ def curbs_of(
     bend = np.arccos(np.clip(-(plan[0] * plan[1]).sum(axis=1), -1.0, 1.0))
     rise = one[:, 2] + other[:, 2]
     found = fit & also_fit & (bend > np.radians(_BEND_DEG)) & (rise > _RISE)
-    # The sharpest bend of its neighbourhood is the foot.
+    # The sharpest bend in a neighbourhood is the foot.
     sharp = np.where(found, bend, 0.0)
     sharpest = np.zeros(count)
     np.maximum.at(sharpest, first, sharp[second])
@@ -97,10 +97,10 @@ def curbs_of(
 def _neighbours(
     points: NDArray[np.float64], ring: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs (both ways) of points of one ring that lie near to each other."""
+    """Return pairs (both ways) of nearby points of one ring."""
     if len(points) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    if ring is not None:  # rings lie apart in a fourth direction
+    if ring is not None:  # a fourth coordinate separates rings
         apart = np.column_stack([points, 2.0 * _ARM_M * ring])
         pairs = cKDTree(apart).query_pairs(_ARM_M, output_type="ndarray")
     else:
@@ -114,7 +114,7 @@ def _neighbours(
 def _arm(
     first: NDArray[np.int64], away: NDArray[np.float64], count: int, reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the direction (N, 3) in which a ring leaves each point, and whether it is straight."""
+    """Return the direction (N, 3) of a ring from each point, and whether it is straight there."""
     length = np.linalg.norm(away, axis=1)
     number = np.bincount(first, minlength=count)
     arm = np.stack([np.bincount(first, away[:, k] * length, count) for k in range(3)], axis=1)

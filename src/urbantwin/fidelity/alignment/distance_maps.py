@@ -12,21 +12,21 @@ from urbantwin.fidelity.alignment.scene_points import ScenePoints
 
 __all__ = ["FAR_M", "HIGHEST_M", "Plan", "Space"]
 
-#: Cells of the field in space: no more than this; of either, no finer, metres.
+#: Maximum number of cells in space and in plan, and the minimum cell size, metres.
 _MOST_CELLS, _MOST_PLAN_CELLS, _FINEST_M = 2_000_000, 2_000_000, 0.1
-#: A point this far from every surface, edge or line tells nothing more, metres.
+#: Distance from surfaces, edges and lines from which points do not contribute, metres.
 FAR_M = 1.0
 #: Surfaces higher than this above the lowest are left out, metres.
 HIGHEST_M = 40.0
 
 
 class Space(NamedTuple):
-    """How near the next surface off the ground is.
+    """Proximity of the nearest surface above the ground.
 
     Attributes:
-        gain: (X, Y, Z) 1 on it, 0 from `FAR_M` on.
+        gain: (X, Y, Z) 1 on a surface, 0 from `FAR_M` on.
         low: (3,) corner of the first cell.
-        cell_m: edge of a cell.
+        cell_m: size of a cell, metres.
     """
 
     gain: NDArray[np.float32]
@@ -35,7 +35,7 @@ class Space(NamedTuple):
 
     @classmethod
     def around(cls, places: NDArray[np.float64]) -> Space:
-        """Return that of points (N, 3) of surfaces; without any, nothing is near."""
+        """Build from surface points (N, 3); without points nothing is near."""
         if not len(places):
             return cls(np.zeros((1, 1, 1), np.float32), np.zeros(3), 1.0)
         places = places[places[:, 2] < places[:, 2].min() + HIGHEST_M]
@@ -48,13 +48,13 @@ class Space(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """How near edges, lines and posts are in plan, and how high the ground is.
+    """Proximity of edges, lines and posts in plan, and the ground height.
 
     Attributes:
-        gain: (3, X, Y) of edges, of lines and of posts: 1 on one, 0 from `FAR_M` on.
-        height: (X, Y) of the ground, nan where there is none.
+        gain: (3, X, Y) for edges, lines and posts: 1 on one, 0 from `FAR_M` on.
+        height: (X, Y) ground height, nan if there is none.
         low: (2,) corner of the first cell.
-        cell_m: edge of a cell.
+        cell_m: size of a cell, metres.
         any_edges: whether there are edges of carriageways.
         any_lines: whether there are painted lines.
         any_posts: whether there are posts.
@@ -70,7 +70,7 @@ class Plan(NamedTuple):
 
     @classmethod
     def over(cls, scene: ScenePoints, low: NDArray[np.float64], high: NDArray[np.float64]) -> Plan:
-        """Return that of a scene between two corners (2,)."""
+        """Build for the part of a scene between two corners (2,)."""
         extent = high - low
         cell = max(_FINEST_M, float((extent.prod() / _MOST_PLAN_CELLS) ** 0.5))
         shape = np.ceil(extent / cell).astype(int) + 1
@@ -85,7 +85,7 @@ class Plan(NamedTuple):
         ground = scene.points[scene.is_ground]
         height[*((ground[:, :2] - low) / cell).astype(int).T] = ground[:, 2]
         empty = np.isnan(height)
-        if not empty.all():  # a cell that no point fell into has its neighbour's height
+        if not empty.all():  # empty cells take their neighbour's height
             away, nearest = distance_transform_edt(empty, sampling=cell, return_indices=True)
             height = np.where(away < FAR_M, height[tuple(nearest)], np.nan)
         return cls(np.stack(gains), height, low, cell, *(bool(gain.any()) for gain in gains))

@@ -1,4 +1,4 @@
-"""Features of a frame: edges, curbs, marks, and posts."""
+"""Features of a frame: raised points, curbs, road markings, and posts."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from urbantwin.geometry import row_keys
 
 __all__ = ["RAISED_M", "FrameFeatures", "posts_of"]
 
-#: A post rises at least so far, through slices of this height, metres: people and bollards do not.
+#: Minimum height of a post, and height of the slices in which it is searched, metres: people and
+#: bollards are lower.
 _HIGH_M, _SLICE_M = 1.2, 0.5
-#: It is looked for up to here above the ground, and so far away, metres.
+#: Maximum height above the ground and maximum distance of the search for posts, metres.
 _UP_TO_M, _REACH_M = 6.0, 50.0
-#: In a slice it is no wider than this, and so far around nothing else stands, metres: a third of
-#: as many points as its own may be there.
+#: Maximum width of a post in a slice, and radius around it that is free, metres. Up to this share
+#: of the post's own points may lie there.
 _WIDE_M, _ALONE_M, _BESIDE = 0.5, 0.9, 0.3
-#: Slices of one post lie over each other to this; it is thin in so many of those that it rises
-#: through, at least, and in this share.
+#: Horizontal tolerance of a post's slices, metres; minimum number of thin slices, and their minimum
+#: share.
 _UPRIGHT_M, _FEWEST, _THIN_SHARE = 0.2, 3, 0.5
 _CELL_M = 0.08
 
 
 class Posts(NamedTuple):
-    """Posts that one frame shows.
+    """Posts in one frame.
 
     Attributes:
-        axis: (K, 3) where they stand, in the middle of what is seen of their height, level frame.
-        of: (N,) the post that each point is of; -1: none.
+        axis: (K, 3) positions, at half of the visible height, level frame.
+        of: (N,) post of each point; -1: none.
     """
 
     axis: NDArray[np.float64]
@@ -45,15 +46,15 @@ class Posts(NamedTuple):
 
 
 def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
-    """Find what is thin, upright and alone in most of the slices that it rises through.
+    """Return objects that are thin, upright and isolated in most slices of their height.
 
-    Cars and hedges hide the feet of posts and crowns their heads, so each slice is looked at by
-    itself. The gap between two cars shows a strip of the wall behind, which is a post then: what
-    posts say is never certain.
+    Cars and hedges hide the feet of posts, and crowns their tops, so slices are examined
+    separately. A strip of wall between two cars also counts as a post: evidence from posts is
+    uncertain.
 
     Args:
         level: (N, 3) points, metres, z up, the sensor at the origin.
-        above: (N,) how high they are above the ground.
+        above: (N,) heights above the ground.
     """
     none = np.full(len(level), -1)
     away = np.hypot(level[:, 0], level[:, 1])
@@ -62,7 +63,7 @@ def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
     if len(kept) < _FEWEST:
         return Posts(np.zeros((0, 3)), none)
     layer = np.floor(above[kept] / _SLICE_M)
-    # Slices lie apart in a third direction.
+    # A third coordinate separates slices.
     place = np.column_stack([level[kept, :2], 2.0 * _REACH_M * layer])
     cell = np.floor(place / (_WIDE_M / 2)).astype(np.int64)
     _, first, number = np.unique(row_keys(cell), axis=0, return_index=True, return_inverse=True)
@@ -70,7 +71,7 @@ def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
     many = np.bincount(number)
     middle = np.column_stack([np.bincount(number, column) / many for column in place.T])
     tree = cKDTree(place)
-    # Twice, so that the middle is that of all that is near.
+    # The second iteration centres on all nearby points.
     for _ in range(2):
         near = tree.query_ball_point(middle, _WIDE_M / 2)
         sizes = np.array([len(one) for one in near])
@@ -108,10 +109,10 @@ def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
 
 
 def _axis(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axis (2,) of a round post by the points (N, 2) of the side that is seen.
+    """Return the axis (2,) of a round post from the points (N, 2) of its visible side.
 
-    They are evenly strewn over its width, whose root mean square is a half of the radius's; their
-    mean lies pi / 4 of the radius before the axis.
+    The points are spread evenly over the width, with a standard deviation of the radius over the
+    root of 3; their mean lies pi / 4 of the radius in front of the axis.
     """
     middle = points.mean(axis=0)
     ahead = middle / max(float(np.hypot(*middle)), 1e-9)
@@ -120,23 +121,23 @@ def _axis(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(middle + np.pi / 4 * radius * ahead)
 
 
-#: Higher above the lowest point around, a point is not of the ground, metres.
+#: Points higher than this above the lowest point around are off the ground, metres.
 RAISED_M = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class FrameFeatures:
-    """One frame, its origin in the middle of its sensors.
+    """Features of one frame, with the origin in the centre of its sensors.
 
     Attributes:
         points: (N, 3), metres.
-        above: (N,) how high they are above the lowest point around.
-        posts: (K, 3) axes of posts, somewhere along their height.
-        post: (N,) the post that each point is of; -1: none.
-        curbs: (C, 3) where rings meet curbs.
+        above: (N,) heights above the lowest point around.
+        posts: (K, 3) points on the axes of posts.
+        post: (N,) post of each point; -1: none.
+        curbs: (C, 3) points of rings at curbs.
         curb_road: (C, 3) unit vectors from there towards the road.
         spots: (B, 3) bright points of the ground.
-        spot_weight: (B,) how much they stand out, 0 to 1.
+        spot_weight: (B,) contrast of the bright points, 0 to 1.
     """
 
     points: NDArray[np.float64]
@@ -150,11 +151,11 @@ class FrameFeatures:
 
     @classmethod
     def of(cls, frame: Frame, origin: NDArray[np.float64], plane: GroundPlane) -> FrameFeatures:
-        """Look at each sensor's points by themselves: their rings cross.
+        """Build from a frame; each sensor's points are processed separately, as their rings cross.
 
         Args:
-            frame: with only the points that count.
-            origin: (3,) of the features, in the frame of the points.
+            frame: frame with only the points to use.
+            origin: (3,) origin of the features, in the frame of the points.
             plane: the ground, seen from that origin.
         """
         points = frame.points - origin
@@ -187,11 +188,11 @@ class FrameFeatures:
 
     @property
     def raised(self) -> NDArray[np.bool_]:
-        """Which points (N,) lie off the ground."""
+        """Mask (N,) of the points off the ground."""
         return self.above > RAISED_M
 
     def thinned(self, cell_m: float) -> FrameFeatures:
-        """Return it with one point a cell; curbs and spots stay as they are."""
+        """Return the features with one point per cell; curbs and spots are unchanged."""
         kept = thinned(self.points, cell_m)
         return FrameFeatures(
             self.points[kept],

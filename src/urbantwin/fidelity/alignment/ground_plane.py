@@ -1,4 +1,4 @@
-"""The ground plane of one frame: the sensor's height above it, and its tilt."""
+"""The ground plane of one frame: height of the sensor above it, and its tilt."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from urbantwin.geometry import row_keys
 
 __all__ = ["GroundPlane", "ground_plane", "leveling", "thinned"]
 
-#: Points of the ground lie this near to its plane, metres.
+#: Maximum distance of ground points from the plane, metres.
 _THICK_M = 0.15
-#: Of the ground, only what is this near counts: farther away streets bend and fall. Where the
-#: lowest beams of a sensor on a pole meet it no nearer, what is so near does.
+#: Maximum distances of ground points from the sensor, as streets bend and slope farther away. The
+#: second is used if the first gives no plane, as for sensors on high poles.
 _NEAR_M = (30.0, 60.0)
-#: The sensor's z is not tilted by more than this.
+#: Maximum tilt of the sensor's z axis.
 MOST_TILT_DEG = 60.0
 _TRIES = 600
 _CELL_M = 0.5
@@ -25,12 +25,12 @@ _LEAST_POINTS = 30
 
 @dataclass(frozen=True, eq=False)
 class GroundPlane:
-    """The plane that most of a sensor's surroundings stand on.
+    """The ground plane around a sensor.
 
     Attributes:
         normal: (3,) unit vector in the frame of the points, away from the ground.
-        height_m: of the frame's origin above the plane.
-        share: of the cells around the sensor, or of their columns, that hold points on the plane.
+        height_m: height of the frame's origin above the plane.
+        share: share of the cells around the sensor, or of their columns, with points on the plane.
         sigma_m: root mean square distance of those points from it.
     """
 
@@ -40,23 +40,22 @@ class GroundPlane:
     sigma_m: float
 
     def above(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how high (N, 3) points are above the plane, metres."""
+        """Return the height of (N, 3) points above the plane, metres."""
         return np.asarray(points @ self.normal + self.height_m)
 
 
 def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | None:
-    """Find the ground: the plane with most points on it of which few lie below.
+    """Return the ground: the plane with most points on it and few below.
 
-    RANSAC (Fischler and Bolles 1981) over one point per cell of 0.5 m, so that near rings do
-    not outvote the rest, and least squares on the points of the best plane.
+    RANSAC (Fischler and Bolles 1981) over one point per cell of 0.5 m, so that near rings do not
+    dominate, and least squares on the points of the best plane.
 
     Args:
         points: (N, 3) metres, frame of the sensor, z roughly upward.
-        seed: of the planes that are tried.
+        seed: seed of the tested planes.
 
     Returns:
-        ``None`` where there is no plane under the sensor that a tenth of the cells or of their
-        columns lie on.
+        ``None`` if no plane under the sensor holds a tenth of the cells or of their columns.
     """
     away = np.linalg.norm(points, axis=1)
     found = (_plane(points[away < near], seed) for near in _NEAR_M)
@@ -64,14 +63,13 @@ def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | No
 
 
 def _plane(near: NDArray[np.float64], seed: int) -> GroundPlane | None:
-    """Return the plane of points (N, 3) of which all count; see `ground_plane`."""
+    """Return the plane of points (N, 3), all of which are used; see `ground_plane`."""
     cells = near[thinned(near, _CELL_M)]
     if len(cells) < _LEAST_POINTS:
         return None
     generator = np.random.default_rng(seed)
-    # Half of the planes through any three cells, half through the lowest of their columns: where
-    # facades fill the view few cells are of the ground, and where the sensor is tipped it is not
-    # the lowest ones that are.
+    # Half of the planes pass through any three cells, half through the lowest of their columns.
+    # Between facades few cells are ground, and with a tilted sensor the lowest ones are not.
     lowest = cells[_lowest(cells)]
     corners = np.concatenate(
         [some[generator.integers(0, len(some), (_TRIES, 3))] for some in (cells, lowest)]
@@ -107,14 +105,14 @@ def _plane(near: NDArray[np.float64], seed: int) -> GroundPlane | None:
 
 
 def _lowest(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the numbers of the lowest of (N, 3) points in every column of 2 m."""
+    """Return the indices of the lowest of (N, 3) points in every column of 2 m."""
     order = np.argsort(points[:, 2], kind="stable")
     column = np.floor(points[order, :2] / 2.0).astype(np.int64)
     return np.asarray(order[np.unique(row_keys(column), axis=0, return_index=True)[1]])
 
 
 def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the smallest turn (3, 3) that takes a unit vector to +z."""
+    """Return the smallest rotation (3, 3) from a unit vector to +z."""
     x, y, z = normal
     turned = 1.0 / (1.0 + z)
     return np.array(
@@ -127,7 +125,7 @@ def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def thinned(points: NDArray[np.float64], cell_m: float) -> NDArray[np.int64]:
-    """Return the numbers (K,) of the first of (N, 3) points in every cell that holds any."""
+    """Return the indices (K,) of the first of (N, 3) points in every cell."""
     keys = np.floor(points / cell_m).astype(np.int64)
     _, first = np.unique(row_keys(keys), axis=0, return_index=True)
     return np.sort(first)

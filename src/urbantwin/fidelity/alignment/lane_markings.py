@@ -1,4 +1,4 @@
-"""Paint on the road: bright spots of one frame, and the lines that the twin has."""
+"""Road markings: bright spots of one frame, and the painted lines of the twin."""
 
 from __future__ import annotations
 
@@ -15,26 +15,27 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["BrightSpots", "bright_spots_of", "mark_lines"]
 
-#: A spot is compared with this many points around it, no farther away than this, metres.
+#: Number of neighbours with which a point is compared, their maximum distance (metres), and their
+#: minimum number.
 _AROUND, _AROUND_M, _FEWEST = 40, 1.0, 15
-#: Only what is on the ground, metres above the lowest point around.
+#: Maximum height above the lowest point around, metres.
 _MOST_M = 0.25
-#: Brighter than its surroundings by this many of their own scatters a spot begins to count, and
-#: counts in full.
+#: Excess brightness, in standard deviations of the surroundings, at which the weight rises from 0,
+#: and reaches 1.
 _FROM, _FULL = 2.0, 5.0
-#: Paint narrower than this is a line (standard deviations of a strip of 0.5 m): stop lines
-#: are, bars of a zebra are not, whose places along the crossing are not surveyed.
+#: Maximum width and minimum length of a line, as standard deviations of a strip of 0.5 m. Stop
+#: lines qualify, bars of a zebra crossing do not, as their positions are not surveyed.
 _WIDTH_SIGMA_M, _LENGTH_SIGMA_M, _STRIP_M = 0.13, 0.2, 0.5
 _EVERY_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class BrightSpots:
-    """Points of the ground that are brighter than those around them.
+    """Ground points that are brighter than those around them.
 
     Attributes:
         points: (N, 3), in the frame of the points.
-        weight: (N,) how much they stand out, 0 to 1.
+        weight: (N,) contrast, 0 to 1.
     """
 
     points: NDArray[np.float64]
@@ -44,12 +45,12 @@ class BrightSpots:
 def bright_spots_of(
     points: NDArray[np.float64], level: NDArray[np.float64], intensity: NDArray[np.float64] | None
 ) -> BrightSpots:
-    """Find points of the ground that outshine their surroundings, on any scale of intensity.
+    """Return ground points that are brighter than their surroundings, on any intensity scale.
 
     Args:
-        points: (N, 3) of one sensor.
+        points: (N, 3) points of one sensor.
         level: (N, 3) the same, z upward.
-        intensity: (N,); without any, or with one value only, there are no spots.
+        intensity: (N,); without it, or with a constant one, there are no spots.
     """
     none = BrightSpots(np.zeros((0, 3)), np.zeros(0))
     if intensity is None:
@@ -65,7 +66,7 @@ def bright_spots_of(
     around = np.where(near, shine[np.minimum(number, len(shine) - 1)], np.nan)
     middle = np.nanmedian(around, axis=1)
     scatter = 1.4826 * np.nanmedian(np.abs(around - middle[:, None]), axis=1)
-    # Whole numbers scatter by nothing where the road is dark: a seventh of the level is least.
+    # Integer intensities do not vary on dark roads: the deviation is at least 15 % of the level.
     excess = (shine[kept] - middle) / np.maximum(scatter + 0.15 * np.abs(middle), 1e-9)
     weight = np.clip((excess - _FROM) / (_FULL - _FROM), 0.0, 1.0)
     return BrightSpots(at[kept][weight > 0], weight[weight > 0])
@@ -74,12 +75,12 @@ def bright_spots_of(
 def mark_lines(
     surface: SurfaceMaterials, middle: NDArray[np.float64], reach_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (N, 2) in the middle of painted lines, and unit normals (N, 2) of the lines.
+    """Return points (N, 2) on the centres of painted lines, and unit normals (N, 2) of the lines.
 
     Args:
         surface: paint of the twin.
-        middle: (2,) what is around here is read, site frame.
-        reach_m: how far around.
+        middle: (2,) centre of the area to read, site frame.
+        reach_m: half its size, metres.
     """
     cells = _painted(surface, middle, reach_m)
     if not len(cells):
@@ -102,7 +103,7 @@ def mark_lines(
 def _painted(
     surface: SurfaceMaterials, middle: NDArray[np.float64], reach_m: float
 ) -> NDArray[np.float64]:
-    """Return the middles (N, 2) of painted cells around a place."""
+    """Return the centres (N, 2) of painted cells around a position."""
     found = [np.zeros((0, 2))]
     for layer in surface.layers:
         if layer.material != material_id("road-paint"):

@@ -1,9 +1,9 @@
-"""How likely each of several poses is, and how far what is likely spreads around it.
+"""Probabilities of several poses, and the spread around each.
 
-Every piece of what the frame shows (a stretch of curb, of wall, of paint) is of something that the
-scene has too, or is not: cars, hedges and people are in no map. Which share is, and how near pieces
-lie to the scene by chance, is measured, so that a frame of which little is mapped says little. How
-far off the scene is about is chosen by what explains the frame best.
+Every feature of the frame (a section of curb, of wall, of paint) belongs to an object that the
+scene has, or not: cars, hedges and people are in no map. Both the share of mapped features and
+their proximity to the scene by chance are measured, so that a frame with few mapped features
+carries little evidence. The error of the scene is chosen as the one that explains the frame best.
 """
 
 from __future__ import annotations
@@ -18,30 +18,31 @@ from urbantwin.fidelity.alignment.search_span import SearchSpan
 
 __all__ = ["Belief", "beliefs"]
 
-#: Scenes are wrong by one of these, metres: a survey, or a map that volunteers drew.
+#: Possible errors of a scene, metres: of a survey, or of a map drawn by volunteers.
 _WIDTHS_M = (0.1, 0.3)
-#: What is likely is looked for this far around each place, in such steps, in widths.
+#: Extent and step of the search around each place, in multiples of the scene's error.
 _AROUND, _STEP = 4.0, 2 / 3
-#: Points that turn with the heading are about so far away, metres.
+#: Typical distance of points, which converts rotations into shifts, metres.
 _LEVER_M = 12.0
-#: Pieces of one house, or one curb, are wrong together: so many count as one.
+#: Number of features of one object, with a common error, that count as one.
 _ALIKE = 1.0
-#: Where chance is measured: places to each side, and turns; over this at least, metres and radians.
+#: Positions per side and headings at which chance is measured, over at least this span, metres and
+#: radians.
 _PLACES, _TURNS, _LEAST_M, _LEAST_RAD = 10, 4, 3.0, np.radians(15.0)
-#: Less than this is not measured there, by kind: see `pose_search`.
+#: Minimum gain by chance, by kind: see `pose_search`.
 _LEAST_CHANCE = np.array([0.02, 0.02, 0.02, 0.02, 0.005, 0.02])
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """How likely one of several places is, and how far it spreads.
+    """Probability of one of several places, and its spread.
 
     Attributes:
-        share: of all that is likely within the span, what lies around this place.
-        sigma_m: (2,) standard deviation east and north of what lies there.
-        sigma_rad: of its headings.
-        evidence: logarithm of how much likelier what stands, curbs and paint are there than by
-            chance. Heights of the ground fit somewhere whatever the frame shows.
+        share: share of the probability within the span that lies around this place.
+        sigma_m: (2,) standard deviation east and north.
+        sigma_rad: standard deviation of the heading.
+        evidence: log likelihood ratio of raised objects, curbs and paint against chance. Ground
+            heights are excluded, as they fit somewhere for any frame.
     """
 
     share: float
@@ -53,12 +54,12 @@ class Belief:
 def beliefs(
     search: PoseSearch, places: list[tuple[NDArray[np.float64], float]], span: SearchSpan
 ) -> list[Belief]:
-    """Return how likely each of several distinct places is, all likely ones being among them.
+    """Return the probability of each of several distinct places, which include all likely ones.
 
     Args:
-        search: knows the frame and the scene.
+        search: the search with frame and scene.
         places: (2,) east and north, metres, and heading, radians, of each.
-        span: nothing outside of it is likely.
+        span: bounds of the pose.
     """
     told: list[tuple[float, list[Belief]]] = [
         _told(search, _measured(search, places, span, width), places, span) for width in _WIDTHS_M
@@ -72,7 +73,7 @@ def _told(
     places: list[tuple[NDArray[np.float64], float]],
     span: SearchSpan,
 ) -> tuple[float, list[Belief]]:
-    """Return how likely the likeliest pose is (a logarithm), and the beliefs."""
+    """Return the log likelihood of the best pose, and the beliefs."""
     steps = np.arange(-_AROUND, _AROUND + _STEP / 2, _STEP) * like.width_m
     turns = steps / _LEVER_M
     around = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
@@ -91,7 +92,7 @@ def _told(
     if not np.isfinite(best):
         return -np.inf, [Belief(0.0, np.full(2, np.inf), np.inf, 0.0) for _ in places]
     mass = [np.exp(log - best) for _, log, _ in clouds]
-    # What lies between two places is told of the nearer one, and spreads both.
+    # Probability between two places belongs to the nearer one, and spreads both.
     shares = [
         float(likely[_nearest(number, places, xy, turns)].sum())
         for number, ((xy, _, _), likely) in enumerate(zip(clouds, mass, strict=True))
@@ -102,7 +103,7 @@ def _told(
         place, turn = likely.sum(axis=1) / here, likely.sum(axis=0) / here
         spread = place @ (xy - place @ xy) ** 2
         wide = float(turn @ (turns - turn @ turns) ** 2)
-        # A pose that is held spreads as far as this by the width alone; registration knows better.
+        # The width alone spreads a determined pose by this; registration is more accurate.
         spread = np.sqrt(np.maximum(spread - (like.width_m / 2) ** 2, 0.0))
         wide = float(np.sqrt(max(wide - (like.width_m / 2 / _LEVER_M) ** 2, 0.0)))
         found.append(Belief(share / max(sum(shares), 1e-300), spread, wide, evidence))
@@ -115,7 +116,7 @@ def _nearest(
     xy: NDArray[np.float64],
     turns: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return which poses (P, Y) around one of several places lie nearest to that one."""
+    """Return the mask (P, Y) of the poses around one of several places that are nearest to it."""
     yaw = places[number][1]
     away = np.stack(
         [
@@ -133,7 +134,7 @@ def _measured(
     span: SearchSpan,
     width_m: float,
 ) -> Likeness:
-    """Measure what pieces gain by chance, and how many of them the scene has, by kind."""
+    """Measure the gain of features by chance, and the share of features in the scene, by kind."""
     none = Likeness(width_m, np.zeros(KINDS), np.ones(KINDS))
     offsets = np.linspace(-1.0, 1.0, _PLACES) * max(span.reach_m, _LEAST_M)
     xy = span.middle + np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)

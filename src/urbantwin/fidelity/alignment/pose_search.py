@@ -1,4 +1,4 @@
-"""Exhaustive search of a sensor's place and heading that bring its points onto the scene."""
+"""Exhaustive search for the position and heading at which a frame fits the scene."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from urbantwin.geometry import Pose, row_keys
 
 __all__ = ["KINDS", "Found", "Likeness", "PoseSearch"]
 
-#: A point of the ground this far above or below the twin's tells nothing, metres.
+#: Height difference to the twin's ground from which ground points do not contribute, metres.
 _FAR_UP_M = 0.4
-#: What a piece of the ground counts, of low things on it, edges of carriageways, lines, a post, and
-#: of tall things. The ground looks alike everywhere, and much that is bright is no line.
+#: Weights of features by kind: ground, low objects, edges of carriageways, lines, posts, tall
+#: objects. Ground is similar everywhere, and many bright spots are no lines.
 _WEIGHTS = (0.03, 1.0, 1.0, 0.3, 1.0, 1.0)
-#: Points this near to each other are one piece of what the frame shows, metres.
+#: Size of the cells whose points form one feature, metres.
 _PIECE_M = 4.0
-#: Cars, hedges and fences are no higher than this, metres: maps have other shares of them than of
-#: houses and trees.
+#: Maximum height of low objects (cars, hedges, fences), metres: maps have other shares of them than
+#: of houses and trees.
 _LOW_M = 2.2
 _GROUND, _RAISED, _EDGES, _LINES, _POSTS, _TALL = range(6)
 KINDS = 6
-#: From everywhere in a span that reaches no farther, metres, much the same can be seen.
+#: Maximum reach of a span from all of which much the same is visible, metres.
 _SMALL_M = 10.0
 _MOST_POINTS = 1500
-#: Of many poses, every so many points look first.
+#: Number of poses above which a first pass uses only every n-th point, and this n.
 _MANY_POSES, _FIRST_LOOK = 5000, 6
-#: Poses nearer to each other than this are one.
+#: Differences below which poses are the same.
 _SAME_M, _SAME_RAD = 1.5, np.radians(8.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A pose of the sensor and how well it fits.
+    """A pose of the sensor and its score.
 
     Attributes:
         pose: ``site_SE3_frame``.
-        score: logarithm of how much likelier what the frame shows is there than by chance.
+        score: log likelihood ratio of the frame's features against chance.
         yaw: its heading, radians.
     """
 
@@ -56,13 +56,13 @@ class Found:
 
 
 class Likeness(NamedTuple):
-    """What makes a pose likelier than chance.
+    """Model of the likelihood of a pose.
 
     Attributes:
-        width_m: how far off the scene is about; 0: what is farther off gains evenly less, up to
-            `FAR_M`, for looking from afar.
-        shared: (6,) share of the pieces of a kind that are in the scene too.
-        chance: (6,) what pieces gain by chance.
+        width_m: error of the scene; 0: the gain decreases linearly up to `FAR_M`, for a coarse
+            search.
+        shared: (6,) share of the features of a kind that are in the scene, too.
+        chance: (6,) gain of features by chance.
     """
 
     width_m: float
@@ -70,24 +70,24 @@ class Likeness(NamedTuple):
     chance: NDArray[np.float64]
 
     def without_ground(self) -> Likeness:
-        """Return it with what the ground says left out."""
+        """Return the model without ground heights."""
         return self._replace(shared=np.where(np.arange(KINDS) == _GROUND, 0.0, self.shared))
 
 
-#: Before anything is measured. Posts are few: one is seldom near another by chance.
+#: Prior model. Posts are few and seldom match by chance.
 _FROM_AFAR = Likeness(
     0.0, np.array([0.5, 0.5, 0.5, 0.5, 0.3, 0.5]), np.array([0.25, 0.25, 0.25, 0.25, 0.02, 0.25])
 )
 
 
 class PoseSearch:
-    """Tries poses at which the sensor stands on the twin's ground as it does on its own.
+    """Tests poses at which the sensor has its height and tilt above the twin's ground.
 
     Args:
         scene: the static world as points.
-        features: what one frame shows.
+        features: features of one frame.
         plane: the ground in that frame.
-        span: where the sensor may be.
+        span: possible poses.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class PoseSearch:
         )
 
     def _in_sight(self, span: SearchSpan) -> NDArray[np.bool_]:
-        """Return which points of the scene can be seen from somewhere in a span, if it is small."""
+        """Return the mask of the scene's points visible from a small span; all for a large one."""
         seen = np.full(len(self._scene.points), span.reach_m > _SMALL_M)
         if not seen.all():
             corners = np.array([[0.0, 0.0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * 0.7
@@ -123,12 +123,12 @@ class PoseSearch:
         NDArray[np.int64],
         NDArray[np.int64],
     ]:
-        """Return points in the level frame, their kinds, weights and pieces, and pieces' kinds."""
+        """Return level points, their kinds, weights and features, and the features' kinds."""
         kept = thinned(features.points, 0.5)
         level, raised = features.points[kept] @ self._level.T, features.raised[kept]
         above = level[:, 2] + self.plane.height_m
         near = above < HIGHEST_M
-        # Where the scene has no post, those of the frame are surfaces like any other.
+        # Without posts in the scene, the frame's posts are ordinary surfaces.
         any_posts = self._plan.any_posts
         surface = raised & near & ((features.post[kept] < 0) | (not any_posts))
         parts = [level[~raised & near], level[surface][: len(level) * any_raised]]
@@ -143,11 +143,11 @@ class PoseSearch:
             points.append(part[chosen])
             kinds.append(np.full(len(chosen), kind))
             weights.append(share)
-        # All kinds mixed, so that every so many points are a fair sample.
+        # Kinds are mixed, so that every n-th point is a fair sample.
         order = generator.permutation(sum(len(part) for part in points))
         point, which = np.concatenate(points)[order], np.concatenate(kinds)[order]
         cell = np.column_stack([np.floor(point[:, :2] / _PIECE_M).astype(np.int64), which])
-        posts = np.flatnonzero(which == _POSTS)  # each is a piece
+        posts = np.flatnonzero(which == _POSTS)  # each post is a feature
         cell[posts, :2] = np.column_stack([np.arange(len(posts))] * 2)
         _, first, piece = np.unique(row_keys(cell), axis=0, return_index=True, return_inverse=True)
         kinds_of = which[first]
@@ -157,7 +157,7 @@ class PoseSearch:
         return point, which, np.concatenate(weights)[order], piece.reshape(-1), kinds_of
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
-        """Return the best poses, best first; empty where no ground was found in the span."""
+        """Return the best poses, best first; empty if there is no ground in the span."""
         step = float(np.clip(span.reach_m / 6, 0.5, 2.0))
         turn = np.radians(1.5 if span.reach_rad < 0.5 else 4.0)
         offsets = np.arange(-np.floor(span.reach_m / step), span.reach_m / step + 0.5) * step
@@ -191,7 +191,7 @@ class PoseSearch:
         return span.yaw + np.linspace(-span.reach_rad, span.reach_rad, steps)
 
     def standing(self, xy: NDArray[np.float64], yaw: float) -> Pose:
-        """Return the pose of the frame at a place (2,) with a heading."""
+        """Return the pose of the frame at a position (2,) with a heading."""
         up, place = self._stands(xy[None])
         return self._pose(up[0], place[0], yaw)
 
@@ -200,7 +200,7 @@ class PoseSearch:
         return Pose(turned, place)
 
     def _stands(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ground's normals (P, 3) around places (P, 2), and the frame's origins."""
+        """Return the ground's normals (P, 3) around positions (P, 2), and the frame's origins."""
         around = np.array([[8.0 * np.cos(a), 8.0 * np.sin(a)] for a in np.arange(8) * np.pi / 4])
         heights = self._scene.ground_at((xy[:, None] + around).reshape(-1, 2)).reshape(-1, 8)
         middle = self._scene.ground_at(xy)
@@ -221,10 +221,10 @@ class PoseSearch:
         like: Likeness = _FROM_AFAR,
         every: int = 1,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 6).
+        """Return the ground's normals (P, 3), positions (P, 3), scores (P, Y) and gains (P, Y, 6).
 
-        Scores are logarithms of how much likelier what the frame shows is at a pose than by
-        chance; where there is no ground, nothing is likely. Gains are the means of pieces' by kind.
+        Scores are log likelihood ratios of the frame's features against chance, -inf without
+        ground. Gains are the means over features by kind.
         """
         up, place = self._stands(xy)
         # Contiguous arrays: numba compiles a function again for each other layout.
@@ -264,7 +264,7 @@ class PoseSearch:
         ]
 
     def _gaining(self, width_m: float) -> tuple[Space, Plan]:
-        """Return both fields with what a point gains there that far off a scene is about."""
+        """Return both fields with the gain of a point for a scene error."""
         if width_m not in self._fields:
             fields = self._space, self._plan
             if width_m > 0:
@@ -275,7 +275,7 @@ class PoseSearch:
 
 
 def _distinct(places: NDArray[np.float64], yaws: NDArray[np.float64], most: int) -> list[int]:
-    """Return the numbers of the first of each neighbourhood of places (P, 2) and headings (P,)."""
+    """Return the first index of each neighbourhood of positions (P, 2) and headings (P,)."""
     kept: list[int] = []
     left = np.arange(len(places))
     while len(left) and len(kept) < most:
@@ -301,7 +301,7 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
     space: Space,
     plan: Plan,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how much likelier than chance pieces of points (N, 3) make every pose, and gains."""
+    """Return the log likelihood ratio of features for every pose, and the gains."""
     out = np.zeros((len(place), len(headings)))
     means = np.zeros((len(place), len(headings), KINDS))
     many = np.zeros(KINDS)

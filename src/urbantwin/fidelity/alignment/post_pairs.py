@@ -1,4 +1,4 @@
-"""Poses that bring two posts of a frame onto two of a scene."""
+"""Poses that map two posts of a frame onto two posts of the scene."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from urbantwin.geometry import wrapped
 
 __all__ = ["poses_by_posts"]
 
-#: Two posts are as far apart in the frame as in the scene, to this; nearer to each other than the
-#: second they tell no heading, farther than the third one sensor seldom sees both; metres.
+#: Tolerance of the distance between two posts, and its minimum and maximum, metres: near posts do
+#: not determine a heading, and distant ones are seldom seen by one sensor.
 _ALIKE_M, _LEAST_M, _MOST_M = 0.6, 3.0, 80.0
-#: A pose as far beyond the span as this is one at its edge, metres and radians; a post lies on one
-#: of the scene within the last, metres.
+#: Excess over the span up to which a pose is moved to its edge, metres and radians; maximum
+#: distance of matching posts, metres.
 _BEYOND_M, _BEYOND_RAD, _NEAR_M = 0.5, np.radians(3.0), 0.8
 _MOST_POSES = 50_000
 
@@ -23,15 +23,15 @@ _MOST_POSES = 50_000
 def poses_by_posts(
     seen: NDArray[np.float64], posts: NDArray[np.float64], span: SearchSpan, most: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (P, 2) and headings (P,), radians, those first that explain most posts.
+    """Return positions (P, 2) and headings (P,), radians, sorted by the number of matched posts.
 
-    A grid of places is too coarse for things that are as thin.
+    A position grid is too coarse for objects as thin as posts.
 
     Args:
         seen: (K, 2) posts of the frame, level.
-        posts: (M, 2) of the scene.
-        span: where the sensor may be.
-        most: so many poses at most.
+        posts: (M, 2) posts of the scene.
+        span: possible poses.
+        most: maximum number of poses.
     """
     none = np.zeros((0, 2)), np.zeros(0)
     if len(seen) < 2 or len(posts) < 2:
@@ -74,6 +74,6 @@ def poses_by_posts(
 
 
 def _turned(place: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a place (2,) turned by angles (P,), as (P, 2)."""
+    """Return a position (2,) rotated by angles (P,), as (P, 2)."""
     x, y = place
     return np.column_stack([x * np.cos(yaw) - y * np.sin(yaw), x * np.sin(yaw) + y * np.cos(yaw)])

@@ -1,4 +1,4 @@
-"""Registration of a frame to the twin by points, with the error of the pose."""
+"""Registration of a frame to the twin's points, with standard deviations of the pose."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from urbantwin.geometry import Pose
 
 __all__ = ["Registered", "registered", "sandwich"]
 
-#: Belief that nothing stands proud, and that edges are where curbs are: standard deviation, metres.
+#: Prior standard deviation of the offsets of surfaces and of edges, metres.
 OFFSET_SIGMA_M = 0.3
-#: How far the pose is moved to measure: in plan about as far as maps are wrong, up and by turns as
-#: far as the ground tells; metres and radians.
+#: Steps with which the curvature is measured: in plan the typical map error, in height and rotation
+#: the scale of the ground's accuracy; metres and radians.
 _MOVED_M, _LIFTED_M, _TURNED, _TIPPED = 0.1, 0.05, 0.1 / 12.0, 0.05 / 20.0
-#: Less of the curvature than this is not told from none.
+#: Minimum share of the curvature.
 _LEAST_LEFT = 0.05
-#: What is wrong in the scene everywhere alike nobody sees: metres, and degrees.
+#: Error that is common to the whole scene, which cannot be measured: metres, and degrees.
 _ALL_ALIKE_M, _ALL_ALIKE_DEG = 0.03, 0.1
-#: Parts of the surroundings that are left out in turn, to see what hangs on each.
+#: Sectors that are left out in turn (jackknife).
 _SECTORS = 8
 
 
 def equations(
     residuals: Residuals, offsets: NDArray[np.float64], pivot: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return Jacobian (P, 8), normal matrix (8, 8) and gradient (8,): turns, place, offsets."""
+    """Return Jacobian (P, 8), normal matrix and gradient (8,) of rotation, position, offsets."""
     jacobian = np.column_stack(
         [
             np.cross(residuals.at - pivot, residuals.aim),
@@ -57,7 +57,7 @@ def equations(
 
 
 def turned_and_moved(pose: Pose, step: NDArray[np.float64]) -> Pose:
-    """Return a pose after turns about the site's axes and a move (6,)."""
+    """Return a pose after rotations about the site's axes and a shift (6,)."""
     turned = Rotation.from_rotvec(step[:3]).as_matrix() @ pose.rotation
     return Pose(turned, pose.translation + step[3:6])
 
@@ -69,17 +69,17 @@ def pose_deviation(
     wrong: NDArray[np.float64],
     scale: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the standard deviations (6,) of turns, radians, and place, metres.
+    """Return the standard deviations (6,) of rotations, radians, and position, metres.
 
-    The larger of two: what the errors of the scene that were measured make likely, and what hangs
-    on one part of the surroundings (jackknife).
+    The larger of two estimates: from the measured errors of the scene, and from the dependence on
+    single sectors of the surroundings (jackknife).
 
     Args:
-        correspondences: the frame against the scene.
-        pose: ``site_SE3_frame``, where it came to rest.
-        offsets: (2,) how far surfaces and edges are before the real ones.
-        wrong: (5,) how far the scene is wrong, by kind, metres.
-        scale: (5,) the distance at which a point counts a quarter, by kind, metres.
+        correspondences: correspondences of frame and scene.
+        pose: ``site_SE3_frame``, the solution.
+        offsets: (2,) offsets of surfaces and edges from the real ones, metres.
+        wrong: (5,) error of the scene, by kind, metres.
+        scale: (5,) distance at which a point's weight is a quarter, by kind, metres.
     """
     residuals = correspondences.residuals(pose, offsets, wrong, scale)
     jacobian, matrix, _ = equations(residuals, offsets, pose.translation)
@@ -90,8 +90,8 @@ def pose_deviation(
         return equations(found, other, pose.translation)[2]
 
     lengths = np.array([_TIPPED, _TIPPED, _TURNED, _MOVED_M, _MOVED_M, _LIFTED_M, *[_MOVED_M] * 2])
-    # Along axes that are held apart from each other. On a slope a turn about the vertical also tips
-    # the ground, which holds it so stiffly that nothing would be left of what else does.
+    # Along decoupled axes. On a slope, a rotation about the vertical also tilts the ground, which
+    # resists so stiffly that the other constraints would be lost.
     axes = np.linalg.eigh(matrix * np.outer(lengths, lengths))[1]
     steps = lengths[:, None] * axes
     change = np.column_stack([pull(one) - pull(-one) for one in steps.T]) / 2.0
@@ -105,11 +105,11 @@ def pose_deviation(
 
 
 def sandwich(matrix: NDArray[np.float64], curvature: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the variances (6,) of errors that scatter as the matrix says under a curvature.
+    """Return the variances (6,) for a given normal matrix and measured curvature.
 
     With curvature H and matrix M the covariance is H^-1 M H^-1. In the directions in which both are
-    diagonal, H is a share of M: never more than all of it, as the noise of a measured curvature
-    makes nothing surer.
+    diagonal, H is a share of M, at most 1, since the noise of a measured curvature must not reduce
+    the variance.
     """
     lower = np.linalg.inv(np.linalg.cholesky(matrix))
     left, across = np.linalg.eigh(lower @ ((curvature + curvature.T) / 2.0) @ lower.T)
@@ -123,9 +123,9 @@ def _jackknife(
     matrix: NDArray[np.float64],
     pose: Pose,
 ) -> NDArray[np.float64]:
-    """Return the variances (6,) of turns and place by leaving out sectors in turn.
+    """Return the variances (6,) of rotation and position by leaving out sectors in turn.
 
-    One step from the solution with the correspondences as they are.
+    One step from the solution with fixed correspondences.
     """
     x, y = (residuals.at - pose.translation)[:, :2].T
     sector = np.floor((np.arctan2(y, x) / (2 * np.pi)) % 1.0 * _SECTORS)
@@ -142,21 +142,22 @@ def _jackknife(
     return np.asarray((count - 1) / count * ((places - places.mean(axis=0)) ** 2).sum(axis=0))
 
 
-#: Points farther than this from every visible surface are of something that the scene has not:
-#: at first, and in the end, metres.
+#: Maximum distance of points from visible surfaces, at first and in the end, metres: farther points
+#: are of objects that the scene lacks.
 _REACHES_M = (1.5, 1.0)
-#: Distance at which a point counts a quarter, by kind, at first and in the end, metres; at least so
-#: often what its kind is wrong by: else one house, right by itself, outvotes all others.
+#: Distance at which a point's weight is a quarter, by kind, at first and in the end, metres; and
+#: its minimum as a multiple of the kind's error, as otherwise one accurate house outweighs all
+#: others.
 _SCALES_M = np.array([[0.5, 0.2, 0.5, 0.4, 0.5], [0.2, 0.1, 0.25, 0.2, 0.2]])
 _SCALE_OF_WRONG = 2.5
-#: Nearer to its plane, edge or line than this a point is explained, metres.
+#: Maximum distance of an explained point from its plane, edge or line, and from a post, metres.
 EXPLAINED_M, _EDGE_EXPLAINED_M, _POST_M = 0.15, 0.25, 0.5
-#: Steps, and the last: no longer than this, metres and radians, when all is told and when it is
-#: only to be told which place it is.
+#: Maximum number of steps, and the final step size, metres and radians, for a fine and for a rough
+#: registration.
 _STEPS, _LAST_M, _LAST_RAD = 40, (5e-4, 5e-3), (3e-5, 3e-4)
-#: How far objects, stretches of ground, of edges and of lines are wrong as one, metres: a belief
-#: that weighs as much as so many of them. Houses of OpenStreetMap lie 0.5 to 1 m off, surveyed
-#: ones and meshes centimetres.
+#: Prior error of objects, ground, edges, lines and posts as a whole, metres, and the weight of this
+#: prior in clusters. Houses of OpenStreetMap are 0.5 to 1 m off, surveyed ones and meshes
+#: centimetres.
 _WRONG_M, _BELIEF = (0.25, 0.05, 0.15, 0.12, 0.25), 1.5
 _LEAST_WRONG_M = 0.01
 _LEAST_POINTS = 50
@@ -164,21 +165,21 @@ _LEAST_POINTS = 50
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """Where a frame was found to lie.
+    """The registered pose of a frame.
 
     Attributes:
         pose: ``site_SE3_frame``.
-        explained: share of the points off the ground that have a surface within 0.15 m.
-        curbs_explained: share of the curbs that have an edge of carriageway within 0.25 m.
-        marks_explained: share of the bright spots that have a line within 0.15 m.
-        posts: how many of the posts seen are on one of the scene's, within 0.5 m.
+        explained: share of the points off the ground with a surface within 0.15 m.
+        curbs_explained: share of the curbs with an edge of the carriageway within 0.25 m.
+        marks_explained: share of the bright spots with a line within 0.15 m.
+        posts: number of posts within 0.5 m of a post of the scene.
         residual_m: median distance of points from the planes of their surfaces.
-        surface_offset_m: how far real surfaces off the ground lie behind the scene's (negative)
-            or before them, on average.
-        edge_offset_m: how far real curbs lie outside (negative) or inside of the carriageway's.
-        sigma_m: (3,) standard deviations of the place, metres.
-        sigma_deg: (3,) of turns about the site's axes, degrees.
-        points: how many points had a surface.
+        surface_offset_m: mean offset of real surfaces off the ground behind the scene's (negative)
+            or in front of them.
+        edge_offset_m: offset of real curbs outside (negative) or inside of the carriageway.
+        sigma_m: (3,) standard deviations of the position, metres.
+        sigma_deg: (3,) standard deviations of rotations about the site's axes, degrees.
+        points: number of points with a surface.
     """
 
     pose: Pose
@@ -197,30 +198,28 @@ class Registered:
 def registered(
     scene: ScenePoints, features: FrameFeatures, start: Pose, *, rough: bool = False
 ) -> Registered | None:
-    """Move a frame so that what it shows lies on what the scene has.
+    """Register a frame to the scene.
 
-    Point-to-plane ICP (Chen and Medioni 1992) with the weights of Geman and
-    McClure; the foot of curbs is drawn to the edges of carriageways and bright spots of the road
-    to its lines in the same way, in plan. Three things differ from what registration libraries
-    offer. The planes are the scene's own triangles, not fits to neighbouring points, which fail
-    along the rings of a LiDAR. Points of one object, or of one stretch of 12 m, weigh together no
-    more than the scene is right there, which is measured: ten thousand points of a road whose
-    heights are 5 cm off must not outvote twenty curbs. And beside the pose two more numbers are
-    found: how far surfaces off the ground stand proud of the real ones on average, and how far
-    edges lie from the curbs.
-    Outlines of buildings include their eaves, and meshes of cars fill their boxes; without that
-    number, such a scene pushes the sensor to the side where it is emptier.
+    Point-to-plane ICP (Chen and Medioni 1992) with the weights of Geman and McClure; the foot of
+    curbs is matched to the edges of carriageways and bright spots to painted lines in the same way,
+    in plan. Three things differ from registration libraries. The planes are the scene's triangles,
+    not fits to neighbouring points, which fail along the rings of a LiDAR. The weight of all points
+    of one object, or of one 12 m section, is limited by the measured accuracy of the scene: ten
+    thousand points of a road whose heights are 5 cm off must not outweigh twenty curbs. And two
+    offsets are estimated with the pose: the mean offset of surfaces off the ground, and of edges
+    from the curbs. Outlines of buildings include their eaves, and meshes of cars fill their boxes;
+    without the offset, such a scene pushes the sensor towards its emptier side.
 
-    Standard deviations: `pose_deviation`; none of a rough one.
+    For the standard deviations see `pose_deviation`; a rough registration has none.
 
     Args:
         scene: the static world as points.
-        features: thinned; the sensor is at its origin.
-        start: the pose to begin with.
-        rough: only well enough to tell which of several places it is.
+        features: thinned features; the sensor is at their origin.
+        start: the initial pose.
+        rough: only as accurate as needed to distinguish places.
 
     Returns:
-        ``None`` where too few points have a surface near, or too few directions are held.
+        ``None`` if too few points are near a surface, or the pose is underdetermined.
     """
     pose, offsets = start, np.zeros(2)
     wrong, solved = np.array(_WRONG_M), None
@@ -257,7 +256,7 @@ def registered(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Where a frame came to rest: its pose, the offsets, and what they leave."""
+    """A solution: pose, offsets, and residuals."""
 
     pose: Pose
     offsets: NDArray[np.float64]
@@ -272,7 +271,7 @@ def _solved(
     scale: NDArray[np.float64],
     rough: bool,
 ) -> _Solved | None:
-    """Gauss and Newton's steps; None where a direction is not held."""
+    """Return the Gauss-Newton solution; None if a direction is undetermined."""
     for _ in range(_STEPS):
         residuals = correspondences.residuals(pose, offsets, wrong, scale)
         if len(residuals.at) < _LEAST_POINTS:
@@ -289,9 +288,9 @@ def _solved(
 
 
 def _wrong(residuals: Residuals) -> NDArray[np.float64]:
-    """Return how far each kind is wrong over one cluster: the scatter of clusters' means.
+    """Return the error of each kind over one cluster, from the scatter of clusters' means.
 
-    A few clusters say little of their scatter: it lies between theirs and what is believed.
+    With few clusters the estimate is a mean of their scatter and the prior.
     """
     found = np.array(_WRONG_M)
     for kind in range(KINDS):
@@ -306,7 +305,7 @@ def _wrong(residuals: Residuals) -> NDArray[np.float64]:
             continue
         off = mean[held] / total[held]
         scatter = 1.4826 * float(np.median(np.abs(off)))
-        # The pose was fitted to them.
+        # correct for the fitted pose
         scatter *= np.sqrt(count / max(count - 3.0, 1.0))
         pooled = (_BELIEF * found[kind] ** 2 + count * scatter**2) / (_BELIEF + count)
         found[kind] = max(_LEAST_WRONG_M, float(np.sqrt(pooled)))
@@ -319,7 +318,7 @@ def _share(residuals: Residuals, kind: int, within: float, of: int) -> float:
 
 
 def _on_posts(residuals: Residuals, within: float) -> NDArray[np.bool_]:
-    """Return which residuals are of posts that lie so near to one of the scene, in both ways."""
+    """Return the mask of residuals of posts near a post of the scene in both coordinates."""
     upright = residuals.kind == POSTS
     far = residuals.number[upright & (np.abs(residuals.error) >= within)]
     return np.asarray(upright & ~np.isin(residuals.number, far))

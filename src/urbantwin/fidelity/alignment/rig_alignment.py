@@ -1,4 +1,4 @@
-"""The alignment of a whole rig: several frames averaged, the rig's file and picture written."""
+"""Alignment of a rig: averages several frames, writes the rig's file and a picture."""
 
 from __future__ import annotations
 
@@ -40,19 +40,20 @@ __all__ = [
     "write_aligned_rig",
 ]
 
-#: Frames farther apart than this, and than three times what they claim, are of a moving sensor.
+#: Maximum spread of the frames' positions (metres; at least six standard deviations are allowed)
+#: and rotations (degrees): larger ones reveal a moving sensor.
 _APART_M, _APART_DEG = 0.5, 3.0
 
 
 def averaged(found: Sequence[Alignment], file: str | None = None) -> Alignment:
-    """Return the mean pose; residuals and shares are those of the frame that is nearest to it.
+    """Return the mean pose, with residuals and shares of the frame nearest to it.
 
-    Frames of one place err alike wherever the twin is wrong: the standard deviations are the
-    frames' own (root mean square), not less by their number, and their scatter is added.
+    Frames of one place share the errors of the twin. The standard deviations are therefore the
+    frames' own (root mean square), not reduced by their number, plus their scatter.
 
     Args:
-        found: of each frame, at least one.
-        file: where the frames are from, for errors.
+        found: alignment of each frame, at least one.
+        file: source of the frames, for errors.
 
     Raises:
         InputError: the frames are from different places.
@@ -106,15 +107,15 @@ def aligned_poses(
     points_in: Literal["sensor", "level"] = "sensor",
     only: int | None = None,
 ) -> list[Pose]:
-    """Return the poses of a rig's sensors of which one was found.
+    """Return the poses of a rig's sensors after the alignment of one of them.
 
     Args:
-        rig: as it stood before.
+        rig: the rig before alignment.
         site_SE3_frame: the pose of the real frame.
-        points_in: the frame of the real points: the first sensor's own, or ``level``: its place
-            and heading with z against gravity; its tilt is then the rig's.
-        only: the number of the sensor that was found, and alone moves; if not given it was the
-            first, and the others move with it.
+        points_in: frame of the real points: that of the first sensor, or ``level``: its position
+            and heading with z against gravity, which keeps the rig's tilt.
+        only: index of the aligned sensor, which alone moves. If not given, the first was aligned
+            and the others move with it.
     """
     before = rig.sensors[only or 0].site_SE3_sensor
     move = site_SE3_frame @ dataset_frame(points_in, before).inverse()
@@ -125,9 +126,9 @@ def aligned_poses(
 
 
 def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
-    """Write a rig's file with its sensors at other poses; it appears whole or not at all.
+    """Write a rig's file with new poses of its sensors, atomically.
 
-    Everything else that the file says stays, but for its comments.
+    All else in the file is kept, except for comments.
 
     Args:
         source: the rig's file, valid.
@@ -135,7 +136,7 @@ def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
         poses: ``site_SE3_sensor`` of each sensor.
 
     Raises:
-        InputError: the rig rides, or ``target`` is a folder.
+        InputError: the rig is mounted on an actor, or ``target`` is a folder.
     """
     document: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
     if document.get("ride") is not None:
@@ -162,12 +163,12 @@ _EDGE, _LINE = "#1d2733", "#e8710a"
 
 
 def draw_alignment(frame: Frame, twin: Twin, found: Alignment, path: Path) -> None:
-    """Write a picture: points from above, coloured by how far the twin's surface is from them.
+    """Draw the points from above, coloured by their distance to the twin's surface.
 
     Args:
-        frame: the real one.
-        twin: where it was aligned.
-        found: the pose, and where the search began.
+        frame: the real frame.
+        twin: the twin.
+        found: the pose, and the start of the search.
         path: the PNG to write.
     """
     middle = found.pose.translation
@@ -206,24 +207,23 @@ def _share(distance: NDArray[np.float64]) -> float:
     return float((distance < 0.1).mean())
 
 
-#: Of several frames, at least this share must be found.
+#: Minimum share of the frames that must be aligned.
 _ENOUGH = 0.5
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked of an alignment: the sensor's rough pose, and which frames to use.
+    """Options of an alignment: the approximate pose, and the frames to use.
 
     Attributes:
         guess: east and north in metres, and the heading of the points' x axis in degrees
-            counter-clockwise from east; what the rig says if not given.
-        anywhere: search the whole region in place of a guess.
-        within: how far off the guess may be, metres and degrees.
-        level: the points are in the sensor's place and heading, but level with gravity.
-        frames: numbers of frames of the recording, from 0; their mean pose is taken. Without any
-            given, all.
-        sensor: the name of the rig's sensor that recorded; only that one moves. If not given, it
-            is the first, and the others move with it.
+            counter-clockwise from east; the rig's pose if not given.
+        anywhere: search the whole region without a guess.
+        within: maximum error of the guess, metres and degrees.
+        level: the points have the sensor's position and heading, but are level with gravity.
+        frames: numbers of the frames, from 0, of which the mean pose is used; all if None.
+        sensor: name of the sensor that recorded, which alone moves. If not given, it is the first,
+            and the others move with it.
     """
 
     guess: tuple[float, float, float] | None = None
@@ -235,10 +235,10 @@ class Wish:
 
 
 def frame_numbers(text: str) -> tuple[int, ...] | None:
-    """Return the numbers that ``0,5,10`` lists; None for ``all``.
+    """Return the numbers in ``0,5,10``; None for ``all``.
 
     Raises:
-        InputError: it is neither.
+        InputError: the text is neither.
     """
     if text.strip().lower() == "all":
         return None
@@ -262,18 +262,18 @@ def align_rig(
 
     Args:
         real: a recording of that sensor.
-        twin: where it stands.
-        rig: as it stands now.
+        twin: twin of the recorded place.
+        rig: the rig before alignment.
         source: the rig's file.
-        target: the file to write; nothing is written where the place is not found.
-        wish: what is known about where it is.
-        progress: called with the fraction done (0..1) and what is being done.
-        picture: a PNG of the points over the twin to write beside it.
+        target: the file to write; not written if the alignment fails.
+        wish: options.
+        progress: called with the fraction done (0..1) and the current step.
+        picture: a PNG of the points over the twin to write.
 
     Raises:
-        InputError: see `align.align`, of more than half of the frames; frames from different
-            places; a frame or a sensor that is not there; two contradictory wishes; a rig
-            that rides; a target inside a twin, whose files are sealed.
+        InputError: see `align.align`, if more than half of the frames fail; frames from different
+            places; a missing frame or sensor; contradictory options; a rig mounted on an actor; a
+            target inside a twin, whose files are sealed.
     """
     wish = wish or Wish()
     guess, within = wish.guess, wish.within

@@ -1,4 +1,4 @@
-"""Where the twin's carriageway ends."""
+"""Edges of the twin's carriageway."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from urbantwin.taxonomy import semantic_id
 __all__ = ["road_edges"]
 
 _EVERY_M = 0.25
-#: So far to either side of an edge it is looked at what the ground is, metres.
+#: Distance from an edge at which the ground on either side is examined, metres.
 _ASIDE_M = 0.15
-#: Ground that lies deeper or higher beside the edge than this is no sidewalk, metres.
+#: Maximum height difference to the sidewalk beside an edge, metres.
 _STEP_M = 0.5
 _CARRIAGEWAY = tuple(semantic_id(name) for name in ("road", "parking"))
 
@@ -21,11 +21,11 @@ _CARRIAGEWAY = tuple(semantic_id(name) for name in ("road", "parking"))
 def road_edges(ground: LabelledMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return points (N, 3) along the edges of carriageways, and unit vectors (N, 3) to the road.
 
-    Edges of carriageway triangles that other ground lies beside: neither the border of the twin
-    nor seams between triangles of one street.
+    Edges are those of carriageway triangles beside other ground, without the border of the twin and
+    seams between triangles of one street.
 
     Args:
-        ground: triangles that one can stand on.
+        ground: walkable triangles.
     """
     none = np.zeros((0, 3)), np.zeros((0, 3))
     road = ground.select(np.isin(ground.semantic, _CARRIAGEWAY))
@@ -54,7 +54,7 @@ def road_edges(ground: LabelledMesh) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def _open_edges(mesh: LabelledMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both ends (E, 3) of the edges that one triangle alone has, by place."""
+    """Return both ends (E, 3) of the edges that belong to one triangle only."""
     _, same = np.unique(np.round(mesh.vertices, 3), axis=0, return_inverse=True)
     same = same.reshape(-1)
     faces = mesh.faces

@@ -1,4 +1,4 @@
-"""Points of the scene as a sensor at some place would see them."""
+"""Points of the scene, and their visibility from a position."""
 
 from __future__ import annotations
 
@@ -16,34 +16,35 @@ __all__ = ["ScenePoints"]
 #: Distance between neighbouring points on the ground and on everything else, metres.
 GROUND_SPACING_M, OTHER_SPACING_M = 0.4, 0.15
 _MOST_POINTS = 2_000_000
-#: So wide at most, and so high at least, is a post; it is known by its lower part, of so many
-#: points, and all of it is so near to its axis, beyond half of its diagonal; metres.
+#: Maximum width and minimum height of a post; height of its lower part, by which it is recognised,
+#: and the minimum number of points there; tolerance of its points' distance from the axis beyond
+#: half of its diagonal; metres.
 _POST_WIDE_M, _POST_HIGH_M, _POST_LOW_M, _POST_POINTS, _POST_NEAR_M = 0.6, 1.8, 2.5, 8, 0.05
 _GROUND = tuple(semantic_id(name) for name in GROUND_CLASSES)
 
 
 class ScenePoints:
-    """The surfaces of a static world as points, evenly strewn over them.
+    """The surfaces of a static world as evenly distributed points.
 
     Args:
         mesh: the static world, site frame.
-        middle: (2,) what is around here is kept.
-        reach_m: how far around.
+        middle: (2,) centre of the area.
+        reach_m: radius of the area.
         surface: paint on its roads.
 
     Attributes:
         points: (N, 3) float64, site frame.
-        normals: (N, 3) of the surfaces.
-        is_ground: (N,) whether one can stand there.
-        is_raised: (N,) whether it stands on the ground; the faces of curbs do neither.
-        object: (N,) of what is in its place, or out of it, as one: a building, a pole.
-        is_post: (N,) whether it is of a pole or trunk that is thin, and high enough to be known as
-            one in a frame.
-        posts: (K, 3) the feet of their axes.
-        edges: (E, 3) along the edges of carriageways.
-        edge_normal: (E, 3) unit vectors from there towards the road, level.
-        lines: (L, 3) along painted lines.
-        line_normal: (L, 3) unit vectors across them, level.
+        normals: (N, 3) normals of the surfaces.
+        is_ground: (N,) whether the surface is walkable.
+        is_raised: (N,) whether the surface is above the ground; faces of curbs are neither.
+        object: (N,) object with a common error of position: a building, a pole.
+        is_post: (N,) whether the point is on a pole or trunk that is thin and high enough to be
+            recognised in a frame.
+        posts: (K, 3) feet of their axes.
+        edges: (E, 3) points along the edges of carriageways.
+        edge_normal: (E, 3) level unit vectors from there towards the road.
+        lines: (L, 3) points along painted lines.
+        line_normal: (L, 3) level unit vectors across them.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class ScenePoints:
         self.line_normal = np.column_stack([across, np.zeros(len(lines))])[known]
 
     def seen_from(self, place: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points (N,) nothing hides from a place (3,)."""
+        """Return the mask of the points (N,) visible from a position (3,)."""
         away = self.points - place
         distance = np.linalg.norm(away, axis=1)
         aim = (away / np.maximum(distance, 1e-9)[:, None]).astype(np.float32)
@@ -96,7 +97,7 @@ class ScenePoints:
         return np.asarray(met > distance - 0.05 - 0.002 * distance)
 
     def ground_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the height (N,) of the ground at (N, 2) places; nan where there is none."""
+        """Return the ground height (N,) at (N, 2) positions; nan if there is no ground."""
         if self._probe is None:
             return np.full(len(xy), np.nan)
         return self._probe.height_below(np.column_stack([xy, np.full(len(xy), self._top)]))
@@ -105,11 +106,11 @@ class ScenePoints:
 def _posts(
     points: NDArray[np.float64], of: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return which points (N,) are of posts, and the feet (K, 3) of these.
+    """Return the mask of the points (N,) on posts, and the feet (K, 3) of the posts.
 
     Args:
         points: (N, 3).
-        of: (N,) the object that each is of; 0: none.
+        of: (N,) object of each point; 0: none.
     """
     _, number = np.unique(of, return_inverse=True)
     count = int(number.max(initial=-1)) + 1
@@ -131,13 +132,13 @@ def _posts(
 
 
 def _strewn(mesh: LabelledMesh) -> NDArray[np.int64]:
-    """Return the triangle of each point: by area, and the remainder at random."""
+    """Return the triangle of each point, in proportion to area."""
     ground = np.isin(mesh.semantic, _GROUND)
     spacing = np.where(ground, GROUND_SPACING_M, OTHER_SPACING_M)
     wanted = mesh.areas() / spacing**2
     wanted *= min(1.0, _MOST_POINTS / max(wanted.sum(), 1.0))
-    # Systematic sampling: the running sum passes a whole number, so no triangle is left out
-    # for being small, and the count is what the area says.
+    # Systematic sampling by the running sum: small triangles are not left out, and the number of
+    # points follows from the area.
     passed = np.floor(np.cumsum(wanted)).astype(np.int64)
     count = np.diff(np.concatenate([[0], passed]))
     return np.repeat(np.arange(len(count)), count)

@@ -1,4 +1,4 @@
-"""Where a sensor may be: the span of a search."""
+"""The span of a pose search."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["SearchSpan"]
 
 @dataclass(frozen=True, eq=False)
 class SearchSpan:
-    """Where the sensor may be.
+    """Possible poses of the sensor.
 
     Attributes:
         middle: (2,) east and north, metres.
-        reach_m: how far from there, east and north.
-        yaw: middle heading of the frame's x axis, radians counter-clockwise from east.
-        reach_rad: how far from it, either way; pi: any.
+        reach_m: half extent, east and north.
+        yaw: central heading of the frame's x axis, radians counter-clockwise from east.
+        reach_rad: maximum deviation from it; pi: any heading.
     """
 
     middle: NDArray[np.float64]
@@ -29,7 +29,7 @@ class SearchSpan:
     reach_rad: float
 
     def holds(self, place: NDArray[np.float64], yaw: float) -> bool:
-        """Whether a place (2,) and a heading, radians, lie in it."""
+        """Return whether a position (2,) and a heading, radians, are in the span."""
         apart = np.abs(place - self.middle).max()
         turned = abs(wrapped(yaw - self.yaw))
         return bool(apart <= self.reach_m + 1e-6 and turned <= self.reach_rad + 1e-6)
@@ -37,7 +37,7 @@ class SearchSpan:
     def clipped(
         self, xy: NDArray[np.float64], yaws: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the nearest places (P, 2) and headings (Y,) in it."""
+        """Return the nearest positions (P, 2) and headings (Y,) in the span."""
         xy = np.clip(xy, self.middle - self.reach_m, self.middle + self.reach_m)
         if self.reach_rad >= np.pi:
             return xy, yaws

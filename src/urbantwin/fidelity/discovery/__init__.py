@@ -1,4 +1,4 @@
-"""Discovery: the sensors that recorded unlabelled frames, found in their points."""
+"""Discovery of the sensors that recorded unlabelled frames, from their points."""
 
 from typing import TYPE_CHECKING
 

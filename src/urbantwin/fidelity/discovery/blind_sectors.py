@@ -1,4 +1,4 @@
-"""Where sensors are blind, and how many of their looks are lost: what the recording lacks."""
+"""Blind sectors and dropout rates of discovered sensors."""
 
 from __future__ import annotations
 
@@ -12,36 +12,37 @@ from urbantwin.reconstruct.recording.beams import Beams
 
 __all__ = ["Losses", "losses_of"]
 
-#: Azimuth is looked at in bins of so many degrees, of two columns at least.
+#: Minimum width of azimuth bins, in degrees and in columns.
 _BIN_DEG, _BIN_COLUMNS = 1.0, 2
-#: A ring that comes back from this share of the bins does so wherever nothing hides it.
+#: Share of the bins with returns from which a ring counts as complete.
 _WHOLE = 0.85
-#: And lies so near, metres: what it lacks is not beyond the sensor's reach, or cropped.
+#: Maximum median range of such a ring, metres: its gaps are due to neither range limit nor
+#: cropping.
 _NEAR_M = 25.0
-#: A sector is blind that so many rings lack, over so many degrees; two rings lack the same one if
-#: its ends are as near as this.
+#: A sector is blind if this many rings lack it over this many degrees, with ends that agree within
+#: the last value, degrees.
 _LEAST_RINGS, _LEAST_DEG, _ALIKE_DEG = 4, 3.0, 3.0
-#: Of so many of the rings that come back all round, all channels are said to be blind.
+#: Share of the complete rings from which a sector is attributed to all channels.
 _ALL = 0.9
-#: A smaller share of lost looks is not written.
+#: Smaller dropout rates are not written.
 _LEAST_MISSING = 0.005
 
 
 @dataclass(frozen=True)
 class Losses:
-    """What a sensor's recording lacks that its model would have.
+    """Returns that a sensor's recording lacks, compared with its model.
 
     Attributes:
-        sectors: (first, last) azimuth in its frame at a yaw of 0, degrees counter-clockwise, and
-            the channels, none for all.
-        missing: share of the looks at near ground that never came back.
+        sectors: (first, last) azimuth in the sensor frame at a yaw of 0, degrees counter-clockwise,
+            and the channels, empty for all.
+        missing: share of beams at near ground without a return.
     """
 
     sectors: tuple[tuple[float, float, tuple[int, ...]], ...]
     missing: float
 
     def written(self) -> dict[str, Any]:
-        """Return them as fields of a sensor in a rig."""
+        """Return them as fields of a sensor in a rig file."""
         rows: list[dict[str, Any]] = []
         for first, last, channels in self.sectors:
             only = {"channels": list(channels)} if channels else {}
@@ -53,15 +54,15 @@ class Losses:
 
 
 def losses_of(beams: Beams, counted: NDArray[np.float64], columns: int) -> Losses:
-    """Return where a sensor is blind, and which share of its other looks is lost.
+    """Return the blind sectors of a sensor, and its dropout rate elsewhere.
 
-    Rings that come back from nearly all round lie on the ground. What several of them lack in the
-    same sector, in every frame, is hidden by something at the sensor: a mast, its own housing.
+    Rings with returns from nearly all directions lie on the ground. A sector that several of them
+    lack in every frame is hidden by something at the sensor: a mast, or its own housing.
 
     Args:
-        beams: what came back in any frame.
-        counted: (C,) points per frame of each channel, on the mean.
-        columns: that the model has per turn.
+        beams: beams that returned in any frame.
+        counted: (C,) mean number of points per frame of each channel.
+        columns: columns per rotation of the model.
     """
     wide = max(_BIN_DEG, _BIN_COLUMNS * float(np.degrees(beams.column_rad)))
     bins = int(360 / wide)
@@ -90,7 +91,7 @@ def losses_of(beams: Beams, counted: NDArray[np.float64], columns: int) -> Losse
 
 
 def _gaps(seen: NDArray[np.bool_], wide: float) -> list[tuple[int, int]]:
-    """Return runs (first, past the last) of bins that a ring lacks; past the seam numbers go on."""
+    """Return the gaps (first, past the last) of a ring in bins; numbers continue past the seam."""
     start = int(np.flatnonzero(seen)[0])
     turned = np.roll(seen, -start)
     edges = np.diff(np.concatenate([[1], turned.astype(np.int8), [1]]))
@@ -104,5 +105,5 @@ def _apart(one: tuple[int, int, int], other: tuple[int, int, int]) -> int:
 
 
 def _degrees(around: float) -> float:
-    """Return an azimuth of -180 to 180, to a tenth of a degree."""
+    """Return an azimuth from -180 to 180, to a tenth of a degree."""
     return round((around + 180.0) % 360.0 - 180.0, 1)

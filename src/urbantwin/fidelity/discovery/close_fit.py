@@ -1,4 +1,4 @@
-"""Sensors fitted to single points on their rings: the last step, ten times as accurate."""
+"""Fit of sensors to single points on their rings, ten times as accurate as to pieces of rings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from urbantwin.fidelity.discovery.unit_fit import Belief, Freedom, fit_unit
 
 __all__ = ["closely_fitted"]
 
-#: Most and fewest points of a sensor that are fitted to; tolerances from coarse to fine, degrees.
+#: Maximum and minimum number of points per fitted sensor; tolerances from coarse to fine, degrees.
 _ENOUGH, _FEWEST = 20_000, 500
 _FINER_DEG = (0.1, 0.06, 0.03, 0.02, 0.012)
-#: Neighbours on a ring whose errors are alike: they count as one independent look.
+#: Neighbours on a ring with equal errors, which count as one independent observation.
 _POINTS_PER_LOOK = 8.0
 #: Prior of the elevations of a unit against its model's, and of its beam origin offsets.
 _FREEDOM = Freedom(0.2, 0.05)
-#: Least posterior probability of the sensor of a point that is fitted to.
+#: Minimum posterior probability that a fitted point is of the sensor.
 _SURE = 0.8
 #: Bounds of the standard deviation of elevations on a ring, degrees.
 _LEAST_DEG, _MOST_DEG = 0.004, 0.03
@@ -32,15 +32,15 @@ def closely_fitted(
 ) -> tuple[TableFit, float]:
     """Return a sensor's fit to points on its rings, and their standard deviation, degrees.
 
-    Elevations of single points of real sensors are constant along a ring to some thousandths of
-    a degree, so they determine place, tilt and every channel of the unit with a weak prior from
-    its model.
+    Elevations of single points of real sensors are constant along a ring to some thousandths of a
+    degree. They determine position, tilt and every channel of the unit, with a weak prior from its
+    model.
 
     Args:
-        fit: as found by pieces of rings.
-        number: of the sensor in ``rays``.
-        frames: (N, 3) points of each.
-        rays: the sensor and ring of each.
+        fit: fit to pieces of rings.
+        number: index of the sensor in ``rays``.
+        frames: (N, 3) points of each frame.
+        rays: sensor and ring of the points of each frame.
     """
     mine = [(one.sensor == number) & (one.sure > _SURE) for one in rays]
     points = np.concatenate([p[rows] for p, rows in zip(frames, mine, strict=True)])

@@ -1,4 +1,4 @@
-"""The sensor, ring and column of every point."""
+"""Sensor, ring and column of every point."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from urbantwin.lidar import Sensor
 
 __all__ = ["PointRays", "azimuth_of", "column_step_deg", "columns_in", "columns_of", "point_rays"]
 
-#: A point is not the sensor's if its elevation residual is larger than so many standard deviations
-#: of the ring, and than this, degrees. Some residuals are larger, of moving sensors and of sweeps
-#: that were straightened: their share, and their standard deviation, degrees.
+#: A point is on a ring if its elevation residual is within this many standard deviations of the
+#: ring or this angle, degrees. Some residuals are larger, of moving sensors and of motion-corrected
+#: rotations: their share, and their standard deviation, degrees.
 _REACH, _REACH_DEG = 4.0, 0.05
 _WIDE_SHARE, _WIDE_DEG = 0.15, 0.025
 #: Neighbours on a ring that support a point: columns to each side, and the largest differences of
@@ -25,7 +25,7 @@ _WIDE_SHARE, _WIDE_DEG = 0.15, 0.025
 _COLUMNS_BESIDE, _RANGE_SHARE, _ALIKE_DEG = 8, 0.02, 0.012
 #: Rounds in which points are assigned to sensors, each by the neighbours as assigned before.
 _ROUNDS = 4
-#: Support of a point without neighbours; likelihood of a point of no sensor; and the least
+#: Support of a point without neighbours; likelihood of a point of no sensor; and the minimum
 #: posterior probability of an assigned sensor.
 _ALONE, _NOBODY, _SURE = 0.02, 0.01, 0.5
 #: Bounds of the azimuth resolution, the step between columns, and bins of its histogram, degrees.
@@ -40,10 +40,10 @@ class PointRays:
     """The sensor and ring of each point of a frame.
 
     Attributes:
-        sensor: (N,) int64, -1 where no sensor's ring passes.
-        ring: (N,) int64, the channel in the maker's order, -1.
-        off_deg: (N,) elevation of the point above its channel's beam, degrees, NaN.
-        azimuth: (N,) in the sensor's frame with a yaw of 0, radians, NaN.
+        sensor: (N,) int64, -1 if the point is on no ring.
+        ring: (N,) int64, channel in the manufacturer's order, or -1.
+        off_deg: (N,) elevation of the point above its channel's beam, degrees, or NaN.
+        azimuth: (N,) azimuth in the sensor's frame with a yaw of 0, radians, or NaN.
         sure: (N,) posterior probability of its sensor.
     """
 
@@ -62,14 +62,14 @@ def point_rays(
 ) -> PointRays:
     """Return the sensor and ring of every point of a frame.
 
-    Rings of other sensors pass near a point by chance. On its own ring it has neighbours one column
-    to each side, at about its range and elevation.
+    Rings of other sensors pass near a point by chance. On its own ring a point has neighbours one
+    column to each side, at about its range and elevation.
 
     Args:
         points: (N, 3), metres.
-        fits: of each sensor.
-        steps_deg: azimuth resolution of each.
-        spreads_deg: standard deviation of elevations on its rings.
+        fits: fit of each sensor.
+        steps_deg: azimuth resolution of each sensor.
+        spreads_deg: standard deviation of elevations on the rings of each sensor.
     """
     count = len(points)
     share = np.zeros((len(fits), count))

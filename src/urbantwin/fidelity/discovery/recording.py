@@ -1,4 +1,4 @@
-"""Discovery in a recording on disk: its frames read, the results written and drawn."""
+"""Discovery in a recording on disk: reads frames, writes and draws the results."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from urbantwin.reconstruct.recording.beams import recorded_beams
 
 __all__ = ["discover_recording", "draw_discovery", "write_frames", "write_rig"]
 
-#: A unit whose channels differ from its model's by more, degrees, gets a sensor's file of its own.
+#: Difference of a unit's channels from its model, degrees, from which it gets its own sensor file.
 _AS_MODEL_DEG = 0.02
-#: What is written of each point: -1 for a point that is on no sensor's ring.
+#: Record of each point: -1 for a point that is on no ring.
 RAYS = np.dtype([("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
 _HEAD = """\
 # Found by `urbantwin rig discover` in points of frames: x, y, z of their frame as east, north, up.
@@ -45,16 +45,16 @@ _HEAD = """\
 def write_rig(
     found: Discovery, path: Path, rate_hz: float = 10.0, losses: Sequence[Losses] = ()
 ) -> list[Path]:
-    """Write the sensors as a rig, and a sensor's file beside it for each unit unlike its model.
+    """Write the sensors as a rig, with a sensor file for each unit that differs from its model.
 
     Args:
         found: the sensors.
-        path: the ``rig.yaml`` to write; others are named after it.
+        path: the ``rig.yaml`` to write; sensor files are named after it.
         rate_hz: frames per second, which points do not show.
-        losses: of each sensor where it is blind and what it loses, if that is known.
+        losses: blind sectors and dropout rate of each sensor, if known.
 
     Returns:
-        The sensors' files.
+        The sensor files.
     """
     rows: list[dict[str, Any]] = []
     units, notes = {}, []
@@ -87,7 +87,7 @@ def _yaml(document: dict[str, Any]) -> str:
 
 
 def _unit(one: FoundSensor, model: Sensor | None) -> dict[str, Any]:
-    """Return the sensor's file of one unit: its own elevations, and all else of its model."""
+    """Return the sensor file of one unit: its own elevations, all else from its model."""
     elevation = np.round(one.fit.unit.elevation_deg, 4)
     sources = {"elevation_deg": "urbantwin rig discover: rings in points"}
     if model is None:
@@ -100,18 +100,18 @@ def _unit(one: FoundSensor, model: Sensor | None) -> dict[str, Any]:
 
 
 def write_frames(found: Discovery, frames: Iterable[Frame], folder: Path) -> dict[str, Any]:
-    """Write frames as points and rays, as our datasets have them.
+    """Write frames as points and rays, in the layout of our datasets.
 
-    ``points/NAME.npy`` (N, 3 or 4) float32, ``rays/NAME.npy`` (N,) of `RAYS`. Every reader of
-    this project takes the folder, with rings and columns.
+    ``points/NAME.npy`` (N, 3 or 4) float32, ``rays/NAME.npy`` (N,) of `RAYS`. Our readers open the
+    folder with rings and columns.
 
     Args:
         found: the sensors.
-        frames: of the recording they were found in.
-        folder: that is there, and gets ``points`` and ``rays``.
+        frames: frames of the recording in which they were found.
+        folder: existing folder, in which ``points`` and ``rays`` are created.
 
     Returns:
-        How many frames and points were written, and which share of them lies on rings.
+        Numbers of frames and points written, and the share of the points on rings.
     """
     (folder / "points").mkdir()
     (folder / "rays").mkdir()
@@ -138,14 +138,14 @@ _BINS, _MARGIN_DEG = 640, 1.0
 
 
 def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) -> None:
-    """Write a picture of one frame.
+    """Draw one frame with the sensors found.
 
-    Left, the points from above in the colours of their sensors, grey where no ring passes; right,
+    Left, the points from above in the colours of their sensors, grey for points on no ring; right,
     a histogram of the elevations of each sensor's points, with the channels of its unit.
 
     Args:
         found: the sensors.
-        points: (N, 3) of a frame.
+        points: (N, 3) points of a frame.
         path: the PNG to write.
     """
     rays = found.rays(points)
@@ -202,7 +202,7 @@ def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) ->
         save(figure, scratch)
 
 
-#: Most frames that are used; of longer recordings, so many that are spread evenly.
+#: Maximum number of frames used; longer recordings are sampled evenly.
 _MOST_FRAMES = 12
 
 
@@ -213,17 +213,17 @@ def discover_recording(
     frames_out: Path | None,
     tell: Progress,
 ) -> tuple[Discovery, dict[str, Any]]:
-    """Find the sensors of a recording, and write rig, picture and, if asked for, frames.
+    """Find the sensors of a recording, and write the rig, a picture and optionally frames.
 
     Args:
-        real: any recording that `readers.open_recording` takes; only its points are looked at.
+        real: any recording that `readers.open_recording` opens; only its points are used.
         rig: the ``rig.yaml`` to write.
         picture: the PNG to write.
-        frames_out: a folder for all frames with sensor, ring and column of each point.
-        tell: called with the share done and what is being done.
+        frames_out: optional folder for all frames with sensor, ring and column of each point.
+        tell: called with the fraction done and the current step.
 
     Returns:
-        The sensors, and what was written.
+        The sensors, and a summary of the written files.
 
     Raises:
         InputError: the recording cannot be read, or its sensors cannot be found.
@@ -260,7 +260,7 @@ def discover_recording(
 
 
 def _write_moving(looks: Looks, folder: Path) -> float:
-    """Write which points of the folder's frames move, ``moving/NAME.npy``; return their share."""
+    """Write the masks of moving points, ``moving/NAME.npy``; return the share of moving points."""
     (folder / "moving").mkdir()
     points, moving = 0, 0
     for number, name in enumerate(looks.frames.names):
@@ -271,14 +271,14 @@ def _write_moving(looks: Looks, folder: Path) -> float:
 
 
 def _losses(looks: Looks, found: Discovery) -> list[Losses]:
-    """Return where each sensor is blind, and which share of its looks is lost."""
+    """Return the blind sectors and the dropout rate of each sensor."""
     counted = [np.zeros(one.channels) for one in looks.frames.sensors]
     for number in range(len(looks.frames)):
         frame = looks.frames.read(number)
         for k, sensor in enumerate(looks.frames.sensors):
             mine = frame.sensor == k
             rings = frame.ring[mine]
-            if found.sensors[k].dual:  # a firing with two returns is one look
+            if found.sensors[k].dual:  # a firing with two returns counts once
                 looks_of = np.column_stack([rings, frame.column[mine]])
                 rings = rings[np.unique(row_keys(looks_of), axis=0, return_index=True)[1]]
             counted[k] += np.bincount(rings, minlength=sensor.channels) / len(looks.frames)

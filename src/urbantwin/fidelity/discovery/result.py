@@ -1,4 +1,4 @@
-"""The sensors found: their poses and models, with standard deviations."""
+"""The sensors found: poses and models with standard deviations."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from urbantwin.result_warning import ResultWarning, rows_of
 
 __all__ = ["NONE_MISSED", "ONE_TURN", "Discovery", "FoundSensor"]
 
-#: Least standard deviations that are stated, of x, y and z, metres, and of tilt, degrees: formal
-#: errors leave out poles that sway. A beam origin offset that all channels share looks like another
-#: height of the sensor: heights in four frames of one HDL-64E have a standard deviation of 2 cm.
+#: Minimum standard deviations that are reported, of x, y and z, metres, and of tilt, degrees:
+#: formal errors neglect swaying poles. A beam origin offset common to all channels is equivalent to
+#: another height: heights from four frames of one HDL-64E have a standard deviation of 2 cm.
 _LEAST_M, _LEAST_DEG = (0.005, 0.005, 0.02), 0.01
-#: A channel with fewer looks than this is taken to be as its model's.
+#: Channels with fewer observations are excluded from the comparison with the model.
 _FEW_LOOKS = 5.0
-#: Least share of the points on rings where all sensors are found, and where there are several:
-#: sweeps that were straightened while a car moved have 0.62 and more, and made rigs of which one
-#: sensor was missed 0.43, and 0.84 where two thirds of its points were on rings of four others.
+#: Minimum share of points on rings if all sensors were found: with one sensor, and with several.
+#: Motion-corrected frames of a moving car have 0.62 and more. Simulated rigs with one missed sensor
+#: have 0.43, and 0.84 if two thirds of its points are on rings of four others.
 _ALL_FOUND, NONE_MISSED = 0.55, 0.9
-#: A ring has more points than this for each direction that its beam takes in a turn where frames
-#: are of several turns: of one turn it has up to 1, and with two returns hardly more.
+#: Points per direction on a full ring above which a frame covers several rotations: one rotation
+#: has up to 1, hardly more with two returns.
 ONE_TURN = 1.5
 
 
@@ -34,16 +34,16 @@ class FoundSensor:
     """One sensor.
 
     Attributes:
-        name: ``sensor-1`` and so on, the one with most points first.
-        models: of the catalogue, any of which it may be; none: no model has its channels.
+        name: ``sensor-1`` and so on, by falling number of points.
+        models: possible models of the catalogue; empty if none has its channels.
         confidence: probability that it is one of them, if it is in the catalogue at all.
         fit: pose, channels and evidence.
         spread_deg: standard deviation of elevations on its rings.
-        step_deg: its azimuth resolution; None: it has too few points.
-        columns: per turn, as its model offers them, or as measured.
-        points: in the frames that were fitted to.
-        dual: two returns of one firing are reported, where there are two.
-        looks: points of a full ring in a frame for each of its directions, 1 in one turn.
+        step_deg: its azimuth resolution; None with too few points.
+        columns: columns per rotation, of its model or as measured.
+        points: number of points in the fitted frames.
+        dual: firings have two returns.
+        looks: points per frame and direction on a full ring, 1 for one rotation.
     """
 
     name: str
@@ -59,18 +59,18 @@ class FoundSensor:
 
     @property
     def place(self) -> NDArray[np.float64]:
-        """Where it stands (3,), metres, in the frame of the points."""
+        """Position (3,), metres, in the frame of the points."""
         return self.fit.seen_from.place
 
     @property
     def pitch_roll(self) -> tuple[float, float]:
-        """Its attitude at a yaw of 0, radians: the yaw cannot be found in points."""
+        """Pitch and roll at a yaw of 0, radians: the yaw cannot be found from points."""
         axis = self.fit.seen_from.axis
         return float(np.arctan2(axis[0], axis[2])), float(-np.arcsin(axis[1]))
 
     @property
     def sigma_m(self) -> NDArray[np.float64]:
-        """Standard deviations (3,) of its place, metres."""
+        """Standard deviations (3,) of its position, metres."""
         formal = np.sqrt(np.diag(self.fit.covariance)[:3])
         return np.asarray(np.hypot(formal, np.array(_LEAST_M)))
 
@@ -82,7 +82,7 @@ class FoundSensor:
 
     @property
     def rings(self) -> int:
-        """The number of channels that have points."""
+        """Number of channels with points."""
         return int((self.fit.looks >= 1).sum())
 
     @property
@@ -93,7 +93,7 @@ class FoundSensor:
         return float(np.sqrt((offset**2).mean())) if len(offset) else 0.0
 
     def report(self) -> dict[str, Any]:
-        """Return it in numbers for people and programs."""
+        """Return the values for reports."""
         x, y, z = (round(float(one), 3) for one in self.place)
         pitch, roll = (round(float(np.degrees(one)), 3) + 0.0 for one in self.pitch_roll)
         sigma = self.sigma_m
@@ -122,14 +122,14 @@ class FoundSensor:
 
 @dataclass(frozen=True, eq=False)
 class Discovery:
-    """The sensors that recorded.
+    """The sensors of a recording.
 
     Attributes:
-        sensors: that with most points first.
-        frames: names of those that were fitted to.
-        points: of the frames in which points were assigned to sensors.
-        on_rings: share of those points within 0.05 degrees of a channel of the sensor that they
-            were assigned to, with neighbours on its ring.
+        sensors: the sensors by falling number of points.
+        frames: names of the fitted frames.
+        points: number of points of the frames in which points were assigned to sensors.
+        on_rings: share of those points within 0.05 degrees of a channel of their sensor, with
+            neighbours on its ring.
     """
 
     sensors: tuple[FoundSensor, ...]
@@ -147,7 +147,7 @@ class Discovery:
         )
 
     def report(self) -> dict[str, Any]:
-        """Return it in numbers for people and programs."""
+        """Return the values for reports."""
         return {
             "sensors": [one.report() for one in self.sensors],
             "yaw": "unknown: points do not show where a sensor's azimuth is zero",
@@ -159,22 +159,22 @@ class Discovery:
 
     @property
     def misses(self) -> bool:
-        """Whether a sensor may have been missed: it leaves its points on no ring."""
+        """Whether a sensor may have been missed, whose points are on no ring."""
         return self.on_rings < (NONE_MISSED if len(self.sensors) > 1 else _ALL_FOUND)
 
     @property
     def turns(self) -> float:
-        """About how many turns of the sensors a frame is of."""
+        """Approximate number of rotations per frame."""
         return max((one.looks for one in self.sensors), default=1.0)
 
     @property
     def crowded(self) -> bool:
-        """Whether frames are of several turns."""
+        """Whether frames cover several rotations."""
         return self.turns > ONE_TURN
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it: a sensor that was missed, frames of several turns."""
+        """Warnings: a missed sensor, frames of several rotations."""
         found = []
         if self.misses:
             found.append(

@@ -1,4 +1,4 @@
-"""Short straight pieces of the rings that turning beams draw on what they meet."""
+"""Short straight pieces of the rings that rotating beams trace on surfaces."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from urbantwin.fidelity.compiled.straight_runs import straight_runs
 
 __all__ = ["RingPieces", "ring_pieces"]
 
-#: Neighbourhoods that reach farther than this have no piece, nor do those that are smaller than
-#: this, metres: range noise would give the direction of the line.
+#: Maximum and minimum extent of a neighbourhood with a piece, metres: in smaller ones range noise
+#: would determine the direction of the line.
 _WITHIN_M, _TOO_NEAR_M = 3.0, 0.1
-#: Points of a piece at least, and how far range noise may take them from its line, metres.
+#: Minimum number of points of a piece, and their maximum distance from its line, metres.
 _FEWEST, _ASIDE_M = 7, 0.02
 #: Least ratio of a piece's length to its width (root mean squares).
 _SLENDER = 6.0
@@ -39,29 +39,29 @@ class RingPieces:
     sigma: NDArray[np.float64]
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of pieces."""
         return len(self.middle)
 
     def of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> RingPieces:
-        """Return some of them: a mask (P,) or indices."""
+        """Return the pieces of a mask (P,) or of indices."""
         return RingPieces(self.middle[rows], self.along[rows], self.sigma[rows])
 
 
 def ring_pieces(
     frames: Sequence[NDArray[np.float64]], wanted: int, neighbours: int, seed: int
 ) -> RingPieces:
-    """Return pieces of rings around points that are drawn from frames.
+    """Return pieces of rings around random points of frames.
 
-    Pieces are found in each frame by itself, because moving objects have rings too. Of the lines
-    through a point and one of its neighbours, the one with most neighbours on it is taken: rings
-    of other sensors may cross there. Columns of a scan, edges and poles are straight runs as well;
-    they are rejected later, because no sensor's place explains them as rings.
+    Pieces are found in each frame separately, because rings on moving objects count, too. Of the
+    lines through a point and one of its neighbours, the one with most neighbours is chosen, as
+    rings of other sensors may cross there. Columns of a scan, edges and poles are straight runs as
+    well; they are rejected later, because no sensor position explains them as rings.
 
     Args:
-        frames: (N, 3) points of each, metres. Their order does not matter.
-        wanted: points to look around, of all frames together.
-        neighbours: of a point, among which its piece is looked for.
-        seed: of the random draw.
+        frames: (N, 3) points of each frame, metres, in any order.
+        wanted: number of points to examine, over all frames.
+        neighbours: number of neighbours of a point among which its piece is searched.
+        seed: seed of the random draw.
     """
     random = np.random.default_rng(seed)
     found = []

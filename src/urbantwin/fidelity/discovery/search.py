@@ -1,4 +1,4 @@
-"""Searching for the places that rings were seen from, one sensor after the other."""
+"""Search for the positions from which rings were seen, one sensor after the other."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from urbantwin.progress import Progress
 
 __all__ = ["FEWEST_PIECES", "refined", "search_standpoints"]
 
-#: Least number of pieces that a sensor is found by: fewer may agree by chance.
+#: Minimum number of pieces of a sensor: fewer may agree by chance.
 FEWEST_PIECES = 80
 #: Largest number of sensors; the search ends earlier when too few pieces are left.
 _MOST_SENSORS = 16
-#: Places that agree with many pieces but have no rings around them, before the search ends.
+#: Number of rejected positions, with many pieces but no rings around them, that ends the search.
 _MOST_WRONG = 4
-#: Pieces that vote; spacing and reach of the grid of places that they vote for, metres.
+#: Number of voting pieces; spacing and reach of the position grid, metres.
 _VOTERS, _STEP_M, _FARTHEST_M = 800, 2.0, 60.0
-#: Tilts, degrees, how many directions of each, and heights above the ground, metres, of the grid.
+#: Tilts of the grid, degrees, number of directions of each, and heights above the ground, metres.
 _TILTS_DEG, _WAYS = (7.0, 15.0), 8
 _HEIGHTS_M, _UPRIGHT_HEIGHT_M = (2.0, 5.0), 2.5
 #: Standard deviation that the coarse grid of tilts adds to the directions of pieces, radians.
 _TILT_STEP_RAD = 0.03
-#: Best places kept of each attitude, and of all attitudes together; pieces that these are fitted
-#: to; tolerances from coarse to fine, added to the standard deviations of the pieces; and steps
+#: Best positions kept per attitude, and over all attitudes; number of pieces to which these are
+#: fitted; tolerances from coarse to fine, added to the standard deviations of the pieces; and steps
 #: with each.
 _EACH, _FITTED, _TO = 4, 16, 2500
 _FINER_RAD, _TIMES = (0.2, 0.1, 0.05, 0.025, 0.0), 4
@@ -56,17 +56,17 @@ def search_standpoints(
     tell: Progress,
     seed: int,
 ) -> list[Standpoint]:
-    """Return where the sensors stand that drew pieces of rings.
+    """Return the positions and axes of the sensors that produced pieces of rings.
 
-    The place with most votes is fitted to the pieces; those that agree with it are removed, and the
-    rest vote again, until too few agree.
+    The position with most votes is fitted to the pieces. The pieces that agree with it are removed,
+    and the rest vote again, until too few agree.
 
     Args:
-        pieces: of all sensors together.
-        draws_rings: whether the pieces that agree with a place are of rings, as seen from it;
-            edges of buildings agree with many places.
-        tell: called with the share done and what is being done.
-        seed: of the pieces that vote.
+        pieces: pieces of all sensors.
+        draws_rings: returns whether the pieces that agree with a position are rings seen from it;
+            edges of buildings agree with many positions.
+        tell: called with the fraction done and the current step.
+        seed: seed of the voting pieces.
     """
     found: list[Standpoint] = []
     left = np.ones(len(pieces), np.bool_)
@@ -105,7 +105,7 @@ def search_standpoints(
 
 
 def _starts(pieces: RingPieces, seed: int) -> list[Standpoint]:
-    """Return the places and attitudes that most pieces vote for, the most first."""
+    """Return the positions and attitudes with the most votes, in falling order."""
     voters = _drawn(pieces, _VOTERS, seed)
     low, high = np.percentile(pieces.middle[:, :2], [1, 99], axis=0)
     middle = (low + high) / 2
@@ -164,13 +164,13 @@ def refined(
 ) -> Standpoint | None:
     """Return a standpoint fitted to the pieces that are its rings; None if the fit diverges.
 
-    Gauss-Newton steps in which each piece has the weight of the posterior probability that it is
-    the sensor's, first with a wide tolerance, in the end with the pieces' own.
+    In Gauss-Newton steps, each piece is weighted with the posterior probability that it is the
+    sensor's, first with a wide tolerance, in the end with the pieces' own.
 
     Args:
-        pieces: of this and other sensors.
-        start: where the search begins; its height and upright attitude hold weakly.
-        finer_rad: what is added to the pieces' own tolerance, from coarse to fine.
+        pieces: pieces of this and other sensors.
+        start: start of the search; a weak prior on its height and on an upright axis applies.
+        finer_rad: tolerances added to the pieces' own, from coarse to fine.
     """
     seen_from = start
     for wider in finer_rad:

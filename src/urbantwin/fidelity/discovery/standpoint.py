@@ -1,13 +1,13 @@
-"""Where a sensor stands and what it turns about, and what pieces of rings say of that.
+"""Position and rotation axis of a sensor, and their constraints from pieces of rings.
 
-A beam that turns about an axis ``a`` sweeps a cone: all that it meets is seen at one elevation,
-``a.u = sin e`` with ``u`` the line of sight from the sensor's place. Along a piece of a ring with
-direction ``t``, at a distance ``r``, the elevation does not change:
+A beam that rotates about an axis ``a`` sweeps a cone: all its points have one elevation, ``a.u =
+sin e`` with ``u`` the line of sight from the sensor's position. Along a piece of a ring with
+direction ``t``, at a distance ``r``, the elevation is constant:
 
     d(a.u)/dt = (a.t - (t.u)(a.u)) / r = 0
 
-That is one equation for the place and the axis from every piece, whatever surface it lies on.
-Errors of the ranges move points along ``u``, which stays on the cone: they do not enter.
+Every piece gives this one equation for position and axis, whatever surface it lies on. Range errors
+move points along ``u``, which stays on the cone, and do not matter.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from urbantwin.fidelity.discovery.ring_pieces import RingPieces
 
 __all__ = ["LEAST_RISE", "Standpoint", "across", "ring_likelihood_ratio", "ring_residuals"]
 
-#: Least sine of elevation that a line of sight counts with: seen from its own height, a level line
-#: is on a cone wherever the sensor stands.
+#: Minimum sine of elevation of a line of sight: seen from its own height, a level line is on a cone
+#: wherever the sensor is.
 LEAST_RISE = 0.05
-#: Sensors are at least this far apart, metres: two that are nearer are one, found twice.
+#: Minimum distance of two sensors, metres: nearer ones are duplicates.
 APART_M = 0.25
 _ROOT = float(np.sqrt(np.pi / 2))
 
 
 @dataclass(frozen=True, eq=False)
 class Standpoint:
-    """Where a sensor stands and what it turns about.
+    """Position and rotation axis of a sensor.
 
     Attributes:
         place: (3,) float64, metres, in the frame of the points.
@@ -53,18 +53,18 @@ class Standpoint:
         return np.asarray(np.degrees(np.arcsin(np.clip(away @ self.axis / far, -1, 1))))
 
     def is_beside(self, other: Standpoint) -> bool:
-        """Return whether two are nearer to each other than two sensors can be."""
+        """Return whether another standpoint is too near to be a separate sensor."""
         return bool(np.sqrt(((self.place - other.place) ** 2).sum()) < APART_M)
 
     def moved(self, step: NDArray[np.float64]) -> Standpoint:
-        """Return it moved by x, y, z (metres) and turned by two angles `across` (radians)."""
+        """Return it shifted by x, y, z (metres) and rotated by two angles `across` (radians)."""
         first, second = across(self.axis)
         axis = self.axis + step[3] * first + step[4] * second
         return Standpoint(self.place + step[:3], axis / np.sqrt((axis**2).sum()))
 
 
 def across(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two unit vectors (3,) square to an axis that is not along x, and to each other."""
+    """Return two unit vectors (3,) orthogonal to an axis that is not along x, and to each other."""
     first = np.cross(axis, [1.0, 0.0, 0.0])
     first /= np.sqrt((first**2).sum())
     return first, np.cross(axis, first)
@@ -72,7 +72,7 @@ def across(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
 
 @dataclass(frozen=True, eq=False)
 class RingResiduals:
-    """How far pieces of rings are off the cone that the beam through them sweeps.
+    """Deviation of pieces of rings from the cone of the beam through them.
 
     Attributes:
         off: (P,) sine of the angle off the cone, 0 for a ring of this sensor.

@@ -1,4 +1,4 @@
-"""The channels of one unit: how they differ from its model's, and which of them sees a point."""
+"""The channels of one unit: offsets from its model, and the channel that sees a point."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from urbantwin.lidar import Sensor
 
 __all__ = ["OnChannel", "Unit"]
 
-#: Largest room of a channel: at the edge of a table, or far from other channels, degrees.
+#: Maximum interval of a channel: at the edge of a table, or far from other channels, degrees.
 _MOST_ROOM_DEG = 1.0
-#: Channels to each side of the nearest elevation among which the beam origin offsets decide.
+#: Channels on each side of the nearest elevation that are tested with beam origin offsets.
 _BESIDE = 3
 
 
 @dataclass(frozen=True, eq=False)
 class OnChannel:
-    """What a unit sees of points.
+    """The channels that see points.
 
     Attributes:
-        channel: (N,) the nearest one, in the maker's order.
+        channel: (N,) nearest channel, in the manufacturer's order.
         off_deg: (N,) elevation of the point above that channel's beam.
-        room_deg: (N,) the interval of elevations that are nearest to that channel.
+        room_deg: (N,) interval of elevations that are nearest to that channel.
         far: (N,) distance, metres.
     """
 
@@ -40,11 +40,11 @@ class Unit:
     """The channels of one sensor as built.
 
     Attributes:
-        model: of the catalogue; None: the table was found in the points.
+        model: model of the catalogue; None: the table was found from the points.
         table_deg: (C,) elevations of the model, or as found.
-        offset_deg: (C,) this unit's elevations less those of the table.
-        origin_offset_m: (C,) beam origin offset: how far above the sensor's place the line of each
-            beam passes. An HDL-64E has two lenses, one 0.1 m above the other.
+        offset_deg: (C,) this unit's elevations minus those of the table.
+        origin_offset_m: (C,) beam origin offset: height of each beam's line above the sensor's
+            position. An HDL-64E has two lenses, one 0.1 m above the other.
     """
 
     model: Sensor | None
@@ -54,7 +54,7 @@ class Unit:
 
     @classmethod
     def of_table(cls, table_deg: NDArray[np.float64], model: Sensor | None) -> Unit:
-        """Return a unit that is exactly like its table."""
+        """Return a unit that equals its table."""
         return cls(model, table_deg, np.zeros(len(table_deg)), np.zeros(len(table_deg)))
 
     @property
@@ -63,7 +63,7 @@ class Unit:
         return self.table_deg + self.offset_deg
 
     def sees(self, points: NDArray[np.float64], seen_from: Standpoint) -> OnChannel:
-        """Return which channels see (N, 3) points, from where it stands."""
+        """Return the channels that see (N, 3) points from a standpoint."""
         far = np.sqrt(((points - seen_from.place) ** 2).sum(axis=1))
         seen = seen_from.elevation_deg(points)
         rising = np.argsort(self.elevation_deg, kind="stable")

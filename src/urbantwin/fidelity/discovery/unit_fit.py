@@ -1,4 +1,4 @@
-"""A sensor's pose and its unit's channels, fitted to the elevations of what it sees."""
+"""Fit of a sensor's pose and its unit's channels to the elevations of its points."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class Belief:
 
 @dataclass(frozen=True)
 class Freedom:
-    """Prior standard deviations of how units differ from their table.
+    """Prior standard deviations of a unit's differences from its table.
 
     Attributes:
         offset_deg: of a channel's elevation.
-        origin_offset_m: of a beam origin offset; 0: all beams leave from the sensor's place.
+        origin_offset_m: of a beam origin offset; 0: all beams start at the sensor's position.
     """
 
     offset_deg: float
@@ -60,12 +60,12 @@ def fit_unit(
 ) -> tuple[Standpoint, Unit, NDArray[np.float64]]:
     """Return the pose and the unit with the smallest elevation residuals of points.
 
-    Robust least squares with a tolerance that becomes finer: residuals beyond it lose their weight.
+    Robust least squares with decreasing tolerance: larger residuals lose their weight.
 
     Args:
         points: (N, 3) metres.
-        weight: (N,) of each, in independent looks.
-        start: where the search begins.
+        weight: (N,) weight of each point, in independent observations.
+        start: start of the search.
         belief: the prior of the pose.
         freedom: the prior of the unit.
         finer_deg: tolerances, from coarse to fine.

@@ -1,4 +1,4 @@
-"""Checks of frames: points in metres, of one place, from sensors that stand still."""
+"""Checks of frames: points in metres, of one place, from fixed sensors."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from urbantwin.fidelity.discovery.result import FoundSensor
 
 __all__ = ["check_frames", "check_ranges", "check_standing"]
 
-#: Nearly all points of a LiDAR's frame are within this of their median, metres.
+#: Maximum extent of nearly all points of a frame about their median, metres.
 _FARTHEST_M = 1000.0
-#: Raised cells, in which something stands on the ground: their width, and the least height that
-#: their points span, metres.
+#: Width of the cells that are tested for raised objects, and the minimum height that the points of
+#: a raised cell span, metres.
 _CELL_M, _TALL_M = 0.5, 0.8
-#: Heights are told in steps of this; what is so far from the ground's is not of it, metres; and
-#: z points down if this share of the points is below it, and so many times of those above it.
+#: Bin size of heights, and distance from the ground of points off the ground, metres. z points down
+#: if this share of the points is below the ground, and this many times those above it.
 _LEVEL_M, _OFF_GROUND_M, _LEAST_BELOW, _SO_MANY_TIMES = 0.5, 1.5, 0.02, 10.0
-#: Least share of the raised cells of a frame beside one of another frame of the same place.
+#: Minimum share of a frame's raised cells beside one of another frame of the same place.
 _SAME_PLACE = 0.5
 #: Frames with fewer raised cells are not compared.
 _FEWEST_CELLS = 30
-#: Least share of its points of any frame that a sensor has in every other.
+#: Minimum number of a sensor's points in any frame, as a share of its maximum.
 _STAYS = 0.2
-#: A sensor moved if its places in the first and the last frame differ by more than this, metres,
-#: and by more than so many standard deviations.
+#: A sensor moved if its positions in the first and the last frame differ by more than this, metres,
+#: and by more than this many standard deviations.
 _MOVED_M, _DEVIATIONS = 0.1, 5.0
-#: Ranges beyond so many times the model's longest are of another unit (a foot is 0.3 m), if more
+#: Ranges beyond this multiple of the model's maximum are in another unit (a foot is 0.3 m), if more
 #: than this share of the points have them.
 _BEYOND, _SHARE_BEYOND = 1.15, 0.01
 
 
 def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) -> None:
-    """Refuse frames in units far from metres, upside down, and of different places.
+    """Raise an error for frames in units far from metres, upside down, or of different places.
 
     Raises:
-        InputError: says which frame.
+        InputError: names the frame.
     """
     for points, name in zip(frames, names, strict=True):
         far = np.percentile(np.abs(points - np.median(points, axis=0)).max(axis=1), 90)
@@ -74,7 +74,7 @@ def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) ->
 
 
 def _is_upside_down(heights: NDArray[np.float64]) -> bool:
-    """Return whether most lies at one height, the ground's, and nearly all else below it."""
+    """Return whether most points are at the ground's height, and nearly all others below it."""
     count, edges = np.histogram(
         heights, np.arange(heights.min(), heights.max() + _LEVEL_M, _LEVEL_M)
     )
@@ -100,12 +100,12 @@ def check_standing(
     rays: Sequence[PointRays],
     sensors: Sequence[FoundSensor],
 ) -> None:
-    """Refuse frames whose sensors are not where they were.
+    """Raise an error if sensors moved between frames.
 
-    A sensor that moves by more than its rings are apart is found once for every place.
+    A sensor that moves by more than the distance of its rings is found once per position.
 
     Raises:
-        InputError: says which frames.
+        InputError: names the frames.
     """
     for number, one in enumerate(sensors):
         count = np.array([int((ray.sensor == number).sum()) for ray in rays])
@@ -134,12 +134,12 @@ def check_ranges(
     rays: Sequence[PointRays],
     sensors: Sequence[FoundSensor],
 ) -> None:
-    """Refuse ranges beyond those of the model found: they are in another unit.
+    """Raise an error for ranges beyond those of the model found, which are in another unit.
 
     Angles are the same in every unit, so rings alone do not distinguish metres from feet.
 
     Raises:
-        InputError: says what is wrong with the ranges.
+        InputError: gives the ranges.
     """
     for number, one in enumerate(sensors):
         model = one.fit.unit.model

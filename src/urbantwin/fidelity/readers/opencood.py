@@ -32,7 +32,7 @@ from urbantwin.io.trust import laid_out, read_yaml_document
 __all__ = ["OPENCOOD"]
 
 _EXPECTED = "a frame's description of OPV2V, V2X-Real or V2V4Real"
-#: Keys that OpenCDA, the simulation behind OPV2V, writes and no real data set has.
+#: Keys that OpenCDA, the simulation of OPV2V, writes and no real dataset has.
 _SIMULATED = ("true_ego_pos", "predicted_ego_pos", "plan_trajectory")
 _IDENTITY = Pose(np.eye(3), np.zeros(3))
 _MIRROR = np.array([1.0, -1.0, 1.0])
@@ -124,20 +124,20 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose, agent: str | None 
     """Return objects in the frame of the points.
 
     Args:
-        objects: by number.
-        world_SE3_lidar: from the frame of the points to that of the objects.
-        agent: of V2V4Real: the vehicle that labelled them.
+        objects: objects by number.
+        world_SE3_lidar: transform from the frame of the points to that of the objects.
+        agent: for V2V4Real: the vehicle that labelled them.
     """
     lidar_SE3_world = world_SE3_lidar.inverse()
     labelled = []
     for number, item in objects.items():
-        # Number by number: a list of lists by YAML's aliases can exceed any memory.
+        # read per number: nested YAML aliases can exceed any memory
         origin, centre = (_three(item[name]) for name in ("location", "center"))
         place = [a + b for a, b in zip(origin, centre, strict=True)]
         pose = lidar_SE3_world @ _pose([*place, *_three(item["angle"])])
         size = (2 * abs(float(value)) for value in item["extent"])
         track = int(number)
-        if agent is not None:  # as V2V4Real's code numbers what only one vehicle labels
+        if agent is not None:  # V2V4Real's numbering of objects that only one vehicle labels
             common = int(item.get("ass_id", -1))
             track = common if common != -1 else track + 100 * int(agent)
         labelled.append(
@@ -151,10 +151,10 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose, agent: str | None 
 
 
 def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Return the red of packed colours as 0..1: where OPV2V stores intensity.
+    """Return the red channel of packed colours as 0..1, where OPV2V stores intensity.
 
-    A colour is 32 bits, stored as a whole number or as a float of the same bits (never between 1
-    and 2^32, as its upper eight are the opacity, all or none).
+    A colour is 32 bits, stored as a whole number or as a float with the same bits (never between 1
+    and 2^32, as its upper eight bits are the opacity, all or none).
     """
     values = colours.astype(np.float64)
     whole = (values >= 1) & (values < 2**32)

@@ -1,4 +1,4 @@
-"""Our own datasets and fleets: points, labels per point, boxes, rays, and the sensors' places."""
+"""Our own datasets and fleets: points, labels per point, boxes, rays, and sensor positions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["LABELLING", "is_fleet", "is_own", "open_fleet", "open_own", "with_lost_turns"]
 
-#: File with the sensors' places of frames that a model labelled.
+#: File with the sensor positions of frames that a model labelled.
 LABELLING = "labelling.json"
 
 _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -53,17 +53,17 @@ def is_own(path: Path) -> bool:
     labelled = any((path / "labels").glob("*.txt"))
     if labelled and clouds_in(path / "points", ".bin"):  # MMDetection3D's custom dataset
         return True
-    manifest = path / "dataset.json"  # other programs write files of this name too
+    manifest = path / "dataset.json"  # other programs use this name, too
     return manifest.is_file() and b'"kind": "dataset' in read_bytes(manifest, _EXPECTED)
 
 
 def with_lost_turns(recording: Recording) -> Recording:
-    """Return a dataset of ours including frames of which no turn arrived; they have no points.
+    """Return a dataset of ours including frames without points, whose data were all lost.
 
-    Detection is judged on these frames as well; points are compared without them.
+    Detections are evaluated on these frames as well; point clouds are compared without them.
 
     Args:
-        recording: of any layout; others than ours are returned as they are.
+        recording: of any layout; other layouts than ours are returned unchanged.
     """
     if recording.layout != "own" or not SensorTurns.is_in(recording.path):
         return recording
@@ -72,9 +72,9 @@ def with_lost_turns(recording: Recording) -> Recording:
 
 
 def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> Recording:
-    """Open a dataset that ``urbantwin record`` wrote.
+    """Open a dataset of ``urbantwin record``.
 
-    Frames lack the attributes of missing files (labels, rays).
+    Attributes whose files are missing (labels, rays) are None.
 
     Args:
         path: the folder.
@@ -82,7 +82,7 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
         may_be_empty: whether frames without points are included.
 
     Raises:
-        InputError: there are no points, or it is a folder of datasets, one for each sensor.
+        InputError: no points, or a folder with one dataset per sensor.
     """
     manifest = {}
     if (path / "dataset.json").is_file():
@@ -135,12 +135,12 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
 
 
 def _read_once(kind: type[_Table], path: Path) -> Callable[[], _Table | None]:
-    """Return a function that reads a table at its first call; None where there is no table."""
+    """Return a cached function that reads a table, or returns None if there is none."""
     return cache(lambda: kind.in_folder(path) if kind.is_in(path) else None)
 
 
 def _given(files: FrameFiles) -> Fields:
-    """Return the attributes of points in the files of rays and labels, if they exist."""
+    """Return the attributes of points from the files of rays and labels, if they exist."""
     given: Fields = {}
     if (rays := files.known_rays) is not None:
         given |= fields_of_rays(rays)
@@ -150,15 +150,17 @@ def _given(files: FrameFiles) -> Fields:
 
 
 def fields_of_rays(table: NDArray[np.void]) -> Fields:
-    """Return the fields of rays by the names of a frame's attributes."""
+    """Return the fields of rays, named as the attributes of a frame."""
     return {_RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS}
 
 
 def read_label_lines(path: Path) -> Boxes | None:
-    """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
+    """Return the boxes of an OpenPCDet label file, or None if it is missing.
+
+    Lines are ``x y z dx dy dz heading class``.
 
     Raises:
-        InputError: a line is not such a label.
+        InputError: a line is invalid.
     """
     if not path.is_file():
         return None
@@ -188,7 +190,7 @@ class _Labelling(Part):
 
 
 def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
-    """Return the sensors' places in frames that a model labelled, by name of frame."""
+    """Return the sensor positions of frames that a model labelled, by frame name."""
     if not file.is_file():
         return {}
     expected = "a folder of urbantwin model label"
@@ -197,7 +199,7 @@ def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def _poses(told: FramePoses) -> dict[str, Pose]:
-    """Return dataset_SE3_site by name of frame; of a static rig, by an empty name."""
+    """Return dataset_SE3_site by frame name; an empty name for a static rig."""
     rows = {frame.name: frame.dataset_SE3_site for frame in told.frames} | {
         "": told.dataset_SE3_site
     }
@@ -205,7 +207,7 @@ def _poses(told: FramePoses) -> dict[str, Pose]:
 
 
 def boxes_of_objects(objects: LabelledObjects) -> Boxes:
-    """Return labelled actors of ours as the boxes of a frame, without boxes of no size."""
+    """Return labelled actors of ours as the boxes of a frame, without boxes of zero size."""
     objects = objects.take((objects.box[:, 3:6] > 0).all(axis=1))
     classes = tuple(objects.class_name.tolist())
     return Boxes(
@@ -223,7 +225,7 @@ def boxes_of_objects(objects: LabelledObjects) -> Boxes:
 def sensor_places(
     turns: SensorTurns, frame: str, dataset_SE3_site: Pose
 ) -> NDArray[np.float64] | None:
-    """Return the sensors' true places in the frame of the points, (S, 3); None without turns."""
+    """Return the true sensor positions (S, 3) in the frame of the points; None if unknown."""
     poses = turns.first_poses(frame, "true").values()
     if not poses:
         return None
@@ -240,9 +242,9 @@ def is_fleet(path: Path) -> bool:
 
 
 def open_fleet(path: Path) -> Recording:
-    """Open a fleet that ``urbantwin record --nodes`` wrote, as one recording in the site's frame.
+    """Open a fleet of ``urbantwin record --nodes`` as one recording in the site frame.
 
-    Sensors are numbered through all nodes that are there in a frame.
+    Sensors are numbered consecutively over the nodes present in a frame.
 
     Raises:
         InputError: its manifest or a table is damaged.

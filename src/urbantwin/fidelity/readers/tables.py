@@ -2,14 +2,14 @@
 
 ``boxes.csv`` has the columns, in any order, ``frame``, ``class``, ``x``, ``y``, ``z`` (centre),
 ``length``, ``width``, ``height``, ``yaw`` (radians, counter-clockwise from +x); optional are
-``track`` (the object's number in every frame), ``vx``, ``vy``, ``vz`` (over the ground, m/s),
+``track`` (number of the object over all frames), ``vx``, ``vy``, ``vz`` (over ground, m/s),
 ``num_points``, ``occlusion`` (0..1) and ``ignore`` (1: neither to be detected nor wrong if
-detected; ``ignored`` gives the reason). Frames that the list does not name are not labelled.
+detected; ``ignored`` gives the reason). Frames that are not listed are not labelled.
 
 ``frames.csv`` is written by `urbantwin export`: a row for each frame and each of its sensors, with
 ``frame``, ``time_s`` (seconds from the start of the motion), ``part`` (of the split), ``of``
-(``frame`` or the sensor's name), ``x``, ``y``, ``z``, ``qw``, ``qx``, ``qy``, ``qz`` (the pose of
-its points in the site).
+(``frame`` or the sensor's name), ``x``, ``y``, ``z``, ``qw``, ``qx``, ``qy``, ``qz`` (pose of its
+points in the site).
 """
 
 from __future__ import annotations
@@ -67,17 +67,17 @@ def _rows_of(path: Path, expected: str) -> list[dict[str, str]]:
 
 
 def frame_number(name: str) -> str:
-    """Return the key of a frame in a list: its number without zeros, else its name's stem."""
+    """Return the key of a frame in a list: its number without leading zeros, or its name's stem."""
     stem = name.split(".", maxsplit=1)[0]
     last = re.search(r"\d+$", stem)
     return stem if last is None else str(int(last[0])) if len(last[0]) <= 18 else last[0]
 
 
 def read_box_list(path: Path) -> dict[str, Boxes]:
-    """Read boxes by `frame_number`.
+    """Return boxes by `frame_number`.
 
     Raises:
-        InputError: a column is missing or a value is wrong; the line is named.
+        InputError: a column is missing or a value is invalid; the error gives the line.
     """
     expected = f"a table with {', '.join(_BOX_COLUMNS)}"
     rows = _rows_of(path, expected)
@@ -134,7 +134,7 @@ def _or(value: float | None, otherwise: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ListedFrame:
-    """A frame's time, its pose in the site, and its sensors' places (S, 3) in the frame."""
+    """A frame's time, its pose in the site, and the sensor positions (S, 3) in the frame."""
 
     time_s: float
     site_SE3_frame: Pose  # noqa: N815
@@ -142,10 +142,10 @@ class ListedFrame:
 
 
 def read_frame_list(path: Path) -> dict[str, ListedFrame]:
-    """Read the frames of a list by their names.
+    """Return the frames of a list by name.
 
     Raises:
-        InputError: a column is missing or a value is wrong; the line is named.
+        InputError: a column is missing or a value is invalid; the error gives the line.
     """
     expected = f"a table with {', '.join(_FRAME_COLUMNS)}"
     poses: dict[str, dict[str, tuple[float, Pose]]] = {}
@@ -199,7 +199,7 @@ def boxes_of_rows(rows: Sequence[Mapping[str, Any]]) -> Boxes:
 
 
 def poses_of_frame(record: Mapping[str, Any]) -> tuple[Pose, NDArray[np.float64]]:
-    """Return site_SE3_frame, and where each sensor is in the frame of the points (S, 3).
+    """Return site_SE3_frame, and the sensor positions in the frame of the points (S, 3).
 
     Raises:
         ValueError, KeyError, TypeError: a matrix is not a pose.
@@ -211,11 +211,11 @@ def poses_of_frame(record: Mapping[str, Any]) -> tuple[Pose, NDArray[np.float64]
 
 
 def labels_of_message(data: bytes, file: Path, place: str) -> tuple[str, dict[str, Any]]:
-    """Return the name of a frame, and its boxes, pose and sensors as arguments of `Frame`.
+    """Return the name of a frame, and its boxes, pose and sensor positions as arguments of `Frame`.
 
     Raises:
-        InputError: it is not JSON.
-        ValueError, KeyError, TypeError: it is not laid out as labels are.
+        InputError: the message is not JSON.
+        ValueError, KeyError, TypeError: the message has another layout.
     """
     told = json_value(data, file=f"{file}: {place}", expected="the labels of a frame")
     pose, places = poses_of_frame(told)

@@ -1,12 +1,12 @@
-"""Waymo Open Dataset, version 2: a segment in Parquet, its range images as points.
+"""Waymo Open Dataset, version 2: a segment in Parquet, with range images as points.
 
 Sources: Sun et al. 2020, and the development kit (``waymo_open_dataset/v2``,
 ``docs/labeling_specifications.md``; ``range_image_utils.py``: ``compute_inclination``,
 ``compute_range_image_polar``, ``compute_range_image_cartesian``; ``lidar_utils.py``). Points, boxes
-and the places of the five sensors are in the vehicle's frame (x forward, y left, z up). Rows of a
-range image are beams, the highest first; columns are directions, counter-clockwise from straight
-back from the last to the first. Motion within a turn is corrected by the vehicle's pose at every
-pixel. The kit computes in 32 bits, this in 64.
+and the positions of the five sensors are in the vehicle's frame (x forward, y left, z up). Rows of
+a range image are beams, the highest first. Columns are directions: from the last to the first,
+counter-clockwise from straight back. Motion within a rotation is corrected by the vehicle's pose at
+every pixel. The kit computes in 32 bits, this reader in 64.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ from urbantwin.io.trust import laid_out
 
 __all__ = ["RangeImageSensor", "is_waymo", "open_waymo", "returns_of"]
 
-#: Beams are no steeper than straight up or down, radians (with what 32 bits lose).
+#: Maximum inclination of a beam, radians (with the rounding error of 32 bits).
 _STEEPEST = np.pi / 2 + 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class RangeImageSensor:
-    """Where a sensor is, and where its beams point.
+    """Extrinsics and beam directions of a sensor.
 
     Attributes:
         vehicle_SE3_sensor: its extrinsics.
-        inclination: (H,) radians above the sensor's x-y plane, the lowest first; None where they
-            are spread evenly.
-        lowest, highest: bounds of those that are spread evenly, radians.
+        inclination: (H,) radians above the sensor's x-y plane, the lowest first; None for evenly
+            spaced beams.
+        lowest, highest: bounds of evenly spaced inclinations, radians.
     """
 
     vehicle_SE3_sensor: Pose  # noqa: N815
@@ -65,7 +65,7 @@ class RangeImageSensor:
         """Return the inclination of every row (height,) of an image, the highest first.
 
         Raises:
-            ValueError: the sensor has another number of beams, or one of no direction.
+            ValueError: the sensor has another number of beams, or an invalid inclination.
         """
         found = self.inclination
         if found is None:
@@ -80,7 +80,7 @@ class RangeImageSensor:
 
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """What came back of one image: points (N, 3) in the vehicle's frame, row and column (N,)."""
+    """Returns of one image: points (N, 3) in the vehicle's frame, row and column (N,)."""
 
     points: NDArray[np.float64]
     row: NDArray[np.intp]
@@ -93,17 +93,17 @@ def returns_of(
     pixel_pose: NDArray[np.floating] | None = None,
     world_SE3_vehicle: Pose | None = None,
 ) -> Returns:
-    """Return the points of an image, row by row: pixels whose range is above 0.
+    """Return the points of an image, row by row: pixels with a range above 0.
 
     Args:
-        range_m: (H, W).
-        sensor: whose image it is.
+        range_m: (H, W) ranges, metres.
+        sensor: sensor of the image.
         pixel_pose: (H, W, 6) roll, pitch, yaw in radians and x, y, z in metres of the vehicle in
-            the world at every pixel; needs the next.
-        world_SE3_vehicle: of the frame, whose vehicle's frame the points are given in.
+            the world at every pixel; requires ``world_SE3_vehicle``.
+        world_SE3_vehicle: pose of the vehicle at the frame's time, the frame of the points.
 
     Raises:
-        ValueError: the image is not one of the sensor's.
+        ValueError: the image does not match the sensor.
     """
     height, width = range_m.shape
     inclination = sensor.of_rows(height)
@@ -129,9 +129,9 @@ _PIXELS = "[LiDARPoseComponent].range_image_return1"
 _EXTRINSIC = "[LiDARCalibrationComponent].extrinsic.transform"
 _BEAMS = "[LiDARCalibrationComponent].beam_inclination."
 _WORLD = "[VehiclePoseComponent].world_from_vehicle.transform"
-#: Of a range image's channels: range, intensity, elongation, whether nothing is labelled there.
+#: Channels of a range image (range, intensity, elongation, no-label zone): number and indices.
 _CHANNELS, _INTENSITY, _ZONE = 4, 1, 3
-#: Numbers of a pose, and how an image is written: all of its numbers, and its sides.
+#: Values per pose, and the parts of a stored image: its values and its shape.
 _POSE, _PARTS = 6, ("values", "shape")
 _STILL = "Where the vehicle was at each pixel is not there: its motion within a turn stays in."
 
@@ -144,11 +144,10 @@ def is_waymo(path: Path) -> bool:
 
 
 def open_waymo(path: Path) -> Recording:
-    """Open a segment: its ``lidar/NAME.parquet``, or the folder of components that has only one.
+    """Open a segment: its ``lidar/NAME.parquet``, or the folder of components if it has only one.
 
     Raises:
-        InputError: there are several segments, its calibration is missing, or a table of it is
-            not right.
+        InputError: there are several segments, the calibration is missing, or a table is invalid.
     """
     segment = _Segment(_file_of(path))
     names = tuple(map(str, segment.times))
@@ -170,7 +169,7 @@ def _file_of(path: Path) -> Path:
 
 
 class _Segment:
-    """A segment whose small components are read, and whose images are read frame by frame."""
+    """A segment: small components are read at once, images frame by frame."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -190,11 +189,11 @@ class _Segment:
         self.notes = () if self._pixels is not None else (_STILL,)
 
     def _component(self, name: str) -> Path:
-        # A link to the file alone leaves the other components where the link is.
+        # A link to the file finds the components beside the link.
         return self._file.absolute().parent.parent / name / self._file.name
 
     def _of_part(self, file: Path, images: Sequence[str]) -> ImageRows | None:
-        """Return the rows of a component that not every segment, frame or laser has."""
+        """Return the rows of an optional component."""
         if not file.is_file():
             return None
         rows = _rows_of(file, images)
@@ -203,7 +202,7 @@ class _Segment:
         return rows
 
     def frame(self, index: int) -> Frame:
-        """Return the frame of a number: both returns of every laser, laser by laser."""
+        """Return a frame: both returns of every laser, laser by laser."""
         time = self.times[index]
         world = self._poses.get(time)
         lasers = sorted(self._sensors)
@@ -235,7 +234,7 @@ class _Segment:
         )
 
     def _returns(self, time: int, laser: int, row: int, world: Pose | None) -> list[Columns]:
-        """Return the fields of what came back to one laser, the first returns before the second."""
+        """Return the fields of a laser's returns, the first returns before the second."""
         sensor, values = self._sensors[laser], self._images.row(row)
         with laid_out(self._file, EXPECTED, place=f"row {row}"):
             told = [image_of(values, name, _CHANNELS) for name in _RETURNS]
@@ -275,9 +274,9 @@ class _Segment:
     def _labels_of(
         self, time: int, laser: int, images: Sequence[NDArray[np.floating] | None]
     ) -> list[NDArray[np.integer] | None]:
-        """Return instance and class (H, W, 2) of images, zeros for those that lack them.
+        """Return instance and class (H, W, 2) of images, zeros for images without labels.
 
-        None for all of a frame in which nothing is labelled pixel by pixel.
+        All are None for a frame without labels per pixel.
         """
         if self._classes is None or time not in self._classes.lasers:
             return [None for _ in images]
@@ -326,7 +325,7 @@ def _sensors(path: Path, segment: str) -> dict[int, RangeImageSensor]:
 
 
 def _poses(path: Path, segment: str) -> dict[int, Pose]:
-    """Return where the vehicle was at every time."""
+    """Return the vehicle's pose at every time."""
     table = read_component(path, (TIME, _WORLD), segment)
     found = {}
     for row in range(0 if table is None else len(next(iter(table.values()), ()))):

@@ -1,10 +1,11 @@
-"""Tables of the Waymo Open Dataset, version 2: components of a segment, boxes, classes of points.
+"""Tables of the Waymo Open Dataset, version 2: segments, boxes, semantic classes of points.
 
 Sources: ``waymo_open_dataset/v2``: ``component.py`` (names of columns), ``perception/lidar.py``,
 ``context.py``, ``box.py``, ``pose.py``, ``segmentation.py``, ``column_types.py``;
 ``protos/segmentation.proto``. Rows have keys: time of the frame in microseconds, and laser. Boxes
-are upright in the vehicle's frame, by their centre. Speeds are over the ground in the world's axes
-(the kit's issue 39, and the numbers in its issue 137); here they are rotated into the vehicle's.
+are upright in the vehicle's frame, given by their centre. Speeds are over ground in the world's
+axes (the kit's issue 39, and the numbers in its issue 137); here they are rotated into the
+vehicle's.
 """
 
 from __future__ import annotations
@@ -49,26 +50,26 @@ EXPECTED = "a component of the Waymo Open Dataset, version 2"
 SEGMENT, TIME, LASER = (
     f"key.{name}" for name in ("segment_context_name", "frame_timestamp_micros", "laser_name")
 )
-#: Groups of rows that are read side by side: rows may be sorted by laser before time.
+#: Row groups read in parallel: rows may be sorted by laser before time.
 _MOST_OPEN = 8
 
 
 class ImageRows:
-    """The rows of a component that holds images, each unpacked when it is asked for.
+    """The rows of a component with images, each decoded on request.
 
-    One after the other a row is unpacked once; one that lies before the last of its group costs
-    all that precede it in that group.
+    In sequence, each row is decoded once. A row before the last one of its group requires decoding
+    all rows that precede it in the group.
 
     Args:
         path: the file.
-        columns: what a row is wanted of.
+        columns: the columns to read.
 
     Attributes:
-        segment: which recording the file says that it is of.
+        segment: the recording that the file belongs to.
         lasers: time of a frame -> laser -> row, in the order of lasers.
 
     Raises:
-        InputError: not such a table, or one with a row twice.
+        InputError: not such a table, or a duplicate row.
     """
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
@@ -95,10 +96,10 @@ class ImageRows:
         self._open: OrderedDict[int, tuple[int, Iterator[pa.RecordBatch]]] = OrderedDict()
 
     def row(self, number: int) -> dict[str, Any]:
-        """Return a row's values by column: arrays of lists, None where there is none.
+        """Return a row's values by column: arrays, or None for an empty value.
 
         Raises:
-            InputError: it is damaged.
+            InputError: the row is damaged.
         """
         group = int(np.searchsorted(self._begin, number, "right")) - 1
         wanted = number - int(self._begin[group])
@@ -117,7 +118,7 @@ class ImageRows:
 
 
 def _value(column: pa.Array) -> NDArray[Any] | None:
-    """Return the list of numbers in the one row of a column."""
+    """Return the numbers in the one row of a column, None if it is empty."""
     import pyarrow as pa
 
     kind = column.type
@@ -132,16 +133,16 @@ def _value(column: pa.Array) -> NDArray[Any] | None:
 def image_of(
     row: Mapping[str, Any], name: str, channels: int, kind: str = "f"
 ) -> NDArray[Any] | None:
-    """Return an image (H, W, channels) of a row, None where it is empty.
+    """Return an image (H, W, channels) of a row, None if it is empty.
 
     Args:
         row: its values by column.
-        name: of the image.
-        channels: how many numbers a pixel has.
-        kind: of them, as NumPy calls it: ``f`` or ``i``.
+        name: name of the image.
+        channels: number of values per pixel.
+        kind: NumPy kind of the values: ``f`` or ``i``.
 
     Raises:
-        ValueError: as many values as its shape says are not there.
+        ValueError: shape and number of values do not match.
     """
     values, shape = row.get(f"{name}.values"), row.get(f"{name}.shape")
     if values is None or shape is None or not len(values):
@@ -158,10 +159,10 @@ def image_of(
 
 
 def matrix_of(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - of a column of lists
-    """Return a matrix (4, 4) of the 16 numbers of a row.
+    """Return a matrix (4, 4) from 16 numbers.
 
     Raises:
-        ValueError: they are not 16.
+        ValueError: there are not 16.
     """
     found = np.asarray(values, np.float64)
     if found.size != 16:
@@ -170,12 +171,12 @@ def matrix_of(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - of a column
 
 
 def read_component(path: Path, columns: tuple[str, ...], segment: str) -> Columns | None:
-    """Read a component whose rows are small, None where it is not there or has no row.
+    """Return the columns of a component with small rows, None if it is missing or empty.
 
     Args:
         path: the file.
-        columns: what is wanted; those that the file lacks are left out.
-        segment: which recording it must be of.
+        columns: the columns to read; missing ones are left out.
+        segment: the recording that it must belong to.
 
     Raises:
         InputError: not such a table, or one of another recording.
@@ -196,20 +197,20 @@ def read_component(path: Path, columns: tuple[str, ...], segment: str) -> Column
 
 
 def check_segment(found: str, wanted: str, path: Path) -> None:
-    """Refuse a component of another recording.
+    """Raise an error for a component of another recording.
 
     Raises:
-        InputError: it is of another.
+        InputError: the segments differ.
     """
     if found != wanted:
         raise InputError(f"is of segment {found}", file=path, expected=f"segment {wanted}")
 
 
 def segment_of(table: pa.Table, path: Path) -> str:
-    """Return which recording all rows of a table are of.
+    """Return the recording that all rows of a table belong to.
 
     Raises:
-        InputError: they are of several.
+        InputError: there are several.
     """
     if SEGMENT not in table.column_names or not table.num_rows:
         return path.stem
@@ -227,12 +228,12 @@ _SIDES = tuple(f"{_BOX}box.{name}" for name in (
 _SPEED = tuple(f"{_BOX}speed.{axis}" for axis in "xyz")
 _OBJECT, _TYPE = "key.laser_object_id", f"{_BOX}type"
 _INSIDE = f"{_BOX}num_lidar_points_in_box"
-#: By number (``box.py``).
+#: Names of types by number (``box.py``).
 _TYPES = ("Unknown", "Vehicle", "Pedestrian", "Sign", "Cyclist")
 
 
 class LabelledObjects:
-    """The labelled objects of a segment by time; none in segments for tests."""
+    """The labelled objects of a segment by time; test segments have none."""
 
     def __init__(self, path: Path, segment: str) -> None:
         columns = (TIME, _OBJECT, *_SIDES, _TYPE, _INSIDE, *_SPEED)
@@ -245,7 +246,7 @@ class LabelledObjects:
             self._rows.setdefault(time, []).append(row)
 
     def at(self, time: int, world_SE3_vehicle: Pose | None) -> Boxes | None:
-        """Return the objects of a frame; no rows are a street without any."""
+        """Return the objects of a frame, possibly none; None if the segment has no labels."""
         table = self._table
         if table is None:
             return None
@@ -266,7 +267,7 @@ def _labelled(table: Columns, row: int, world_SE3_vehicle: Pose | None) -> Label
         track_of(str(table[_OBJECT][row])),
         _velocity(table, row, world_SE3_vehicle),
         num_points=inside,
-        # As the kit's metrics have it: annotators drew these by other sensors, or between frames.
+        # as in the kit's metrics: these were labelled by other sensors, or between frames
         ignored="no points" if inside == 0 else "",
     )
 
@@ -285,8 +286,8 @@ def _velocity(
     return float(x), float(y), float(z)
 
 
-#: By number: ours, or the nearest of ours, as our own street is labelled (kerbs, signal heads) and
-#: as SemanticKITTI's are (standing bicycles, other vehicles).
+#: Our class by number of Waymo's class: the same or the nearest, as our own streets are labelled
+#: (kerbs, signal heads) and as SemanticKITTI's (parked bicycles, other vehicles).
 _CLASSES = (
     "unlabelled", "car", "truck", "bus", "truck", "motorcyclist", "bicyclist", "pedestrian",
     "traffic-sign", "other-object", "pole", "other-object", "other-object", "motorcycle",
@@ -298,7 +299,7 @@ _CLASSES = (
 def classes_of(labels: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return our class and the instance (0 for none) of labels (N, 2): instance, class.
 
-    Classes that are not known are unlabelled.
+    Unknown classes are unlabelled.
     """
     ours = np.array([semantic_id(name) for name in _CLASSES], np.int64)
     instance, number = labels.astype(np.int64).T

@@ -1,7 +1,6 @@
-"""WebDataset: shards in which `urbantwin export --to webdataset` wrote frames.
+"""WebDataset: shards of frames written by `urbantwin export --to webdataset`.
 
-Shards hold nothing but headers and arrays, one after the other: a frame is found by where its files
-begin, and read when it is asked for.
+Shards are sequences of headers and arrays: files are located by their headers, and read on request.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def _shards(path: Path) -> list[Path]:
 
 
 def is_webdataset(path: Path) -> bool:
-    """Return whether a folder holds shards, or a file is one, whose first file is points."""
+    """Return whether a path is a shard or a folder of shards, whose first file holds points."""
     shards = _shards(path)
     if not shards:
         return False
@@ -60,15 +59,15 @@ class _Member:
 
 
 def open_webdataset(path: Path) -> Recording:
-    """Open the frames of all shards of a folder, or of one, in the order of their names.
+    """Open the frames of one shard or of all shards of a folder, in the order of their names.
 
     Raises:
-        InputError: a shard is damaged; where is told.
+        InputError: a shard is damaged; the error gives the position.
     """
     samples: dict[str, dict[str, _Member]] = {}
     for shard in _shards(path):
         for name, member in _members(shard):
-            # Of several datasets the name of each stands before it, as a folder.
+            # With several datasets, the dataset's name precedes the frame's as a folder.
             dataset, slash, base = name.rpartition("/")
             stem, _, kind = base.partition(".")
             stem = f"{dataset}{slash}{stem}"
@@ -108,7 +107,7 @@ def open_webdataset(path: Path) -> Recording:
 
 
 def _members(shard: Path) -> list[tuple[str, _Member]]:
-    """Return the files of a shard and where they are, from its headers alone."""
+    """Return the files of a shard and their positions, from its headers."""
     size, found, at = shard.stat().st_size, [], 0
     with shard.open("rb") as stream:
         while True:

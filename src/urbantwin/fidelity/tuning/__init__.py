@@ -1,4 +1,4 @@
-"""Tuning: fitting uncertain parameters of a rig and its traffic to unlabelled real frames."""
+"""Tuning: fits uncertain parameters of a rig and its traffic to unlabelled real frames."""
 
 from urbantwin.fidelity.tuning.frames import Split, split_in_time
 from urbantwin.fidelity.tuning.knobs import GROUPS, groups_of

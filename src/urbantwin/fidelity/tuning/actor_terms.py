@@ -1,4 +1,4 @@
-"""Terms of the actors: how many there are and how large, from moving points alone."""
+"""Loss terms of actors: their number and sizes, from moving points alone."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["KINDS", "ActorTerms", "Clusters", "actor_changes", "actor_knobs", "clusters_of"]
 
-#: What clusters are classified as, and the classes whose actors they are.
+#: Kinds of clusters, and their actor classes.
 KINDS = {
     "vehicles": ("car", "truck", "bus", "van"),
     "small": ("motorcycle", "bicycle", "pedestrian"),
 }
-#: Farther away, points of an actor are too few to cluster, metres.
+#: Maximum distance at which actors have enough points to cluster, metres.
 _REACH_M = 40.0
-#: Points nearer to each other in plan belong together, metres.
+#: Maximum distance in plan of neighbouring points of a cluster, metres.
 _JOINED_M = 0.5
 _LEAST_POINTS = 15
-#: Cluster's long side from which on it is a vehicle's, metres.
+#: Minimum long side of a vehicle's cluster, metres.
 _VEHICLE_M = 2.2
-#: Heights of actors that can be, metres.
+#: Minimum and maximum height of actors, metres.
 _LOWEST_M, _HIGHEST_M = 0.6, 4.5
-#: With fewer clusters on either side nothing is fitted to a kind.
+#: Minimum number of clusters on both sides to fit a kind.
 _LEAST_CLUSTERS = 30
 _AXES = ("length", "width", "height")
-#: Sides that are fitted, by class, and the clusters that are most likely of the class and show
-#: them: low and high of long side, short side and height, metres.
+#: Fitted dimensions by class, and the clusters that show them: bounds of long side, short side and
+#: height, metres.
 _SIZED = {
     "car": (("length", "width", "height"), ((3.0, 6.5), (1.2, 2.4), (1.0, 2.3))),
     "pedestrian": (("height",), ((0.2, 1.1), (0.0, 1.1), (1.3, 2.2))),
@@ -53,10 +53,10 @@ class Clusters:
 
     Attributes:
         size: (N, 3) long side, short side in plan, height above the ground, metres.
-        time: (N,) in which of `SECTORS` equal spans of time it was seen: an actor is there for
-            many frames, so its clusters in one span are not independent.
-        vehicle: (N,) whether it is one by its size.
-        frames: how many frames they are of.
+        time: (N,) which of `SECTORS` equal intervals of time: an actor is present in many frames,
+            so its clusters in one interval are not independent.
+        vehicle: (N,) whether the size is that of a vehicle.
+        frames: number of frames.
     """
 
     size: NDArray[np.float64]
@@ -65,7 +65,7 @@ class Clusters:
     frames: int
 
     def of(self, kind: str) -> NDArray[np.bool_]:
-        """Return which are of a kind."""
+        """Return the mask of the clusters of a kind."""
         return self.vehicle if kind == "vehicles" else ~self.vehicle
 
 
@@ -75,17 +75,17 @@ def clusters_of(
     places: NDArray[np.float64],
     ground: LabelledMesh,
 ) -> Clusters | None:
-    """Cluster what moves; ``None`` where there are too few frames to tell.
+    """Return the clusters of moving points; ``None`` with too few frames.
 
     Args:
-        clouds: frames in the order of time.
-        site_SE3_points: of their points.
-        places: (S, 3) of the sensors in their frame.
-        ground: what actors stand on, site frame.
+        clouds: frames in order of time.
+        site_SE3_points: pose of their points.
+        places: (S, 3) positions of the sensors in their frame.
+        ground: ground under the actors, site frame.
     """
     if len(clouds) < LEAST_FRAMES:
         return None
-    # Without rings and columns: on both sides the same is known.
+    # Rings and columns are dropped, so that both sides have the same attributes.
     plain = [replace(one, ring=None, column=None, sensor_places=places) for one in clouds]
     still = Background(plain)
     probe = DownwardProbe(ground)
@@ -106,7 +106,7 @@ def clusters_of(
 
 
 def _clusters(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Return the clusters of points (N, 3) that lie near each other in plan."""
+    """Return the clusters of points (N, 3) that are near each other in plan."""
     if len(points) < _LEAST_POINTS:
         return []
     cells, owner = np.unique(
@@ -132,28 +132,28 @@ def _sides(plan: NDArray[np.float64]) -> tuple[float, float]:
 
 
 class ActorTerms:
-    """The term of actors: how many clusters of each kind there are in a frame, and how large.
+    """Loss term of actors: number of clusters of each kind per frame, and their sizes.
 
-    - Numbers: the Poisson deviance of the real clusters in a span of time, of which the mean of
-      the simulated ones times the density is expected.
-    - Sizes: every real cluster's logarithm of a side against all simulated ones' plus that of the
-      factor; the least sum of distances is the estimator of Hodges and Lehmann 1963. What both
-      sides see of actors is seen alike, so parts that are hidden do not matter.
+    - Numbers: the Poisson deviance of the real clusters per interval of time; the expected number
+      is the simulated mean times the density.
+    - Sizes: the distance of every real cluster's log dimension to all simulated ones' plus the log
+      of the factor; the minimum of the sum is the estimator of Hodges and Lehmann 1963. Occlusion
+      affects both sides alike, so hidden parts do not matter.
 
     Args:
         real: clusters of the real frames.
-        simulated: those of the twin's, found by the same rule.
+        simulated: clusters of the twin's frames, found by the same rule.
     """
 
     def __init__(self, real: Clusters, simulated: Clusters) -> None:
         self._real, self._simulated = real, simulated
-        #: Classes whose size enough clusters show, and which sides.
+        #: Classes with enough clusters to fit a size, and the fitted dimensions.
         self.sides = {
             kind: sides
             for kind, (sides, _) in _SIZED.items()
             if min(_sized(real, kind).sum(), _sized(simulated, kind).sum()) >= _LEAST_CLUSTERS
         }
-        #: Kinds of which there are enough to say something.
+        #: Kinds with enough clusters to fit a density.
         self.kinds = tuple(
             kind
             for kind in KINDS
@@ -161,7 +161,7 @@ class ActorTerms:
         )
 
     def __call__(self, values: Values) -> Loss:
-        """Return the loss at some values of the knobs."""
+        """Return the loss for parameter values."""
         losses: list[NDArray[np.float64]] = []
         sectors: list[NDArray[np.int64]] = []
         real, simulated = self._real, self._simulated
@@ -189,13 +189,13 @@ class ActorTerms:
 
 
 def _sized(clusters: Clusters, kind: str) -> NDArray[np.bool_]:
-    """Return which clusters (N,) are most likely of a class and show its size."""
+    """Return the mask of clusters (N,) that are most likely of a class and show its size."""
     low, high = np.array(_SIZED[kind][1]).T
     return np.asarray(((clusters.size >= low) & (clusters.size <= high)).all(axis=1))
 
 
 def actor_knobs(terms: ActorTerms) -> list[Knob]:
-    """Return what may be fitted of actors."""
+    """Return the actor parameters that can be fitted."""
     knobs = [Knob(f"density.{kind}", "actors", 1.0, 0.2, 5.0, times=True) for kind in terms.kinds]
     for kind, sides in terms.sides.items():
         knobs += [
@@ -205,7 +205,7 @@ def actor_knobs(terms: ActorTerms) -> list[Knob]:
 
 
 def actor_changes(values: Values, per_hour: dict[str, float]) -> dict[str, dict[str, Any]]:
-    """Return the fields of ``traffic:`` that values of the knobs change: demand and sizes."""
+    """Return the fields of ``traffic:`` that parameter values change: demand and sizes."""
     demand = dict(per_hour)
     size: dict[str, dict[str, float]] = {}
     for kind, classes in KINDS.items():

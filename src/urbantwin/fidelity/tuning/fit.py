@@ -1,4 +1,4 @@
-"""The fit of a rig: group after group, each with the values that the earlier ones found."""
+"""Fit of a rig in groups of parameters, each with the values that the earlier groups gave."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from urbantwin.twin import Twin
 
 __all__ = ["RigFit", "RigTerms", "fit_rig", "views_of"]
 
-#: Loss of a pose at which most points lie nowhere near the twin.
+#: Loss of a pose above which most points are not near the twin.
 _STRANGE = 0.5
 _TILT = ("move.pitch_deg", "move.roll_deg")
-#: Groups whose terms need the beams of a spinning sensor.
+#: Groups whose terms require a spinning sensor.
 _OF_RETURNS = ("reflectivity", "dropout", "noise")
 
 
 @dataclass(eq=False)
 class RigFit:
-    """What was found of a rig.
+    """Result of the fit of a rig.
 
     Attributes:
-        knobs: all that were searched.
-        values: of them.
-        groups: what became of each group, in the order of fitting.
-        notes: what a reader must know, one sentence each.
-        simulated: what moves in frames of the twin, where actors were fitted.
+        knobs: all parameters that were searched.
+        values: their values.
+        groups: results of the groups, in the order of fitting.
+        notes: notes for the report, one sentence each.
+        simulated: moving clusters in frames of the twin, if actors were fitted.
     """
 
     knobs: list[Knob] = field(default_factory=list)
@@ -49,14 +49,14 @@ class RigFit:
 
 @dataclass(eq=False)
 class RigTerms:
-    """The terms of a rig on the frames of one part.
+    """Loss terms of a rig on the frames of one part.
 
     Args:
         looks: the frames.
-        twin: where they were measured.
-        rig: as it is written.
-        points_in: the frame of the real points.
-        seed: of which points are taken.
+        twin: twin of the recorded place.
+        rig: the rig as written.
+        points_in: frame of the real points.
+        seed: seed of the sampled points.
     """
 
     looks: Looks
@@ -66,7 +66,7 @@ class RigTerms:
     seed: int
 
     def pose(self, half_m: tuple[float, ...] = FINE_M) -> Term:
-        """Return the term of place and heading (and of the tilt, where points show it)."""
+        """Return the term of position and heading, and of the tilt of points that are not level."""
         return PoseTerm(self.looks, self.rig, self.twin.mesh, self.points_in, self.seed, half_m)
 
     def tilt(self) -> TiltTerm:
@@ -74,7 +74,7 @@ class RigTerms:
         return TiltTerm(self.looks, self.rig, self.seed)
 
     def returns(self, views: Sequence[BeamView], values: dict[str, float]) -> ReturnTerms:
-        """Return the terms of drop-out, noise and reflectivity at a pose."""
+        """Return the terms of dropout, noise and reflectivity at a pose."""
         return ReturnTerms(self.looks, tuned_rig(self.rig, values), views, self.points_in)
 
 
@@ -87,15 +87,17 @@ def fit_rig(
 ) -> RigFit:
     """Fit a rig to the frames of two parts.
 
-    Pose first: what beams meet depends on nothing else. Then intensities, which tell how bright
-    surfaces are; drop-out, which hangs on that; and noise, which grows as echoes get weak.
+    The pose is fitted first: the surfaces that beams hit depend on nothing else. Then follow
+    intensities, which show reflectivities; dropout, which depends on these; and noise, which grows
+    as returns get weak.
 
     Args:
-        training: terms of the frames that are fitted to.
-        validation: of those that decide whether a group's fit is kept; ``None``: too few frames.
-        groups: what may be fitted.
-        searching: how.
-        tell: called with what is being done.
+        training: terms of the frames that are fitted.
+        validation: terms of the frames that decide whether a group's fit is kept; ``None``: too few
+            frames.
+        groups: groups to fit.
+        searching: options of the search.
+        tell: called with the current step.
     """
     rig = training.rig
     fit = RigFit()
@@ -136,7 +138,7 @@ def fit_rig(
 
 
 def views_of(posed: Rig, twin: Twin, seed: int) -> list[BeamView]:
-    """Return what the beams of every sensor meet."""
+    """Return the surfaces that the beams of every sensor hit."""
     return [
         beam_view(posed, number, twin.mesh, twin.surface_materials, seed)
         for number in range(len(posed.sensors))
@@ -169,7 +171,7 @@ def _fit_pose(
                 "Pitch and roll are not fitted: levelled points show them in rings only."
             )
         knobs = [one for one in knobs if one.name not in _TILT]
-    # First with a wide valley, then with a sharp one.
+    # first with a wide minimum, then with a sharp one
     rough, _ = searching.search(
         "pose, roughly", knobs, training.pose(COARSE_M), fit.values, starts(knobs)
     )
@@ -211,14 +213,14 @@ def _fit_returns(
 
 
 def _fewest_factors(fit: RigFit, knobs: Sequence[Knob]) -> None:
-    """Divide what is common to intensities and reflectivities so that the fewest factors differ.
+    """Divide intensities and reflectivities by a common factor, to leave the fewest factors.
 
-    Only their products show: as much more intensity and as much less reflectivity is the same. The
-    sum of the logarithms' sizes is least where the common factor is their median.
+    Only their products are observable. The sum of absolute logarithms is smallest if the common
+    factor is their median.
     """
     found = fit.groups[-1]
     if any(found.state[one.name] != FITTED for one in knobs):
-        return  # What was kept has settled it.
+        return  # a parameter that kept its start fixes the common factor
     sign = {one.name: 1.0 if one.name.startswith("reflectivity.") else -1.0 for one in knobs}
     logs = sorted(sign[one.name] * np.log(found.values[one.name]) for one in knobs)
     common = logs[len(logs) // 2]

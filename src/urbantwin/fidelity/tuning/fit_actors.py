@@ -1,4 +1,4 @@
-"""The fit of actors: how many and how large, after the rig is known."""
+"""Fit of the number and the sizes of actors, after the rig is fitted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from urbantwin.traffic import Motion
 
 __all__ = ["fit_actors", "real_clusters"]
 
-#: Simulated frames that actors are counted in, spread over the motion.
+#: Number of simulated frames in which actors are counted, spread over the motion.
 _SIMULATED = 40
 
 
@@ -34,17 +34,17 @@ def fit_actors(
     fit: RigFit,
     searching: Searching,
 ) -> dict[str, Any] | None:
-    """Fit density and size of actors; what was found is added to ``fit``.
+    """Fit density and size of actors, and add the result to ``fit``.
 
     Args:
-        training: the frames that are fitted to.
-        validation: those that decide.
+        training: the frames that are fitted.
+        validation: the frames that decide whether the fit is kept.
         motion: the twin's traffic; ``None``: nothing is fitted.
-        fit: of the rig.
-        searching: how.
+        fit: fit of the rig.
+        searching: options of the search.
 
     Returns:
-        The fields of ``traffic:`` that change; ``None`` where nothing was fitted.
+        The fields of ``traffic:`` that change; ``None`` if nothing was fitted.
     """
     if motion is None:
         fit.notes.append("Actors are kept: no motion was given to count the twin's own by.")
@@ -77,7 +77,7 @@ def fit_actors(
         values=dict(fit.values),
         begin=begin,
         searching=searching,
-        error=float(np.sqrt(2)),  # What is simulated is a sample too, and as small.
+        error=float(np.sqrt(2)),  # the simulated sample is as small as the real one
     )
     fit.values |= found.values
     fit.groups.append(found)
@@ -85,7 +85,7 @@ def fit_actors(
 
 
 def real_clusters(terms: RigTerms, fit: RigFit) -> Clusters | None:
-    """Return what moves in real frames, placed by the fitted pose; ``None``: too few frames."""
+    """Return the moving clusters of real frames, at the fitted pose; ``None``: too few frames."""
     rig = tuned_rig(terms.rig, fit.values)
     place = frame_of_points(rig, terms.points_in)
     places = np.array([one.site_SE3_sensor.translation for one in rig.sensors])

@@ -1,4 +1,4 @@
-"""Real frames of a fit: split in time, and read without their labels."""
+"""Real frames of a fit: split by time, and read without their labels."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from urbantwin.io.points import read_fields
 
 __all__ = ["MOST_FRAMES", "Looks", "Split", "looks_of", "open_unlabelled", "split_in_time"]
 
-#: Share of the frames between the two parts that belong to neither: neighbours are alike.
+#: Share of the frames in the unused gap between the parts, as neighbours are similar.
 _GAP = 0.05
-#: Share of the frames before the gap on which a fit must prove itself before it is kept.
+#: Share of the frames before the gap that is used for validation.
 _VALIDATION = 0.25
-#: With fewer frames before the gap, all of them are fitted to and none is left to prove it.
+#: Minimum number of frames before the gap for a validation part.
 _LEAST_TO_VALIDATE = 4
 
 
 @dataclass(frozen=True)
 class Split:
-    """Numbers of the frames of each part, ascending; parts follow each other in time.
+    """Numbers of the frames of each part, ascending; parts are consecutive in time.
 
     Attributes:
-        training: what is fitted to.
-        validation: what decides whether a fit is kept; empty where there are too few frames.
-        gap: what belongs to no part.
-        held_out: what is not read before the fit is written.
+        training: frames that are fitted.
+        validation: frames that decide whether a fit is kept; empty with too few frames.
+        gap: unused frames.
+        held_out: frames that are not read before the fit is written.
     """
 
     training: tuple[int, ...]
@@ -49,14 +49,14 @@ class Split:
 
 
 def split_in_time(count: int, held_out: float = 0.3) -> Split:
-    """Divide frames: the last ones are held out, a gap before them.
+    """Split frames by time: the last ones are held out, with a gap before them.
 
     Args:
-        count: how many frames there are.
-        held_out: share of them that is held out, above 0 and below 1; at least one frame is.
+        count: number of frames.
+        held_out: share that is held out, above 0 and below 1; at least one frame.
 
     Raises:
-        InputError: fewer than two frames, or another share.
+        InputError: fewer than two frames, or an invalid share.
     """
     if not 0 < held_out < 1:
         raise InputError(
@@ -77,21 +77,21 @@ def split_in_time(count: int, held_out: float = 0.3) -> Split:
     return Split(*parts)
 
 
-#: Of a longer part, so many frames that are spread evenly are read.
+#: Maximum number of frames read per part; longer parts are sampled evenly.
 MOST_FRAMES = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """The points of some frames end to end.
+    """The concatenated points of some frames.
 
     Attributes:
         points: (N, 3) float64, metres, frame of the recording.
-        intensity: (N,) 0..1; ``None`` where a frame has none.
-        sensor: (N,) which of the rig's sensors.
-        frame: (N,) which frame, from 0, of those that could be read.
+        intensity: (N,) 0..1; ``None`` if a frame has none.
+        sensor: (N,) index of the rig's sensor.
+        frame: (N,) index of the readable frame, from 0.
         clouds: these frames, without labels.
-        problems: why others could not be read.
+        problems: errors of the unreadable frames.
     """
 
     points: NDArray[np.float64]
@@ -103,16 +103,16 @@ class Looks:
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return len(self.clouds)
 
 
 def open_unlabelled(
     path: Path, *, layout: str | None = None, columns: int | None = None
 ) -> Recording:
-    """Open a recording; of a dataset of ours only points and rays are read.
+    """Open a recording; only points and rays of our datasets are read.
 
-    Labels, and tables that say where the sensors truly are, stay closed.
+    Labels, and tables with the true sensor poses, are not opened.
 
     Raises:
         InputError: see ``readers.open_recording``.
@@ -145,21 +145,20 @@ def looks_of(
     scale: float | None = None,
     tell: Callable[[int, int], None] | None = None,
 ) -> tuple[Looks, float | None]:
-    """Read some frames, and no others.
+    """Read the given frames only.
 
     Args:
-        recording: what they are of.
-        numbers: of the frames; of more than `MOST_FRAMES`, so many spread evenly are read.
-        sensors: how many the rig has.
-        scale: full scale of intensity; from what is read if not given.
-        tell: called with how many frames are read, and of how many.
+        recording: the recording.
+        numbers: numbers of the frames; above `MOST_FRAMES` they are sampled evenly.
+        sensors: number of sensors of the rig.
+        scale: full scale of intensity; estimated from the frames if not given.
+        tell: called with the number of frames read and their total.
 
     Returns:
         The frames, and the full scale of their intensity, ``None`` without intensity.
 
     Raises:
-        InputError: not one of them can be read (the first one's error), or a point's sensor is
-            not known.
+        InputError: no frame is readable (the first one's error), or a point's sensor is unknown.
     """
     places = evenly(len(numbers), MOST_FRAMES)
     frames: list[Frame] = []

@@ -1,4 +1,4 @@
-"""The fit of one group of knobs: search, identifiability, validation on other frames."""
+"""Fit of one group of parameters: search, identifiability, validation on other frames."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = [
     "fit_group",
 ]
 
-#: Nearer to a bound than this share of the way between them is at it.
+#: Distance from a bound, as a share of the range, below which a value is at the bound.
 _AT_BOUND = 0.005
 FITTED = "fitted"
 NOT_DETERMINED = "not identifiable: kept"
 AT_BOUND = "ended at its bound: kept"
 NOT_BETTER = "no better on frames it was not fitted to: kept"
-#: Steps of the differences, as a share of the distance between the bounds.
+#: Step of finite differences, as a share of the range between the bounds.
 _STEP = 0.015
-#: A knob with a larger standard error, as that share, is not determined.
+#: Standard error, as that share, above which a parameter is not determined.
 VAGUE = 0.08
 #: Curvature below which a direction is flat, in losses for the bounds' distance squared.
 _FLAT = 1e-3
@@ -37,13 +37,13 @@ _FLAT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class GroupFit:
-    """What became of a group.
+    """Result of a group.
 
     Attributes:
-        name: of the group.
-        values: of its knobs, as they are to be written.
-        state: of each knob: one of `FITTED`, `NOT_DETERMINED`, `AT_BOUND`, `NOT_BETTER`.
-        sharp: standard error of each, as a share of the distance between its bounds.
+        name: name of the group.
+        values: values of its parameters, as written.
+        state: state of each parameter: `FITTED`, `NOT_DETERMINED`, `AT_BOUND` or `NOT_BETTER`.
+        sharp: standard error of each, as a share of the range between its bounds.
         history: the best loss after every trial.
         losses: by part, the loss at the start and at ``values``.
     """
@@ -58,7 +58,7 @@ class GroupFit:
 
 @dataclass(frozen=True)
 class Searching:
-    """How groups are searched: see `study.search`."""
+    """Options of the search of groups: see `study.search`."""
 
     trials: int
     seed: int
@@ -76,7 +76,7 @@ class Searching:
         trials: int | None = None,
         spread: float = 0.12,
     ) -> tuple[dict[str, float], list[float]]:
-        """Search; progress is reported under the name of the study."""
+        """Search a study; progress is reported under its name."""
         count = trials or self.trials
         return search(
             name,
@@ -93,7 +93,7 @@ class Searching:
         )
 
 
-def fit_group(  # noqa: PLR0913 - every one is a choice of its own
+def fit_group(  # noqa: PLR0913 - independent options
     name: str,
     knobs: Sequence[Knob],
     training: Term,
@@ -105,21 +105,21 @@ def fit_group(  # noqa: PLR0913 - every one is a choice of its own
     spread: float = 0.12,
     error: float = 1.0,
 ) -> GroupFit:
-    """Fit the knobs of a group.
+    """Fit the parameters of a group.
 
-    What the training frames do not determine goes back to its start, and the others are searched
-    again without it. What then is no better on the validation frames goes back as a whole.
+    Parameters that the training frames do not determine return to their start, and the others are
+    searched again. If the result is not better on the validation frames, all return to their start.
 
     Args:
-        name: of the group.
-        knobs: of the group.
-        training: loss on the frames that are fitted to.
-        validation: the same on those that decide; ``None``: there are too few frames.
-        values: of all knobs, before the fit.
-        begin: where the search begins.
-        searching: how.
-        spread: of the first trials, as a share of the bounds' distance.
-        error: times the standard errors that the scatter of the losses shows.
+        name: name of the group.
+        knobs: parameters of the group.
+        training: loss on the training frames.
+        validation: loss on the validation frames; ``None``: there are too few frames.
+        values: values of all parameters before the fit.
+        begin: start of the search.
+        searching: options of the search.
+        spread: initial standard deviation, as a share of the range between the bounds.
+        error: factor of the standard errors from the scatter of the losses.
     """
     start = {one.name: one.start for one in knobs}
     found, history = searching.search(name, knobs, training, values, begin, spread=spread)
@@ -128,7 +128,7 @@ def fit_group(  # noqa: PLR0913 - every one is a choice of its own
     state = {one.name: FITTED if sharp[one.name] <= VAGUE else NOT_DETERMINED for one in knobs}
     for one in knobs:
         share = one.share(found[one.name])
-        # A share of nothing is a value like any other.
+        # zero is a valid value of a share
         if share > 1 - _AT_BOUND or (share < _AT_BOUND and one.low != 0.0):
             state[one.name] = AT_BOUND
     free = [one for one in knobs if state[one.name] == FITTED]
@@ -156,12 +156,12 @@ def fit_group(  # noqa: PLR0913 - every one is a choice of its own
 
 
 def sharpness(knobs: Sequence[Knob], values: dict[str, float], term: Term) -> dict[str, float]:
-    """Return the standard error of each knob, as a share of its bounds' distance.
+    """Return the standard error of each parameter, as a share of the range between its bounds.
 
-    Of the minimum of a mean of losses it is ``H^-1 G H^-1`` (the sandwich of Huber 1967), with the
-    curvature H of the mean and the scatter G of the gradients of the sectors, which count as
-    independent. ``inf`` where a direction that a knob has a part in is flat: then others can make
-    up for it.
+    For the minimum of a mean of losses the covariance is ``H^-1 G H^-1`` (the sandwich of Huber
+    1967), with the curvature H of the mean and the scatter G of the gradients of the sectors, which
+    count as independent. ``inf`` if a parameter is part of a flat direction, in which others
+    compensate for it.
     """
     count = len(knobs)
     middle = np.array([one.share(values[one.name]) for one in knobs])

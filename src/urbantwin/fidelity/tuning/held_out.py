@@ -30,16 +30,16 @@ from urbantwin.twin import Twin
 
 __all__ = ["judge"]
 
-#: So many held-out frames, spread evenly, are measured as `compare` does.
+#: Number of held-out frames, spread evenly, that are measured as in `compare`.
 _MEASURED = 4
-#: What is said to be worse, if it is by more than this share.
+#: Measures that are reported as worse, if they are larger by more than this share.
 _HEADLINES = ("hausdorff_p95_m", "js_mean", "js_intensity", "point_to_mesh_mean_m", "chamfer_m")
 _LARGER = 0.02
-#: Losses that differ by less than so many standard errors are the same.
+#: Difference of losses, in standard errors, below which they are equal.
 _CLEAR = 1.0
 
 
-def judge(  # noqa: PLR0913 - all that a fit is made of
+def judge(  # noqa: PLR0913 - all parts of a fit
     recording: Recording,
     split: Split,
     twin: Twin,
@@ -54,24 +54,24 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
     training: Looks | None,
     tell: Callable[[float, str], None],
 ) -> dict[str, Any]:
-    """Judge a fit by the held-out frames, and write ``held_out.json`` and ``report.html``.
+    """Evaluate a fit on the held-out frames, and write ``held_out.json`` and ``report.html``.
 
     Args:
         recording: the real frames.
-        split: which of them are held out.
-        twin: where they were measured.
-        rig: as it was written before.
-        fit: what was found.
-        points_in: the frame of the real points.
-        out: the folder that has ``rig.yaml`` and ``tuning.json`` already.
+        split: parts of the recording.
+        twin: twin of the recorded place.
+        rig: the rig before the fit.
+        fit: result of the fit.
+        points_in: frame of the real points.
+        out: the folder with ``rig.yaml`` and ``tuning.json``.
         motion: the traffic, if any.
         scale: full scale of intensity.
-        seed: of all random numbers.
-        training: the frames that were fitted to, for the report; ``None``: no measures, no report.
-        tell: told the share done and what is being done.
+        seed: seed of all random numbers.
+        training: the training frames, for the report; ``None``: no measures, no report.
+        tell: called with the fraction done and the current step.
 
     Returns:
-        What ``held_out.json`` holds. Where no frame can be read, why.
+        The contents of ``held_out.json``; if no frame is readable, the reason.
     """
     try:
         held, _ = looks_of(recording, split.held_out, len(rig.sensors), scale=scale)
@@ -108,7 +108,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
 
 
 def _sized(motion: Motion | None, values: Values) -> Motion | None:
-    """Return a motion with the actors' sizes; how many they are is for ``drive`` to say."""
+    """Return a motion with the fitted sizes of actors; their number requires a new simulation."""
     size: Any = actor_changes(values, {}).get("size", {})
     return None if motion is None else resized(motion, size)
 
@@ -156,7 +156,7 @@ def _worse(groups: dict[str, dict[str, Any]]) -> list[str]:
 
 
 def _measured_worse(measures: dict[str, dict[str, float | None]]) -> list[str]:
-    """Say which measures are larger than before; groups may be nearer, and the whole not."""
+    """Return messages on measures that became larger, even if the loss of groups decreased."""
     said = []
     for name in _HEADLINES:
         row = measures.get(name, {})
@@ -170,7 +170,7 @@ def _measured_worse(measures: dict[str, dict[str, float | None]]) -> list[str]:
 
 
 class _Shown:
-    """Held-out frames beside what the rig records before and after, and beside their neighbours."""
+    """Held-out frames with simulated frames before and after, and with their neighbours."""
 
     def __init__(self, sides: dict[str, SimulatedFrames], held: Looks, scale: float | None) -> None:
         self._sides, self._clouds, self._scale = sides, held.clouds, scale

@@ -1,4 +1,4 @@
-"""The knobs: the parameters that may be fitted, with their bounds and where they are written."""
+"""Parameters that can be fitted, with their bounds and where they are written."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from urbantwin.lidar import Rig
 
 __all__ = ["GROUPS", "TILT_DEG", "Knob", "Values", "groups_of", "rig_knobs", "starts"]
 
-#: What ``--fit`` may name, in the order in which they are fitted.
+#: Groups of ``--fit``, in the order of fitting.
 GROUPS = ("pose", "reflectivity", "dropout", "noise", "actors")
 
-#: Fitted value of each knob by its name.
+#: Fitted value of each parameter by its name.
 Values = Mapping[str, float]
 
 
@@ -24,13 +24,13 @@ class Knob:
     """One uncertain parameter.
 
     Attributes:
-        name: unique; what it is in the file that it is written to.
+        name: unique name; its path in the file.
         group: one of `GROUPS`.
-        start: what it was before.
-        low: no value below it is tried.
-        high: no value above it is tried.
-        unit: of the three; empty for factors and shares.
-        times: a factor: its logarithm is what is searched.
+        start: value before the fit.
+        low: lower bound.
+        high: upper bound.
+        unit: unit of the three; empty for factors and shares.
+        times: a factor, searched by its logarithm.
     """
 
     name: str
@@ -42,14 +42,14 @@ class Knob:
     times: bool = False
 
     def at(self, share: float) -> float:
-        """Return the value at a share (0..1) of the way between the bounds."""
+        """Return the value at a share (0..1) of the range between the bounds."""
         share = min(max(share, 0.0), 1.0)
         if self.times:
             return float(self.low * (self.high / self.low) ** share)
         return float(self.low + share * (self.high - self.low))
 
     def share(self, value: float) -> float:
-        """Return where a value lies between the bounds, 0..1."""
+        """Return the position of a value between the bounds, 0..1."""
         if self.times:
             found = np.log(value / self.low) / np.log(self.high / self.low)
         else:
@@ -58,10 +58,10 @@ class Knob:
 
 
 def groups_of(text: str) -> tuple[str, ...]:
-    """Return the groups that a list with commas names, in the order of `GROUPS`.
+    """Return the groups of a comma-separated list, in the order of `GROUPS`.
 
     Raises:
-        InputError: it names another, or none.
+        InputError: an unknown group, or none.
     """
     named = {one.strip() for one in text.split(",") if one.strip()}
     for one in sorted(named - set(GROUPS)):
@@ -72,13 +72,13 @@ def groups_of(text: str) -> tuple[str, ...]:
 
 
 def starts(knobs: Iterable[Knob]) -> dict[str, float]:
-    """Return the value of every knob before anything is fitted."""
+    """Return the value of every parameter before the fit."""
     return {one.name: one.start for one in knobs}
 
 
-#: How far a pitch and a roll may be from the rig's file, degrees.
+#: Maximum change of pitch and roll, degrees.
 TILT_DEG = 3.0
-#: The same of all moves, metres and degrees; beyond, ``align`` finds the pose.
+#: Maximum changes of the pose, metres and degrees; beyond, ``align`` finds the pose.
 _MOVES = (
     *(("east", 1.5, "m"), ("north", 1.5, "m"), ("up", 0.75, "m")),
     *(("yaw", 6.0, "deg"), ("pitch", TILT_DEG, "deg"), ("roll", TILT_DEG, "deg")),
@@ -88,12 +88,12 @@ _MOVES = (
 def rig_knobs(
     rig: Rig, group: str, materials: Iterable[str] = (), *, has_intensity: bool = True
 ) -> list[Knob]:
-    """Return what may be fitted of a rig in one group.
+    """Return the parameters of a rig in one group.
 
     Args:
-        rig: as it is written.
+        rig: the rig as written.
         group: one of `GROUPS`.
-        materials: names of those that its beams meet.
+        materials: names of the materials that its beams hit.
         has_intensity: whether the real frames have intensity.
     """
     knobs: list[Knob] = []
@@ -126,6 +126,6 @@ def rig_knobs(
 
 
 def _factor(name: str, group: str, start: float) -> Knob:
-    """Return the knob of a factor: a fifth to five times what it was."""
+    """Return the parameter of a factor, from a fifth to five times its start."""
     middle = max(start, 0.05)
     return Knob(name, group, start, max(0.2 * middle, 0.01), min(5.0 * middle, 10.0), times=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 __all__ = ["SECTORS", "Loss", "sectors_of"]
 
-#: The view is cut into so many sectors of azimuth: the scatter of a difference over them says
-#: whether it is one. Twins are wrong in places, so neighbouring beams err together.
+#: Number of azimuth sectors: the scatter of a difference over them shows its significance. Errors
+#: of twins are local, so errors of neighbouring beams are correlated.
 SECTORS = 16
 
 
@@ -20,7 +20,7 @@ class Loss:
 
     Attributes:
         total: (S,) sum of the weighted losses in each sector.
-        weight: (S,) sum of the weights, the same whatever was tried.
+        weight: (S,) sum of the weights, independent of the parameters.
     """
 
     total: NDArray[np.float64]
@@ -30,7 +30,7 @@ class Loss:
     def of(
         cls, losses: NDArray[np.float64], weights: NDArray[np.float64], sector: NDArray[np.int64]
     ) -> Loss:
-        """Gather losses (N,) with weights (N,) by their sectors (N,)."""
+        """Sum losses (N,) with weights (N,) by their sectors (N,)."""
         return cls(
             np.bincount(sector, losses * weights, minlength=SECTORS).astype(np.float64),
             np.bincount(sector, weights, minlength=SECTORS).astype(np.float64),
@@ -38,11 +38,11 @@ class Loss:
 
     @property
     def mean(self) -> float:
-        """The weighted mean; 0 where there is nothing."""
+        """The weighted mean; 0 without losses."""
         return float(self.total.sum() / max(self.weight.sum(), 1e-12))
 
     def worse_than(self, other: Loss) -> tuple[float, float]:
-        """Return how much larger this mean is, and the standard error of that, over sectors."""
+        """Return the excess of this mean over another, and its standard error over sectors."""
         whole = max(float(self.weight.sum()), 1e-12)
         apart = self.total - other.total
         mean = float(apart.sum()) / whole

@@ -1,4 +1,4 @@
-"""The report of a fit: its picture, and one self-contained HTML file."""
+"""The report of a fit: a picture, and one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _LIGHTS = np.linspace(0, 0.6, 41)
 def draw_fit(
     fit: RigFit, parts: dict[str, dict[str, Sequence[Frame]]], scale: float | None, path: Path
 ) -> None:
-    """Draw the loss of every group, and distributions on every part.
+    """Draw the loss of every group, and distributions of every part.
 
     Args:
-        fit: what was found.
+        fit: result of the fit.
         parts: by part (``training``, ``held out``) the frames of ``real``, ``start``, ``tuned``.
-        scale: full scale of real intensity; ``None`` without.
+        scale: full scale of real intensity; ``None`` without intensity.
         path: the PNG.
     """
     figure = Figure(figsize=(15, 4.2 * (1 + len(parts))), layout="constrained", dpi=90)
@@ -87,7 +87,7 @@ def _outline(axis: Axes, values: np.ndarray, edges: np.ndarray, frames: int, nam
     )
 
 
-#: Frames of each part that the distributions are of.
+#: Number of frames of each part in the distributions.
 _DRAWN = 4
 
 
@@ -104,11 +104,11 @@ def write_report(
 
     Args:
         out: the folder of the fit.
-        fit: what was found.
-        judged: what ``held_out.json`` holds.
-        training: the frames that were fitted to.
-        held: the frames held out.
-        sides: of ``start`` and ``tuned``, the frames that the rig records.
+        fit: result of the fit.
+        judged: contents of ``held_out.json``.
+        training: the training frames.
+        held: the held-out frames.
+        sides: simulated frames of the rig at ``start`` and ``tuned``.
         scale: full scale of real intensity.
     """
     few = range(_DRAWN)

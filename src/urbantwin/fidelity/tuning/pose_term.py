@@ -1,4 +1,4 @@
-"""Losses of a pose: points on the surfaces that their beams meet, and points in their rings."""
+"""Loss terms of a pose: distance of points from surfaces, and of levelled points from channels."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from urbantwin.lidar.pattern import beam_elevations
 __all__ = ["COARSE_M", "FINE_M", "PoseTerm", "TiltTerm"]
 
 _TILT_TERM_LOOKS, _FEW = 8000, 1500
-#: Distance from a channel at which a look counts for half.
+#: Distance from a channel at which the loss is a half.
 _HALF_RAD = np.radians(0.05)
-#: Tries of the first search: the channels of a dense sensor are a third of a degree apart, and a
-#: search that does not begin within that ends at another channel.
+#: Step of the initial grid search: channels of a dense sensor are a third of a degree apart, and a
+#: coarser start ends at another channel.
 _STEP_DEG = 0.1
 
 
 class TiltTerm:
-    """How far levelled points are from the elevation of any channel.
+    """Distance of levelled points from the elevation of any channel.
 
-    Levelled points do not turn with the sensor's pitch and roll, and any attitude explains where
-    they lie. But only at the right one does every one of them leave the sensor along a channel.
+    Levelled points do not rotate with the sensor's pitch and roll, so their positions fit any
+    attitude. But only at the right one is every point on a channel.
 
     Args:
-        looks: real points, level with gravity, in the place and heading of the first sensor.
-        rig: as it is written; of spinning sensors.
-        seed: of which looks are taken.
+        looks: real points, level with gravity, at the position and heading of the first sensor.
+        rig: the rig as written; of spinning sensors.
+        seed: seed of the sampled points.
     """
 
     def __init__(self, looks: Looks, rig: Rig, seed: int) -> None:
@@ -45,12 +45,12 @@ class TiltTerm:
         self._channels = [np.sort(beam_elevations(one.sensor)) for one in rig.sensors]
 
     def __call__(self, values: Values) -> Loss:
-        """Return the loss at some values of the knobs."""
+        """Return the loss for parameter values."""
         losses = self._losses(values, len(self._points))
         return Loss.of(losses, np.ones(len(losses)), self._sector)
 
     def first_try(self, reach_deg: float) -> dict[str, float]:
-        """Return the best of evenly spaced pitches and rolls."""
+        """Return the best of a grid of pitches and rolls."""
         steps = np.arange(-reach_deg, reach_deg + _STEP_DEG / 2, _STEP_DEG)
         tries = [
             {"move.pitch_deg": float(pitch), "move.roll_deg": float(roll)}
@@ -60,7 +60,7 @@ class TiltTerm:
         return min(tries, key=lambda one: float(self._losses(one, _FEW).mean()))
 
     def _losses(self, values: Values, count: int) -> NDArray[np.float64]:
-        """Return a loss (N,) of each of the first looks."""
+        """Return the loss (N,) of each of the first points."""
         tilt = {k: v for k, v in values.items() if k in ("move.pitch_deg", "move.roll_deg")}
         rig = tuned_rig(self._rig, tilt)
         points, sensor = self._points[:count], self._sensor[:count]
@@ -78,30 +78,31 @@ class TiltTerm:
         return losses
 
 
-#: Looks that are cast in every trial, one from every cell, metres.
+#: Maximum number of points per trial, cell size with one point each (metres), and number of points
+#: drawn before thinning.
 _LOOKS, _CELL_M, _DRAWN = 8000, 0.25, 200_000
-#: Distances at which a look counts for half: to begin with, and to end with.
+#: Distances at which the loss is a half: for the fine fit, and for the coarse one.
 FINE_M: tuple[float, ...] = (0.08, 0.4)
 COARSE_M: tuple[float, ...] = (0.4,)
 _FAR_M = 80.0
 
 
 class PoseTerm:
-    """How far real points lie from the surface of the twin that their beams meet.
+    """Distance of real points from the surfaces of the twin that their beams hit.
 
-    Each look is cast from the sensor at the trial's pose, in its own measured direction; the
-    difference of the ranges times the cosine of incidence is its distance from the surface there.
-    Of one that meets nothing it is unlimited. The loss ``d^2 / (d^2 + h^2)`` (Geman and McClure
-    1987) lets what the twin lacks, and traffic, have little say; a large h has a wide valley, a
-    small one a sharp bottom.
+    Each point's beam is cast from the sensor at the trial's pose, in its measured direction. The
+    difference of the ranges times the cosine of incidence is its distance from the surface,
+    infinite without a hit. The loss ``d^2 / (d^2 + h^2)`` (Geman and McClure 1987) limits the
+    influence of objects that the twin lacks, and of traffic; a large h gives a wide minimum, a
+    small one a sharp minimum.
 
     Args:
         looks: real points.
-        rig: as it is written.
+        rig: the rig as written.
         mesh: the static world, site frame.
-        points_in: the frame of the real points.
-        seed: of which looks are taken.
-        half_m: every h; the loss is the mean over them.
+        points_in: frame of the real points.
+        seed: seed of the sampled points.
+        half_m: values of h; the loss is the mean over them.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class PoseTerm:
         self._weight = np.ones(len(rows))
 
     def __call__(self, values: Values) -> Loss:
-        """Return the loss at some values of the knobs."""
+        """Return the loss for parameter values."""
         rig = tuned_rig(self._rig, values)
         pose = frame_of_points(rig, self._points_in)
         places = np.array([one.site_SE3_sensor.translation for one in rig.sensors])
@@ -145,14 +146,14 @@ class PoseTerm:
 
 
 def _bounded(apart: NDArray[np.float64], half: float) -> NDArray[np.float64]:
-    """Return ``d^2 / (d^2 + h^2)``, 1 for what is infinitely far."""
+    """Return ``d^2 / (d^2 + h^2)``, 1 for infinite distances."""
     with np.errstate(invalid="ignore"):
         square = (apart / half) ** 2
         return np.where(np.isfinite(square), square / (square + 1), 1.0)
 
 
 def _spread(looks: Looks, sensor: NDArray[np.float64], seed: int) -> NDArray[np.int64]:
-    """Return rows of looks near a sensor (3,), spread evenly over the surfaces."""
+    """Return indices of points near a sensor (3,), spread evenly over the surfaces."""
     rows = np.flatnonzero(np.linalg.norm(looks.points - sensor, axis=1) < _FAR_M)
     order = np.random.default_rng(seed).permutation(rows)[:_DRAWN]
     cells = np.floor(looks.points[order] / _CELL_M).astype(np.int64)

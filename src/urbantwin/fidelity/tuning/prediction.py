@@ -1,4 +1,4 @@
-"""Predicted returns of a sensor from the static world, beam by beam, for any calibration."""
+"""Predicted returns of a sensor from the static world, per beam, for any calibration."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class Answers:
 
 @dataclass(frozen=True, eq=False)
 class BeamView:
-    """What the beams of one sensor meet, cast once: a trial only asks how it answers.
+    """Surfaces hit by the beams of one sensor, cast once for all trials.
 
     Attributes:
-        mounted: the sensor where it stands.
-        conditions: the weather and the sun.
-        columns: of a turn; beam = channel * columns + column.
-        directions: (N, 3) where it believes that its beams point, sensor frame.
-        range_m: (N,) of the first echo; 0 where there is none.
-        amplitude: (N,) of the first echo, of materials as the table has them.
-        peak: (N,) what is left of the pulse's peak, see ``lidar.returns.model``.
-        material: (N,) of the surface in the middle of the beam; -1 for none.
-        face: (N,) the triangle there; -1 for none.
+        mounted: the sensor at its pose.
+        conditions: weather and sun.
+        columns: columns per rotation; beam = channel * columns + column.
+        directions: (N, 3) nominal beam directions, sensor frame.
+        range_m: (N,) range of the first echo; 0 without an echo.
+        amplitude: (N,) amplitude of the first echo, with nominal reflectivities.
+        peak: (N,) remaining share of the pulse's peak, see ``lidar.returns.model``.
+        material: (N,) material at the centre of the beam; -1 for none.
+        face: (N,) triangle there; -1 for none.
     """
 
     mounted: MountedSensor
@@ -65,11 +65,11 @@ class BeamView:
     face: NDArray[np.int64]
 
     def answers(self, mounted: MountedSensor, beams: NDArray[np.int64]) -> Answers:
-        """Return what some beams report with another calibration or reflectivity.
+        """Return the predicted returns of some beams with another calibration or reflectivity.
 
         Args:
-            mounted: the sensor with its calibration and the factors of reflectivity.
-            beams: (N,) their numbers.
+            mounted: the sensor with its calibration and reflectivity factors.
+            beams: (N,) beam indices.
         """
         model = ReturnModel(mounted, self.conditions)
         times = _factors(mounted)[self.material[beams]]
@@ -89,14 +89,14 @@ class BeamView:
 def beam_view(
     rig: Rig, number: int, mesh: LabelledMesh, surface: SurfaceMaterials | None, seed: int
 ) -> BeamView:
-    """Cast the beams of one sensor that stands still.
+    """Cast the beams of one fixed sensor.
 
     Args:
-        rig: with its sensors where they stand.
-        number: of the sensor.
+        rig: the rig with its sensors at their poses.
+        number: index of the sensor.
         mesh: the static world, site frame.
-        surface: materials of the ground that are finer than the mesh.
-        seed: of all random numbers.
+        surface: ground materials finer than the mesh.
+        seed: seed of all random numbers.
     """
     plain = replace(rig.sensors[number], reflectivity={})
     beams = Beams.of(plain)
@@ -138,7 +138,7 @@ def beam_view(
 
 
 def _factors(mounted: MountedSensor) -> NDArray[np.float64]:
-    """Return the factor of each material's reflectivity; the last one, of none, is 1."""
+    """Return the reflectivity factor of each material, and 1 for no material."""
     names = list(materials())
     found = np.ones(len(names) + 1)
     for name, times in mounted.reflectivity.items():

@@ -1,4 +1,4 @@
-"""A fit as JSON, and its summary for people."""
+"""A fit as JSON, and its summary."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHOWN = ("hausdorff_p95_m", "js_mean", "point_to_mesh_mean_m", "chamfer_m")
 
 
 def summary_of(found: dict[str, Any]) -> dict[str, Any]:
-    """Return what ``tune`` prints of what it returns."""
+    """Return the summary of a result of ``tune``, as printed."""
     held = found["held_out"]
     knobs = {}
     for name, one in found["knobs"].items():
@@ -47,7 +47,7 @@ def summary_of(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def split_as_json(split: Split) -> dict[str, Any]:
-    """Return the first and the last frame of every part, numbered from 0; none: ``null``."""
+    """Return the first and last frame of every part, numbered from 0; ``null`` for empty parts."""
     parts = {
         "training": split.training,
         "validation": split.validation,
@@ -58,7 +58,7 @@ def split_as_json(split: Split) -> dict[str, Any]:
 
 
 def fit_as_json(fit: RigFit) -> dict[str, Any]:
-    """Return the knobs and the groups of a fit."""
+    """Return the parameters and the groups of a fit."""
     by_knob = {name: one for one in fit.groups for name in one.values}
     return {
         "knobs": {one.name: _knob(one, by_knob[one.name]) for one in fit.knobs},
@@ -80,7 +80,7 @@ def _knob(one: Knob, group: GroupFit) -> dict[str, Any]:
     value = group.values[one.name]
     known = None
     if np.isfinite(share):
-        # A factor's error is that of its logarithm: times or divided by this.
+        # the error of a factor is multiplicative
         known = np.exp(share * np.log(one.high / one.low)) if one.times else None
         known = share * (one.high - one.low) if known is None else known
     return {

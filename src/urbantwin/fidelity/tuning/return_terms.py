@@ -1,4 +1,4 @@
-"""Terms of the returns where twin and data share a surface: drop-out, noise, intensity."""
+"""Loss terms of returns from surfaces that twin and data share: dropout, noise, intensity."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ from urbantwin.taxonomy import materials
 
 __all__ = ["LEAST_CELLS", "ReturnTerms"]
 
-#: Beams of one channel that are judged together, columns.
+#: Beams of one channel per cell, columns.
 _TOGETHER = 8
-#: Beams of a sensor that are judged at all.
+#: Maximum number of beams per sensor.
 _BEAMS = 32_768
-#: A return is of the twin's surface if its range is that near, metres and share of the range.
+#: Tolerance of a return's range from the twin's surface, metres and share of the range.
 _SAME_M, _SAME_SHARE = 0.3, 0.01
-#: Ranges of the beams that are judged together differ by less than this share.
+#: Maximum relative difference of ranges within a cell.
 _SMOOTH = 0.15
-#: So many returns in a cell show that the surface is really there.
+#: Minimum number of returns that confirm the surface of a cell.
 _LEAST_RETURNS = 3
-#: Share of the returns of a cell that must be of that surface.
+#: Minimum share of a cell's returns on the surface.
 _AGREE = 0.8
-#: Share of the looks of a cell that traffic may hide.
+#: Maximum share of frames in which traffic hides a cell.
 _HIDDEN = 0.5
-#: A material that fewer cells are made of is not fitted.
+#: Minimum number of cells of a fitted material.
 LEAST_CELLS = 12
-#: Nearer than so many times the distance within which a sensor's codes fall short, they say little
-#: of surfaces: they have fallen by more than a fifth, by how much depends on the unit.
+#: Minimum distance, in multiples of the distance within which the sensor's intensity is reduced.
+#: Nearer, intensities are reduced by more than a fifth, by an amount that depends on the unit.
 _FOCUS = 1.4
-#: Added to intensities before their logarithm is taken: what is dark is dark.
+#: Offset of intensities before taking the logarithm, for dark surfaces.
 _DARK = 0.01
-#: How much a factor of reflectivity or intensity costs, against all materials' loss of 1: only the
-#: product of intensity and reflectivity shows, and that few materials differ is the likelier.
+#: Cost of a reflectivity or intensity factor, relative to a loss of 1 of all materials: only the
+#: product of both is observable, and few deviating materials are more likely.
 _FACTOR_COST = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """What the real frames show of the cells of one sensor.
+    """Real returns in the cells of one sensor.
 
     Attributes:
-        beams: (C, T) numbers of their beams.
-        sector: (C,) of azimuth.
-        material: (C,) of all of their beams, -1 where they differ.
-        looks: (C,) how often a beam looked, while no traffic hid the surface.
-        returns: (C,) how often it came back.
-        scatter: (C,) pooled variance of the ranges, m^2; NaN where it is not known.
-        freedom: (C,) degrees of freedom of that.
-        intensity: (C,) mean of the returns, 0..1; NaN without.
-        in_focus: (C,) whether the sensor's codes are of its surface: nearer, units differ.
+        beams: (C, T) beam indices of the cells.
+        sector: (C,) azimuth sector.
+        material: (C,) common material of the beams, -1 if they differ.
+        looks: (C,) number of firings while no traffic hid the surface.
+        returns: (C,) number of returns.
+        scatter: (C,) pooled variance of the ranges, m^2; NaN if unknown.
+        freedom: (C,) its degrees of freedom.
+        intensity: (C,) mean of the returns, 0..1; NaN without intensity.
+        in_focus: (C,) whether the range is large enough for intensities that do not vary by unit.
     """
 
     beams: NDArray[np.int64]
@@ -74,23 +74,23 @@ class _Cells:
 
 
 class ReturnTerms:
-    """Terms of the knobs of drop-out, noise and reflectivity.
+    """Loss terms of the parameters of dropout, noise and reflectivity.
 
-    Neighbouring beams of a channel make a cell, where the twin has one smooth surface before all of
-    them. It is judged where real returns lie on that surface; frames in which something stands
-    before it are left out of the cell.
+    Neighbouring beams of a channel form a cell if the twin has one smooth surface in front of all
+    of them. A cell is used if real returns lie on that surface; frames in which an object hides it
+    are left out of the cell.
 
-    - **dropout**: the likelihood of the returns of a cell among its looks, given that there are
-      enough to know that the surface is there (a truncated binomial).
-    - **noise**: the ranges of a beam over the frames; the logarithm of their pooled standard
-      deviation over what the model says.
-    - **reflectivity**: the logarithm of the mean intensity over the model's, every material alike.
+    - **dropout**: the likelihood of the number of returns of a cell, given that there are enough to
+      confirm the surface (a truncated binomial).
+    - **noise**: the log ratio of the pooled standard deviation of a beam's ranges to the model's.
+    - **reflectivity**: the log ratio of the mean intensity to the model's, with equal weight of
+      every material.
 
     Args:
         looks: real points.
-        rig: with its sensors where they stand.
-        views: of its sensors.
-        points_in: the frame of the real points.
+        rig: the rig with its sensors at their poses.
+        views: surfaces hit by its sensors.
+        points_in: frame of the real points.
     """
 
     def __init__(
@@ -113,19 +113,19 @@ class ReturnTerms:
                     one.calibration.range_offset_m,
                 )
             )
-        #: How many cells there are.
+        #: Number of cells.
         self.cells = sum(len(one.beams) for one in self._cells)
         counted = np.bincount(
             np.concatenate([one.material[one.material >= 0] for one in self._cells]),
             minlength=len(materials()),
         )
-        #: Names of the materials that enough cells are made of.
+        #: Names of the materials with enough cells.
         self.materials = tuple(
             name for name, count in zip(materials(), counted, strict=True) if count >= LEAST_CELLS
         )
 
     def dropout(self, values: Values) -> Loss:
-        """Return the mean negative logarithm of the likelihood of a cell's returns."""
+        """Return the mean negative log likelihood of a cell's returns."""
         losses, weights, sectors = [], [], []
         for cells, answers in self._answered(values):
             share = answers.share.reshape(cells.beams.shape).mean(axis=1).clip(1e-4, 1 - 1e-4)
@@ -138,11 +138,11 @@ class ReturnTerms:
         return _joined(losses, weights, sectors)
 
     def noise(self, values: Values) -> Loss:
-        """Return the mean logarithm of the ratio of standard deviations, without its sign."""
+        """Return the mean absolute log ratio of standard deviations."""
         losses, weights, sectors = [], [], []
         for cells, answers in self._answered(values):
             fit = np.isfinite(cells.scatter)
-            # Beams that seldom come back have the most noise, and seldom show it.
+            # Beams with few returns are the noisiest, and contribute little.
             weight = answers.share.reshape(cells.beams.shape) + 1e-6
             square = (answers.sigma_m**2).reshape(cells.beams.shape)
             model = ((square * weight).sum(axis=1) / weight.sum(axis=1))[fit]
@@ -153,7 +153,7 @@ class ReturnTerms:
         return _joined(losses, weights, sectors)
 
     def reflectivity(self, values: Values) -> Loss:
-        """Return the mean logarithm of the ratio of intensities, without its sign."""
+        """Return the mean absolute log ratio of intensities."""
         losses, weights, sectors = [], [], []
         for cells, answers in self._answered(values):
             shape = cells.beams.shape
@@ -209,7 +209,7 @@ def _cells_of(
     view: BeamView,
     offset_m: float,
 ) -> _Cells:
-    """Gather real points of one sensor, in its frame, by the cells of its beams."""
+    """Assign real points of one sensor, in its frame, to the cells of its beams."""
     beams, sector = _smooth_cells(view)
     cell_of = np.full(len(view.directions), -1, np.int64)
     cell_of[beams.ravel()] = np.repeat(np.arange(len(beams)), beams.shape[1])
