@@ -1,4 +1,4 @@
-"""Meshes of actors that people bring along: glTF files, on their wheels or feet, facing ahead."""
+"""Meshes of actors supplied by users: glTF files, oriented and placed on the ground."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
 
 __all__ = ["buffers_beside", "read_actor_mesh"]
 
-#: Our materials, and the words in a name of a material, or of what is made of it, that mean them;
-#: the first that fits counts.
+#: Our materials, and the patterns in a material's or object's name that select them; the first
+#: match counts.
 _WORDS: tuple[tuple[str, str], ...] = (
     ("reflex-reflector", "reflex"),
     ("retroreflector", "plate|retro"),
@@ -31,13 +31,13 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("wood", "wood"),
     ("plastic", "plastic"),
 )
-#: How long actors of a class are, metres: what lies outside is in another unit.
+#: Length of actors by class, metres: other lengths indicate another unit.
 _LONG_M = {
     "car": (2.0, 7.0), "van": (3.0, 9.0), "truck": (3.0, 26.0), "bus": (5.0, 26.0),
     "tram": (8.0, 80.0), "motorcycle": (1.2, 3.5), "bicycle": (0.7, 3.5), "pedestrian": (0.15, 2.5),
 }  # fmt: skip
 _TALL_M = (0.4, 5.0)
-#: Ways ahead in a glTF file, in its own axes (y is up), as rows of a rotation to ours.
+#: Forward axis of a glTF file (y is up) -> rows of the rotation to our axes.
 _AHEAD = {
     "x": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
     "-x": [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
@@ -49,21 +49,21 @@ _AHEAD = {
 def read_actor_mesh(
     path: Path, actor_class: str, *, scale: float = 1.0, forward: str | None = None
 ) -> LabelledMesh:
-    """Return a glTF file's mesh in an asset's frame: x ahead, z up, on the ground in its middle.
+    """Return a glTF file's mesh in the asset frame: x forward, z up, centred on the ground.
 
-    Materials are told by their names, and by what they are on; the rest is painted metal, on people
-    cloth.
+    Materials are derived from names of materials and objects; the default is painted metal, for
+    pedestrians cloth.
 
     Args:
-        path: ``.gltf`` with its buffers beside it, or ``.glb``; in metres, y up, as glTF says.
+        path: ``.gltf`` with its buffers beside it, or ``.glb``; in metres, y up, as in glTF.
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
-        scale: metres of one unit.
-        forward: the axis that points ahead: ``x``, ``-x``, ``z`` or ``-z``. Without it x (ASAM
-            OpenMATERIAL 3D) where that fits the shape (a vehicle's longer side, a person's shorter
-            one), else z (glTF).
+        scale: metres per unit.
+        forward: the forward axis: ``x``, ``-x``, ``z`` or ``-z``. By default x (ASAM OpenMATERIAL
+            3D) if that fits the shape (a vehicle's longer side, a person's shorter one), otherwise
+            z (glTF).
 
     Raises:
-        InputError: it is missing, no glTF, has no triangles, or has not the size of its class.
+        InputError: the file is missing, not glTF, has no triangles, or not the size of its class.
     """
     if not path.is_file():
         raise InputError("not found", file=path, expected="a mesh as glTF")
@@ -99,11 +99,11 @@ def read_actor_mesh(
 
 
 def buffers_beside(path: Path) -> list[Path]:
-    """Return the files beside a glTF file that it names."""
+    """Return the existing files that a glTF file refers to."""
     try:
         document = json.loads(path.read_bytes())
     except ValueError:
-        return []  # a .glb has all in it
+        return []  # a .glb is self-contained
     named = [
         path.parent / one["uri"]
         for group in ("buffers", "images")
@@ -126,7 +126,7 @@ def _check_size(size: NDArray[np.float64], actor_class: str, path: Path) -> None
 
 
 def _material(name: str, rest: str) -> int:
-    """Return our material for ``"node / material"``: by its last part, else by its first."""
+    """Return our material for ``"node / material"``: by its last part, otherwise by its first."""
     for text in reversed(name.lower().split(" / ")):
         for ours, words in _WORDS:
             if re.search(words, text):

@@ -31,13 +31,14 @@ from urbantwin.site import GeometrySource
 
 __all__ = ["reconstruct"]
 
-#: Points of a survey this far beyond the region are kept: buildings on its border are whole.
+#: Margin around the region within which survey points are kept, metres, for complete buildings on
+#: its border.
 AROUND_M = 25.0
 
 
 @dataclass
 class _Gathered:
-    """What the sources up to now have given."""
+    """Results of the sources processed so far."""
 
     patches: list[ElevationPatch]
     meshes: list[LabelledMesh] = field(default_factory=list)
@@ -47,7 +48,7 @@ class _Gathered:
     measured: list[shapely.Geometry] = field(default_factory=list)
 
     def add(self, mesh: LabelledMesh, covers: dict[str, shapely.Geometry]) -> None:
-        """Add what stands, its objects numbered on from those before."""
+        """Add a mesh of objects, with numbers that continue those before."""
         moved = np.where(mesh.part > 0, mesh.part + self.parts, 0).astype(np.int32)
         self.meshes.append(replace(mesh, part=moved))
         self.parts += int(mesh.part.max(initial=0))
@@ -55,7 +56,7 @@ class _Gathered:
             self.covers.setdefault(name, []).append(area)
 
     def elevation(self, region: shapely.Polygon) -> Elevation | None:
-        """Return the bare earth as it is known up to now."""
+        """Return the bare earth known so far."""
         return merged_elevation(self.patches, region)[0] if self.patches else None
 
 
@@ -68,21 +69,21 @@ def reconstruct(
     heights: SiteHeights | None = None,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """Read every source, georeference it, clean it, and separate the ground from objects on it.
+    """Read, georeference and clean every source, and separate the ground from objects.
 
-    Sources are taken in their order; one that gives the ground helps to place those after it.
-    Clouds of which ``site.yaml`` says the same are one survey.
+    Sources are processed in order; one that gives the ground helps to place later ones. Clouds with
+    equal settings in ``site.yaml`` form one survey.
 
     Args:
-        sources: what ``site.yaml`` names.
+        sources: sources of ``site.yaml``.
         frame: the site frame.
-        surroundings: the region, and what the map knows there.
-        dem: the elevation model, where there is one.
-        heights: what the anchor's ground is in the DEM's heights.
-        progress: called with the fraction done (0..1) and what is being done.
+        surroundings: the region, and the map's data there.
+        dem: the elevation model, if there is one.
+        heights: the anchor's ground height in the DEM's height system.
+        progress: called with the fraction done (0..1) and the current step.
 
     Raises:
-        InputError: a source cannot be read or placed, or nothing of it lies in the region.
+        InputError: a source cannot be read or placed, or has nothing within the region.
     """
     tell = progress or untold
     gathered = _Gathered([dem] if dem else [])
@@ -149,13 +150,13 @@ def _nothing_here(
 
 
 def _survey_of(source: GeometrySource) -> str:
-    """Return what is the same for all files of one survey: they are cut along arbitrary lines."""
+    """Return a key that is equal for all files of one survey, which are arbitrary tiles."""
     own = {"file", "url", "licence", "attribution"}
     return source.spec.model_dump_json(exclude=own)
 
 
 def _part_of(tell: Progress, number: int, count: int, name: str) -> Progress:
-    """Return the progress of one of several sources."""
+    """Return the progress callback of one of several sources."""
     return lambda share, text: tell((number + share) / count, f"{name}: {text}")
 
 
@@ -179,7 +180,7 @@ def _take_mesh(
     gathered: _Gathered,
     report: dict[str, Any],
 ) -> CleaningPicture | None:
-    """Clean a mesh and take from it what the source provides."""
+    """Clean a mesh and add what the source provides."""
     assert model.mesh is not None
     if odd := implausible_size(model.mesh, source):
         report["problems"].append(f"{source.name} {odd}")
@@ -218,7 +219,7 @@ def _take_cloud(
     gathered: _Gathered,
     report: dict[str, Any],
 ) -> CleaningPicture | None:
-    """Clean a cloud and take from it what the source provides."""
+    """Clean a cloud and add what the source provides."""
     spec, region = source.spec, surroundings.region
     clean = cleaned_cloud(
         cloud,
@@ -255,7 +256,7 @@ def _take_recording(
     gathered: _Gathered,
     report: dict[str, Any],
 ) -> None:
-    """Take the static world of a recording: it was cleaned when it was read."""
+    """Add the static world of a recording, which was cleaned when it was read."""
     assert model.mesh is not None
     assert model.cloud is not None
     provides, region = source.spec.provides, surroundings.region

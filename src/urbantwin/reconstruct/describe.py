@@ -1,4 +1,4 @@
-"""What a file or a folder of geometry holds, in a few values: before there is any site."""
+"""Summary of a file or folder of geometry, without a site."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from urbantwin.site.yaml_document import Document
 
 __all__ = ["describe_geometry"]
 
-#: Of a tileset so much around its middle is read, metres.
+#: Radius around the centre of a tileset that is read, metres.
 _AROUND_M = 500.0
-#: So many names and problems are listed.
+#: Maximum number of names and problems listed.
 _MOST = 8
 _DEGREES = CRS.from_epsg(4979)
 _NOT_SAID = "not said"
@@ -35,24 +35,24 @@ _NOWHERE = SiteFrame(0.0, 0.0)
 
 
 def describe_geometry(path: Path) -> dict[str, Any]:
-    """Return what a source of geometry holds.
+    """Return a summary of a source of geometry.
 
     Args:
         path: a mesh, a ``tileset.json``, a city model, a point cloud, or a folder of one of them.
 
     Returns:
         ``kind``; ``triangles`` or ``points``, ``objects`` and some of their names, ``lowest`` and
-        ``highest`` corner in its own coordinates (longitude, latitude and height of the ellipsoid
-        where those are Earth-centred), ``crs``, ``latitude`` and ``longitude`` of its middle where
-        it says where it is, ``up`` and ``unit_m`` with who says so, and ``problems``.
+        ``highest`` corner in its own coordinates (longitude, latitude and ellipsoidal height if
+        those are Earth-centred), ``crs``, ``latitude`` and ``longitude`` of its centre if
+        georeferenced, ``up`` and ``unit_m`` with their source, and ``problems``.
 
     Raises:
-        InputError: nothing of it can be read.
+        InputError: nothing can be read.
     """
     kind = _kind(path)
     spec = GeometrySpec(file=path.name)
     frame, region = _NOWHERE, shapely.box(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M)
-    if kind == "las":  # placed by hand: read whole, and not around a site
+    if kind == "las":  # as if placed by hand, so that it is read in full
         spec = spec.model_copy(update={"similarity": SimilaritySpec()})
     source = GeometrySource(spec, Document(path, {}), 0)
     if kind == "tiles":
@@ -129,7 +129,7 @@ def _points(model: ImportedModel) -> NDArray[np.float64]:
 
 
 def _place(model: ImportedModel, points: NDArray[np.float64]) -> dict[str, Any]:
-    """Return where a model says that it is."""
+    """Return the georeference of a model."""
     if model.geotag is not None:
         tag = model.geotag
         return {

@@ -1,4 +1,4 @@
-"""The plausibility of a placed mesh: its size, and which way is up."""
+"""Plausibility checks of a placed mesh: size and up direction."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from urbantwin.site import GeometrySource
 
 __all__ = ["implausible_size", "refuse_upside_down"]
 
-#: Wider than any model of a town, and narrower than anything that stands in one, metres.
+#: Maximum and minimum width of a model, metres.
 _WIDEST_M, _NARROWEST_M = 20_000.0, 0.5
-#: Share of the level surface that must face down, and lie within so much of one height, metres,
-#: before a model is said to be upside down.
+#: Share of the level surface that faces down, and tolerance of the ground height (metres), from
+#: which a model is upside down.
 _FACES_DOWN, _AT_GROUND_M = 0.8, 1.0
 _LEVEL = 0.97  # cosine of 14 degrees
 
 
 def implausible_size(mesh: TriangleMesh, source: GeometrySource) -> str | None:
-    """Return what is odd about the size of a mesh that may still be right, or ``None``.
+    """Return a warning about an unlikely size of a mesh, or ``None``.
 
     Args:
         mesh: site frame, metres.
-        source: for the error.
+        source: source of the mesh, for the error.
 
     Raises:
-        InputError: nothing of a place is as small as that.
+        InputError: the mesh is too small to be a place.
     """
     finite = mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)]
     width = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
@@ -44,17 +44,17 @@ def implausible_size(mesh: TriangleMesh, source: GeometrySource) -> str | None:
 
 
 def refuse_upside_down(mesh: TriangleMesh, source: GeometrySource) -> None:
-    """Raise if a model hangs from its ground.
+    """Raise an error if a model is upside down.
 
-    Its level surface then faces down, most of it lies at one height, and what is not there is
-    below. A model whose triangles merely face the wrong way has everything above its ground.
+    Its level surface then faces down, most of it at one height, with the rest below. A model whose
+    triangles merely have the wrong orientation has everything above its ground.
 
     Args:
         mesh: site frame, metres.
-        source: for the error.
+        source: source of the mesh, for the error.
 
     Raises:
-        InputError: it is upside down.
+        InputError: the mesh is upside down.
     """
     corners = mesh.vertices[mesh.faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,4 +1,4 @@
-"""The result of a reconstruction: what imported geometry contributes to a scene."""
+"""The result of a reconstruction: the contribution of imported geometry to a scene."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["Reconstruction", "SourceFigures", "SurveyedTree"]
 
 @dataclass(frozen=True)
 class SurveyedTree:
-    """A tree that was found in a survey; the scene grows it.
+    """A tree found in a survey; the scene generates its model.
 
     Attributes:
-        x, y: of the trunk, site frame, metres.
-        height_m: from its ground to its top.
+        x, y: position of the trunk, site frame, metres.
+        height_m: height of the top above the ground.
         crown_m: diameter of the crown.
         crown_base_m: height of the crown's underside above the ground.
     """
@@ -38,12 +38,12 @@ class SurveyedTree:
 
 @dataclass(frozen=True, eq=False)
 class SourceFigures:
-    """What pictures of one source show.
+    """Data for pictures of one source.
 
     Attributes:
-        name: of the source.
-        registration: where it came from and where it went, if it was registered.
-        cleaning: what it was before and after.
+        name: name of the source.
+        registration: placement before and after registration, if it was registered.
+        cleaning: state before and after cleaning.
     """
 
     name: str
@@ -53,19 +53,19 @@ class SourceFigures:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """Everything that sources of geometry give, cleaned and labelled, site frame.
+    """The cleaned and labelled result of all sources of geometry, site frame.
 
     Attributes:
-        mesh: buildings, vegetation and other things that stand; the ground is not among them.
-            ``part`` numbers its objects from 1.
-        ground: the bare earth as the sources have it.
-        trees: trees for the scene to grow.
-        covers: where the map's own things are left out: ``buildings``, ``trees``, ``other``.
+        mesh: buildings, vegetation and other objects, without the ground. ``part`` numbers its
+            objects from 1.
+        ground: the bare earth of the sources.
+        trees: trees for the scene to generate.
+        covers: areas where the map's own objects are left out: ``buildings``, ``trees``, ``other``.
         report: what was read, placed, removed and kept, for ``geometry.json``.
-        figures: what pictures of the sources show.
-        measured: where the ground was measured from close by, with its curbs: what is finer there
-            than terrain usually is, is real.
-        surroundings: what the sources were compared with.
+        figures: data for pictures of the sources.
+        measured: area where the ground was measured at close range, with its curbs: detail finer
+            than usual terrain is real there.
+        surroundings: the data with which the sources were compared.
     """
 
     mesh: LabelledMesh

@@ -1,4 +1,4 @@
-"""A summary of what became of the sources of geometry, for people."""
+"""Summary of the results of the sources of geometry."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 
 __all__ = ["outcome"]
 
-#: So many problems are listed; all of them are in the report.
+#: Maximum number of problems listed; the report has all.
 MOST_PROBLEMS = 5
 
 
 def outcome(report: dict[str, Any]) -> dict[str, Any]:
-    """Return, by source, how it was placed, what was removed of it, and what is wrong with it.
+    """Return by source its placement, the parts removed from it, and its problems.
 
     Args:
-        report: of a `Reconstruction`.
+        report: report of a `Reconstruction`.
     """
     found: dict[str, Any] = {}
     for number, source in enumerate(report["sources"], start=1):

@@ -1,4 +1,4 @@
-"""What is known of a site before import: the reference that imports are fitted and compared to."""
+"""Known data of a site before import: the reference for fitting and comparing imports."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from urbantwin.site import OsmFeature, RigSpec
 
 __all__ = ["Surroundings", "surroundings_of"]
 
-#: Widths of carriageways in plan, metres, where only their lines are known: two lanes of the usual
-#: width and what stands beside them. Registration and the search for parked cars need no more.
+#: Widths of carriageways by OSM highway class, metres, where only their centre lines are known: two
+#: lanes of the usual width and parking. Registration and the search for parked cars need no more
+#: detail.
 WIDTHS_M = {
     **dict.fromkeys(("motorway", "trunk"), 11.0),
     **dict.fromkeys(("primary", "secondary"), 9.0),
@@ -30,13 +31,13 @@ MOST_LANES = 12
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is known of a site before geometry is imported; site frame, metres.
+    """Known data of a site before geometry is imported; site frame, metres.
 
     Attributes:
         region: the region of interest.
         roads: carriageways in plan (mapped lines with their widths), may be empty.
         footprints: outlines of mapped buildings.
-        sensors: (S, 3) places of the sensors.
+        sensors: (S, 3) sensor positions.
     """
 
     region: shapely.Polygon
@@ -51,14 +52,13 @@ def surroundings_of(
     rig: RigSpec,
     carriageway: shapely.Geometry | None = None,
 ) -> Surroundings:
-    """Return what the map and the rig say of a site.
+    """Return the data of a site from the map and the rig.
 
     Args:
         features: the map's features, site frame.
         region: the region of interest, site frame.
-        rig: the sensors; their heights are taken above level ground.
-        carriageway: the carriageways in plan where a map of lanes is given; they count instead of
-            the features' lines.
+        rig: the sensors; their heights are assumed above level ground.
+        carriageway: the carriageways in plan of a lane map, used instead of the features' lines.
     """
     roads, footprints = [], []
     for feature in features:
@@ -67,7 +67,7 @@ def surroundings_of(
             if tags.get("tunnel", "no") == "no" and tags.get("bridge", "no") == "no":
                 roads.append(shape.buffer(_width_m(tags) / 2, cap_style="flat"))
         elif tags.get("building", "no") != "no" and shape.geom_type.endswith("Polygon"):
-            # Before parking: a multi-storey car park is both.
+            # before parking, as a multi-storey car park is both
             footprints += [part for part in shapely.get_parts(shape) if part.area > 1.0]
         elif (
             tags.get("amenity") == "parking"
@@ -75,7 +75,7 @@ def surroundings_of(
             and shape.geom_type.endswith("Polygon")
         ):
             roads.append(shape)
-    # What is said above the anchor's ground will do: it is where sensors see, not to be exact.
+    # Heights above the anchor's ground suffice to find what the sensors see.
     places = [
         [s.east_m, s.north_m, s.height_m or s.up_m or 0.0] for s in rig.sensors if not s.rides
     ]

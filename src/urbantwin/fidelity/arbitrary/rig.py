@@ -1,4 +1,4 @@
-"""The rig of the twin's dataset, at the arbitrary site."""
+"""The rig of the twin's dataset, placed at the arbitrary site."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from urbantwin.site.rig import RideSpec
 
 __all__ = ["level_frame", "likely_rig", "riding", "standing"]
 
-#: What is taken where the sensor is unknown, and how high it then stands, metres.
+#: Default sensor model, and default height, metres.
 _MODEL, _HEIGHT_M = "OS1-128", 5.0
-#: Where a rig of unknown place stands: at the south-eastern corner, towards the middle.
+#: Position of a rig of unknown pose: at the south-eastern corner, facing the centre.
 _CORNER_M, _HEADING_DEG = (17.0, -19.0), 135.0
-#: A sensor on a carrier of another shape that would be inside it stands so high above its roof.
+#: Height above the roof of a carrier that would enclose the sensor, metres.
 _ABOVE_ROOF_M = 0.3
 _FEWEST_RINGS = 4
 
 
 def standing(rig: Rig, mesh: LabelledMesh) -> Rig:
-    """Return a rig that stands as it did at its own site, at the site of ``mesh``.
+    """Return a fixed rig with its pose relative to its own site, at the site of ``mesh``.
 
-    Every sensor keeps its place relative to the middle of the site, its height above the ground
-    and its attitude. Where that is inside something or off the site, the whole rig is turned
-    about the middle, and moved towards it, until it is not.
+    Every sensor keeps its position relative to the centre of the site, its height above the ground
+    and its attitude. If a sensor is inside an object or off the site, the whole rig is rotated
+    about the centre, and moved towards it, until all are free.
 
     Raises:
-        InputError: there is no such place.
+        InputError: there is no such position.
     """
     probe = DownwardProbe(mesh.select(mesh.is_ground))
     top = float(mesh.vertices[:, 2].max()) + 1.0
@@ -68,9 +68,9 @@ def _tries() -> Iterator[tuple[NDArray[np.float64], float]]:
 
 
 def riding(rig: Rig, carrier_class: str = "car") -> tuple[Rig, Rig]:
-    """Return a rig that rides on an actor of a class, and the same above that actor's roof.
+    """Return a rig mounted on an actor of a class, and the same above that actor's roof.
 
-    The second is for a carrier of another shape, inside which the first would be.
+    The second is for carriers whose shape would enclose the sensors of the first.
     """
     free = replace(rig, ride=RideSpec.model_validate({"class": carrier_class}), carrier=None)
     raised = tuple(replace(one, above_roof_m=_ABOVE_ROOF_M) for one in rig.sensors)
@@ -78,18 +78,19 @@ def riding(rig: Rig, carrier_class: str = "car") -> tuple[Rig, Rig]:
 
 
 def level_frame(rig: Rig) -> Pose:
-    """Return the place and heading of the first sensor of a rig that stands, site frame."""
+    """Return the position and heading of the first sensor of a fixed rig, site frame."""
     return dataset_frame("level", rig.sensors[0].site_SE3_sensor)
 
 
 def likely_rig(frame: Frame) -> tuple[dict[str, Any], str]:
-    """Return a rig, as its file says it, like the one that a frame was recorded with.
+    """Return a rig specification similar to the one that recorded a frame.
 
-    Its one sensor is the catalogue's with as many channels as the first sensor's rings (or the
-    next more) and the nearest elevations; as high above the ground as the frame shows.
+    Its one sensor is the catalogue's with as many channels as the first sensor has rings (or the
+    next larger number) and the nearest elevations, at the height above the ground that the frame
+    shows.
 
     Returns:
-        The rig, and in words what was taken for what.
+        The specification, and a description of the assumptions.
     """
     seen = frame.points - frame.sensor_places[0]
     rings = frame.ring
@@ -126,6 +127,6 @@ def _nearest_model(seen: NDArray[np.float64], rings: NDArray[np.int64]) -> Senso
 
 
 def _apart(seen: NDArray[np.float64], channels: NDArray[np.float64]) -> float:
-    """Return how far elevations lie from the nearest channel, and channels from the nearest."""
+    """Return the mean distance of elevations to the nearest channel, plus the reverse."""
     gap = np.abs(seen[:, None] - channels[None, :])
     return float(gap.min(axis=1).mean() + gap.min(axis=0).mean())

@@ -1,4 +1,4 @@
-"""The published challenge's protocol: realism, detection, and a submission's rules."""
+"""Protocol of the published challenge: realism, detection, and a submission's rules."""
 
 from urbantwin.fidelity.challenge.average_precision import (
     Box,

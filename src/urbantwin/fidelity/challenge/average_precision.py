@@ -1,4 +1,4 @@
-"""Average precision of boxes in space: IoU 0.5, forty levels of recall."""
+"""Average precision of boxes in space: IoU 0.5, forty recall levels."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = [
     "precision_over_recalls",
 ]
 
-#: A detection this much in common with a labelled box has found it.
+#: Minimum IoU of a detection that matches a labelled box.
 IOU = 0.5
-#: Levels of recall that precision is read at: 1/40 to 1 (Simonelli et al. 2019, R40).
+#: Recall levels of the precision: 1/40 to 1 (Simonelli et al. 2019, R40).
 RECALLS = 40
 
 
@@ -37,11 +37,11 @@ class Box:
 def average_precision(
     labels: Mapping[str, Sequence[Box]], detections: Mapping[str, Sequence[Box]], name: str
 ) -> float | None:
-    """Return the average precision of one class; None where no frame has a label of it.
+    """Return the average precision of one class; None if no frame has a label of it.
 
-    Detections are taken by falling score; each finds the labelled box of its frame that it has
-    most in common with, if that is at least ``IOU`` and none found it before (Everingham et
-    al. 2010). The mean over forty levels of recall of the best precision at that recall or above.
+    Detections are processed by falling score; each matches the labelled box of its frame with the
+    largest IoU, if that is at least ``IOU`` and the box is unmatched (Everingham et al. 2010). The
+    result is the mean over forty recall levels of the best precision at that recall or above.
 
     Args:
         labels: boxes by frame. Detections in other frames do not count.
@@ -73,11 +73,11 @@ def average_precision(
 
 
 def precision_over_recalls(right: NDArray[np.bool_], total: int) -> float:
-    """Return the mean over forty levels of recall of the best precision at that recall or above.
+    """Return the mean over forty recall levels of the best precision at that recall or above.
 
     Args:
-        right: (N,) which of the detections, by falling score, found an object.
-        total: how many objects there are, at least one.
+        right: (N,) mask of the detections, by falling score, that match an object.
+        total: number of objects, at least one.
     """
     if not len(right):
         return 0.0

@@ -1,17 +1,17 @@
-"""The published challenge for synthetic roadside LiDAR: its numbers and its formula.
+"""The published challenge for synthetic roadside LiDAR: its constants and its formula.
 
 UCF UrbanTwin Sim2Real LiDAR Challenge (Shahbaz and Agarwal, IEEE Big Data Cup 2026 and DriveX
-2026): 0.6 of the score is a detector's precision in 50 real frames, 0.4 how near 50 synthetic
-frames are to real ones. The frames of each side are put together, cropped, and 10,000 points of
-either are compared.
+2026): 0.6 of the score is a detector's precision in 50 real frames, 0.4 the similarity of 50
+synthetic frames to real ones. The frames of each side are concatenated and cropped, and 10,000
+points of each are compared.
 
 Weights, classes, crop and limits are the challenge's. The number of points, the seed, and that the
-"Frechet point distance" is the one of x, y, z themselves, stand in a participant's public
-repository (amanupg/urbantwin-sim2real-lumpi), not in the organisers' words. The scoring program
-itself was not to be had. Ours to choose were therefore: the Chamfer distance (here the sum of both
-directions' mean squared distance), the kernel (here Gaussians of 1, 4 and 16 m), the number of
-points that are assigned to each other (here 2,000 of the 10,000), and the random generator. Scores
-are for comparing twins with each other and with the anchors, not with a leaderboard.
+"Frechet point distance" is the one of x, y, z, are from a participant's public repository
+(amanupg/urbantwin-sim2real-lumpi), not from the organisers. The scoring program was not available.
+We therefore chose the Chamfer distance (the sum of both directions' mean squared distance), the
+kernel (Gaussians of 1, 4 and 16 m), the number of points that are assigned to each other (2,000 of
+the 10,000), and the random generator. Scores compare twins with each other and with the anchors,
+not with a leaderboard.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ __all__ = [
 
 NAME = "urbantwin-challenge"
 DETECTION_WEIGHT, REALISM_WEIGHT = 0.6, 0.4
-#: Frames of a submission.
+#: Number of frames of a submission.
 FRAMES = 50
-#: Half extents of the space that counts, metres, from the sensor's frame's origin.
+#: Half extents of the crop about the sensor frame's origin, metres.
 CROP_M = (40.0, 40.0, 5.0)
 #: Best and worst value of each component.
 LIMITS: dict[str, tuple[float, float]] = {
@@ -67,12 +67,12 @@ _OURS = {
 
 @dataclass(frozen=True)
 class Score:
-    """A score, and what it is made of.
+    """A score and its components.
 
     Attributes:
         detection: 0..1; None without detections or without labels.
         realism: 0..1.
-        combined: 0.6 detection + 0.4 realism; None where detection is.
+        combined: 0.6 detection + 0.4 realism; None without ``detection``.
     """
 
     detection: float | None
@@ -81,17 +81,17 @@ class Score:
 
 
 def check_protocol(name: str) -> None:
-    """Refuse the name of a protocol that we do not have.
+    """Raise an error for an unknown protocol.
 
     Raises:
-        InputError: there is no such name.
+        InputError: there is no protocol of that name.
     """
     if name != NAME:
         raise InputError(f"{name!r} is not a protocol", place="--protocol", expected=NAME)
 
 
 def challenge_class(name: str, source: str = "") -> str:
-    """Return the challenge's class of an object: the data's own name first, then ours."""
+    """Return the challenge's class of an object, by the dataset's class name, otherwise by ours."""
     for known in CLASSES:
         if source.lower() == known.lower():
             return known
@@ -99,7 +99,7 @@ def challenge_class(name: str, source: str = "") -> str:
 
 
 def cropped(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return which of (N, 3) points count, as the points themselves."""
+    """Return the (N, 3) points within the crop."""
     return points[(np.abs(points) <= CROP_M).all(axis=1)]
 
 

@@ -37,16 +37,16 @@ from urbantwin.fidelity.sides import ANCHOR, Side
 
 __all__ = ["MomentFit", "fit_moments", "read_detections", "realism", "score_clouds", "score_sides"]
 
-#: Points of each side's frames put together, and the seed that they are drawn with.
+#: Number of points of each side, and the seed with which they are drawn.
 POINTS, SEED = 10_000, 1234
-#: Of those, points that are assigned to each other (all of them would take minutes).
+#: Number of those points for the exact assignment (all would take minutes).
 EMD_POINTS = 2_000
 
 
 def realism(
     real: Sequence[NDArray[np.float64]], synthetic: Sequence[NDArray[np.float64]]
 ) -> dict[str, float]:
-    """Return CD (m2), MMD, EMD (m) and FPD (m2) of the frames put together.
+    """Return CD (m2), MMD, EMD (m) and FPD (m2) of concatenated frames.
 
     Args:
         real: (N, 3) points of each frame, metres, cropped, at least one point in all.
@@ -63,7 +63,7 @@ def realism(
 
 @dataclass(frozen=True, eq=False)
 class MomentFit:
-    """The affine map that gives a cloud another's mean and covariance.
+    """The affine map that gives a cloud the mean and covariance of another.
 
     Attributes:
         matrix: (3, 3).
@@ -76,7 +76,7 @@ class MomentFit:
     target_mean: NDArray[np.float64]
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N, 3) points where the fit puts them."""
+        """Return (N, 3) points after the map."""
         return (points - self.source_mean) @ self.matrix.T + self.target_mean
 
 
@@ -84,8 +84,8 @@ def fit_moments(source: NDArray[np.float64], target: NDArray[np.float64]) -> Mom
     """Return the map of least displacement from one Gaussian to the other.
 
     A = S^(-1/2) (S^(1/2) T S^(1/2))^(1/2) S^(-1/2) (Dowson and Landau 1982; Olkin and Pukelsheim
-    1982). It knows nothing of streets: a cloud's errors stay, smeared. Directions in which the
-    source has no extent are left as they are.
+    1982). It has no knowledge of streets: a cloud's errors remain, blurred. Directions in which the
+    source has no extent are unchanged.
 
     Args:
         source: (N, 3) metres.
@@ -104,17 +104,17 @@ def fit_moments(source: NDArray[np.float64], target: NDArray[np.float64]) -> Mom
 _EXPECTED = (
     '{"FRAME": [{"box": [x, y, z, length, width, height, yaw], "score": 0.9, "class": "Car"}]}'
 )
-#: Neither a place nor a size is larger, metres.
+#: Maximum coordinate or size, metres.
 _LARGEST = 1e6
 
 
 def read_detections(path: Path) -> dict[str, list[Box]]:
-    """Read a map of detections.
+    """Return detections by frame from a JSON file.
 
     Boxes are in the frame of the real points: metres, radians, yaw counter-clockwise from +x.
 
     Raises:
-        InputError: it is not such a map; the place is named.
+        InputError: the file is invalid; the error gives the position.
     """
     read = read_json_value(path, _EXPECTED)
     if not isinstance(read, dict):
@@ -163,23 +163,23 @@ def score_clouds(
     precision: float | None = None,
     anchor: _Clouds = (),
 ) -> dict[str, Any]:
-    """Score frames against real ones that nothing was fitted to.
+    """Score frames against held-out real ones.
 
-    The first half of the real frames is there to fit to; scored are the frames of the second half
-    against the real frames of the same numbers, which the fit never sees: an exact copy differs
-    by nothing. Halves, and not every other frame: neighbours in time are nearly the same frame.
-    With an anchor that is there to fit to, and every real frame judges.
+    The first half of the real frames is available for fitting. Scored are the frames of the second
+    half against the real frames of the same numbers, which the fit never sees: an exact copy
+    differs by nothing. Halves are used instead of every other frame, since neighbours in time are
+    nearly equal. With an anchor, the fit uses the anchor and every real frame is scored.
 
     Args:
         real: (N, 3) cropped points of each frame, at least one frame.
-        others: the same by name ("twin", "arbitrary"); where one has no more frames than the half,
-            all of them are scored.
+        others: the same by name ("twin", "arbitrary"); a side with no more frames than the half is
+            scored in full.
         precision: mean average precision of a detector in the real frames.
         anchor: the same of other real frames of the place.
 
     Returns:
-        Rows by name: of each of ``others``, the same with ``_fitted``, and
-        ``real_against_real``: raw components, their scores, and the score.
+        Rows by name: each of ``others``, the same with ``_fitted``, and ``real_against_real``: raw
+            components, their scores, and the score.
     """
     half = 0 if anchor else len(real) // 2
     training, held_out = anchor or real[:half], real[half:]
@@ -205,15 +205,15 @@ def _row(real: _Clouds, other: _Clouds, precision: float | None) -> dict[str, An
 
 
 def score_sides(sides: Mapping[str, Side], detections: Path | None) -> dict[str, Any]:
-    """Compute the protocol for a comparison: what stands under ``protocol`` in the report.
+    """Compute the protocol for a comparison: the entry ``protocol`` of the report.
 
     Args:
-        sides: "real", "synthetic" and perhaps "arbitrary", surveyed.
+        sides: "real", "synthetic" and optionally "arbitrary", surveyed.
         detections: a detector's boxes in the real frames; None leaves that part out.
 
     Raises:
-        InputError: the detections cannot be read or name none of the real frames, or a side has
-            no point in the space that counts.
+        InputError: the detections cannot be read or name no real frame, or a side has no point
+            within the crop.
     """
     frames = {name: _frames(side) for name, side in sides.items()}
     clouds = {name: [cropped(frame.points) for frame in each] for name, each in frames.items()}
@@ -234,7 +234,7 @@ def score_sides(sides: Mapping[str, Side], detections: Path | None) -> dict[str,
     labels = {frame.name: _labels(frame) for frame in frames["real"] if frame.boxes is not None}
     if detections is not None:
         told = {name: _inside(boxes) for name, boxes in read_detections(detections).items()}
-        # A detector that found nothing at all need not name the frames.
+        # An empty file is valid for all frames.
         shared = {name: labels[name] for name in labels if name in told or not told}
         if not shared:
             raise InputError(
@@ -294,5 +294,5 @@ def _labels(frame: Frame) -> list[Box]:
 
 
 def _inside(boxes: Iterable[Box]) -> list[Box]:
-    """Return the boxes whose middle is in the space that counts, labelled or detected."""
+    """Return the boxes whose centre is within the crop."""
     return [one for one in boxes if bool((np.abs(one.box[:3]) <= CROP_M).all())]

@@ -1,6 +1,6 @@
-"""Loops that numba compiles: nearest points and triangles. Arguments are documented in words.
+"""Loops compiled by numba: nearest points and triangles; docstrings describe the arguments.
 
-Nothing here holds the interpreter's lock, so parts of a query run on threads.
+The loops release the interpreter's lock, so parts of a query run on threads.
 """
 
 __all__: list[str] = []

@@ -1,7 +1,7 @@
-"""A balanced tree of boxes over things in space: points, or triangles.
+"""A balanced tree of bounding boxes of points or triangles.
 
-Level k cuts the things into 2^k runs of one order, as even as can be. The parts of all levels are
-numbered through, the whole first: the halves of part p are 2 p + 1 and 2 p + 2.
+Level k splits the items into 2^k runs of one order, as even as possible. The parts of all levels
+are numbered consecutively from the root: the halves of part p are 2 p + 1 and 2 p + 2.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ __all__ = ["apart", "arranged", "boxed", "run_of"]
 
 @njit(cache=True, nogil=True)
 def run_of(part, parts, count):
-    """Return where the ``part``-th of ``parts`` runs of ``count`` things begins and ends."""
+    """Return begin and end of the ``part``-th of ``parts`` runs of ``count`` items."""
     return part * count // parts, (part + 1) * count // parts
 
 
@@ -27,16 +27,16 @@ def apart(a, b):
 
 @njit(cache=True, nogil=True)
 def arranged(places, most):
-    """Return an order of (N, 3) places, and the levels of the tree that it is the leaves of.
+    """Return an order of (N, 3) positions by leaves, and the number of levels of the tree.
 
-    Every run is cut at the median along its longest axis, until no run has more than ``most``.
+    Every run is split at the median along its longest axis, until no run has more than ``most``.
     """
     count = len(places)
     levels = 0
     while count > most << levels:
         levels += 1
     order = np.arange(count)
-    moved = np.empty((3, count))  # the places in that order: what is near in space, in memory too
+    moved = np.empty((3, count))  # positions in that order, for locality in memory
     for i in range(count):
         for k in range(3):
             moved[k, i] = places[i, k]
@@ -63,7 +63,7 @@ def arranged(places, most):
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def _width(values):
-    """Return the greatest less the least value."""
+    """Return the difference of the largest and the smallest value."""
     least = greatest = values[0]
     for value in values:
         least = min(least, value)
@@ -73,7 +73,7 @@ def _width(values):
 
 @njit(cache=True, nogil=True)
 def _halve(value, second, third, order, low, high, middle):
-    """Put the lower values of low..high before ``middle`` (Hoare 1961, "Algorithm 65: find")."""
+    """Move the lower values of low..high before ``middle`` (Hoare 1961, "Algorithm 65: find")."""
     first, last = low, high - 1
     while first < last:
         pivot = value[(first + last) // 2]
@@ -103,10 +103,10 @@ def boxed(low, high, order, levels):
     """Return the boxes (2^(levels + 1) - 1, 6) of all parts.
 
     Args:
-        low: (N, 3) the lower corner of each thing's box.
-        high: (N, 3) the upper corner.
-        order: (N,) of the things.
-        levels: of the tree.
+        low: (N, 3) lower corner of each item's box.
+        high: (N, 3) upper corner.
+        order: (N,) order of the items.
+        levels: levels of the tree.
     """
     leaves = 1 << levels
     box = np.empty((2 * leaves - 1, 6))

@@ -1,4 +1,4 @@
-"""The nearest point of one tree to every point of another."""
+"""Nearest points of one tree to every point of another."""
 
 import numpy as np
 from numba import njit
@@ -7,15 +7,15 @@ from urbantwin.fidelity.compiled.box_tree import apart, run_of
 
 __all__ = ["LEAF", "leaf_table", "nearest_points"]
 
-#: Points of a leaf: as many as are measured at once.
+#: Points per leaf, which are measured together.
 LEAF = 16
-#: Parts that wait to be looked at: two a level at most.
+#: Size of the stack of parts to visit: at most two per level.
 _STACK = 128
 
 
 @njit(cache=True, nogil=True)
 def leaf_table(points, order, levels):
-    """Return the points of each leaf as (leaves, 3, LEAF); the last one fills what is left."""
+    """Return the points of each leaf as (leaves, 3, LEAF); the last point fills the remainder."""
     leaves = 1 << levels
     table = np.empty((leaves, 3, LEAF))
     for leaf in range(leaves):
@@ -27,11 +27,11 @@ def leaf_table(points, order, levels):
     return table
 
 
-# Without NaN and signed zeros the least of a leaf's distances is found several at a time; sums
-# stay as they are written, so every processor gives the same.
+# Without NaN and signed zeros the minimum of a leaf's distances is vectorised; sums keep their
+# order, so every processor gives the same result.
 @njit(cache=True, nogil=True, fastmath={"nnan", "nsz"}, inline="always")
 def _least(x, y, z, leaf):
-    """Return the least squared distance of a place to the points (3, LEAF) of a leaf."""
+    """Return the smallest squared distance of a position to the points (3, LEAF) of a leaf."""
     least = np.inf
     for i in range(LEAF):
         dx, dy, dz = leaf[0, i] - x, leaf[1, i] - y, leaf[2, i] - z
@@ -41,7 +41,7 @@ def _least(x, y, z, leaf):
 
 @njit(cache=True, nogil=True)
 def _place(x, y, z, leaf, square):
-    """Return which point of a leaf is at a squared distance."""
+    """Return the index of the point of a leaf at a squared distance."""
     for i in range(LEAF):
         dx, dy, dz = leaf[0, i] - x, leaf[1, i] - y, leaf[2, i] - z
         if dx * dx + dy * dy + dz * dz <= square:
@@ -51,23 +51,23 @@ def _place(x, y, z, leaf, square):
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def nearest_points(first, last, table, box, order, other, other_box, other_order, square, where):
-    """Fill in squared distances and rows of what is nearest to the points of leaves first..last.
+    """Fill in squared distances and rows of the nearest points for the leaves first..last.
 
-    The points of a leaf lie close together, so they go through the other tree together: a part is
-    left out where its box is farther from theirs than the worst of their distances so far. These
-    begin with the leaf in which the points before found their nearest.
+    The points of a leaf are close together and traverse the other tree together: a part is skipped
+    if its box is farther from theirs than the largest of their distances so far. The search starts
+    at the leaf in which the previous points found their nearest.
 
     Args:
-        first: leaf to begin with.
-        last: leaf to end before.
+        first: first leaf.
+        last: end of the leaves, exclusive.
         table: (leaves, 3, LEAF) points of the leaves.
-        box: of the tree's parts.
-        order: (N,) of the points.
+        box: boxes of the tree's parts.
+        order: (N,) order of the points.
         other: as ``table``, of the other tree.
-        other_box: of the other tree's parts.
-        other_order: of its points.
-        square: (N,) to fill: squared distances.
-        where: (N,) to fill: rows of the other's points.
+        other_box: boxes of the other tree's parts.
+        other_order: order of its points.
+        square: (N,) output: squared distances.
+        where: (N,) output: rows of the other's points.
     """
     leaves, other_leaves = len(table), len(other)
     waiting = np.empty(_STACK, np.int64)

@@ -1,4 +1,4 @@
-"""The distance of points to the nearest triangle of a tree."""
+"""Distance of points to the nearest triangle of a tree."""
 
 import numpy as np
 from numba import njit
@@ -8,7 +8,7 @@ from urbantwin.fidelity.compiled.box_tree import run_of
 __all__ = ["nearest_squares"]
 
 _STACK = 128
-#: A triangle whose sine of an angle is below this is its edges.
+#: Sine of an angle below which a triangle is treated as its edges.
 _FLAT = 1e-6
 
 
@@ -27,9 +27,9 @@ def _edge_square(px, py, pz, ex, ey, ez):
 def _triangle_square(point, corner, side1, side2):
     """Return the squared distance of a point (3,) to a triangle: a corner and two sides (3,).
 
-    The nearest point is the projection onto its plane where that falls inside (barycentric
-    coordinates, Ericson 2005, "Real-time collision detection", 3.4), else the nearest of the three
-    edges. A triangle without area is its edges, or one point.
+    The nearest point is the projection onto its plane if that is inside (barycentric coordinates,
+    Ericson 2005, "Real-time collision detection", 3.4), otherwise the nearest of the three edges. A
+    triangle without area is its edges, or one point.
     """
     px, py, pz = point[0] - corner[0], point[1] - corner[1], point[2] - corner[2]
     ux, uy, uz = side1[0], side1[1], side1[2]
@@ -65,13 +65,13 @@ def nearest_squares(points, turn, corner, side1, side2, box, found):
 
     Args:
         points: (N, 3).
-        turn: (K,) which points to take, neighbours in space one after the other: each begins
-            with the triangle that is nearest to the one before.
-        corner: (F, 3) of each triangle, in the tree's order.
+        turn: (K,) order of the points, neighbours in space in sequence: each search starts with the
+            triangle nearest to the previous point.
+        corner: (F, 3) first corner of each triangle, in the tree's order.
         side1: (F, 3) from there to the second corner.
         side2: (F, 3) from there to the third.
-        box: of the tree's parts.
-        found: (N,) to fill.
+        box: boxes of the tree's parts.
+        found: (N,) output.
     """
     leaves = (len(box) + 1) // 2
     waiting = np.empty(_STACK, np.int64)

@@ -1,4 +1,4 @@
-"""Votes of pieces of rings for the places that they may have been seen from."""
+"""Votes of pieces of rings for the positions from which they may have been seen."""
 
 import numpy as np
 from numba import njit
@@ -8,15 +8,16 @@ __all__ = ["place_votes"]
 
 @njit(cache=True, nogil=True)
 def place_votes(middle, along, sigma, places, axis, coarse, seen_share, least_rise):
-    """Return the log likelihood ratio of pieces as rings around places, against chance.
+    """Return the log likelihood ratio of pieces as rings around positions, against chance.
 
     Args:
-        middle: (P, 3) of the pieces, metres.
+        middle: (P, 3) centres of the pieces, metres.
         along: (P, 3) their unit directions.
-        sigma: (P,) standard deviation of what `standpoint.ring_residuals` says of each, radians.
-        places: (S, 3) of the sensor, metres.
-        axis: (3,) unit vector that it turns about.
-        coarse: standard deviation of the places, metres: that of a coarse grid; 0 for exact ones.
+        sigma: (P,) standard deviation of their `standpoint.ring_residuals`, radians.
+        places: (S, 3) sensor positions, metres.
+        axis: (3,) unit vector of the rotation axis.
+        coarse: standard deviation of the positions, metres: that of a coarse grid; 0 for exact
+            ones.
         seen_share: prior share of the pieces that are the sensor's.
         least_rise: see `standpoint.RingResiduals`.
 

@@ -1,4 +1,4 @@
-"""The neighbours of points on their rings, as one sensor sees them."""
+"""Support of points by their neighbours on rings of one sensor."""
 
 import numpy as np
 from numba import njit
@@ -13,15 +13,15 @@ def ring_support(channel, azimuth, range_m, off, weight, wide, range_share, off_
     Args:
         channel: (N,) sorted.
         azimuth: (N,) radians, sorted within a channel.
-        range_m: (N,) from the sensor.
-        off: (N,) of the channel's elevation, degrees.
-        weight: (N,) how likely each is the sensor's.
+        range_m: (N,) ranges, metres.
+        off: (N,) elevation residuals of the channel, degrees.
+        weight: (N,) probability that a point is the sensor's.
         wide: largest difference of azimuths, radians.
         range_share: largest difference of ranges, as a share of the range, beside 0.1 m.
         off_most: largest difference of elevation residuals, degrees.
 
     Returns:
-        (N,) sums of weights, the point itself left out.
+        (N,) sums of weights without the point itself.
     """
     count = len(channel)
     total = np.zeros(count)

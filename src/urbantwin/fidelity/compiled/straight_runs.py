@@ -14,13 +14,13 @@ def straight_runs(points, seeds, near, aside, fewest):
         points: (N, 3), metres.
         seeds: (S,) rows of points.
         near: (S, K) rows of the neighbours of each seed, the seed itself first.
-        aside: metres that a point of the run may lie beside its line.
-        fewest: points of a run, the seed among them.
+        aside: maximum distance of a point from the line, metres.
+        fewest: minimum number of points of a run, including the seed.
 
     Returns:
-        (S,) number of points of the run, 0 without one; (S, 3) their mean; (S, 3) unit direction
-        of the best line through them; (S,) root mean square of what they lie beside it, metres;
-        (S,) root mean square of where they lie along it.
+        (S,) number of points of the run, 0 without one; (S, 3) their mean; (S, 3) unit direction of
+        the best line through them; (S,) root mean square distance from the line, metres; (S,) root
+        mean square position along it.
     """
     count = len(seeds)
     wide = near.shape[1]
@@ -55,7 +55,7 @@ def straight_runs(points, seeds, near, aside, fewest):
         if best < fewest:
             continue
         u = delta[chosen] / np.sqrt((delta[chosen] ** 2).sum())
-        # Twice: the line through the seed may be aslant by the seed's own error.
+        # The second iteration removes the tilt due to the seed's own error.
         centre = np.zeros(3)
         for _ in range(2):
             n = 0

@@ -1,4 +1,4 @@
-"""Which triangles of a triangulation by direction can be a surface that a sensor saw."""
+"""Selection of the triangles of a triangulation by direction that can be a visible surface."""
 
 import numpy as np
 from numba import njit
@@ -8,17 +8,17 @@ __all__ = ["can_be_surface"]
 
 @njit(cache=True, nogil=True)
 def can_be_surface(angles, seen, corner, index, most_angle, most_edge, least_sine, least_level):
-    """Return which triangles (T,) are narrow and short enough, not seen edge-on, and not twice.
+    """Return the mask (T,) of triangles that are small, not seen edge-on, and not duplicates.
 
     Args:
         angles: (A, 2) azimuth and elevation of the directions, radians.
         seen: (N, 3) points from the sensor, metres.
         corner: (T, 3) directions of each triangle.
         index: (A,) point of each direction.
-        most_angle: widest difference of azimuth or elevation, radians.
+        most_angle: largest difference of azimuth or elevation, radians.
         most_edge: longest edge, metres.
-        least_sine: of the angle between the triangle and the line of sight, ...
-        least_level: ... or the share of the normal that stands upright.
+        least_sine: minimum sine of the angle between the triangle and the line of sight, ...
+        least_level: ... or minimum vertical share of the normal.
     """
     found = np.zeros(len(corner), np.bool_)
     for t in range(len(corner)):
@@ -27,7 +27,7 @@ def can_be_surface(angles, seen, corner, index, most_angle, most_edge, least_sin
         for axis in range(2):
             u, v, w = angles[i, axis], angles[j, axis], angles[k, axis]
             narrow &= max(u, v, w) - min(u, v, w) <= most_angle
-        # Beyond the seam the strips are repeated: a triangle is taken where its middle is.
+        # Strips are repeated beyond the seam: a triangle is kept where its centre is.
         middle = (angles[i, 0] + angles[j, 0] + angles[k, 0]) / 3
         if not narrow or middle < -np.pi or middle >= np.pi:
             continue

@@ -26,23 +26,23 @@ __all__ = ["Classified", "classified"]
 
 #: Classes that are the ground.
 _GROUND = ("road", "parking", "sidewalk", "other-ground", "terrain")
-#: Which of the things that a source provides a class is; all others are ``other``.
+#: Category of ``provides`` of a class; all other classes are ``other``.
 _PROVIDES = {"building": "buildings", "vegetation": "trees", "trunk": "trees"}
-#: A mesh whose ground covers less than this shows none, square metres.
+#: Minimum ground area of a mesh, square metres.
 _LEAST_GROUND_M2 = 20.0
-#: Share of a mesh's plan that its ground covers if it is a model of the whole place.
+#: Minimum share of ground in the plan of a model of the whole place.
 _WHOLE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Classified:
-    """What a mesh gives.
+    """The contents of a mesh.
 
     Attributes:
-        mesh: what stands on the ground: buildings, vegetation, poles, fences, decks, other.
-            ``part`` numbers its objects from 1.
-        ground: the bare earth; nan under buildings; ``None`` where the mesh shows none.
-        covers: where the map's own things are left out, by kind: ``buildings``, ``trees``,
+        mesh: objects on the ground: buildings, vegetation, poles, fences, decks, other. ``part``
+            numbers its objects from 1.
+        ground: the bare earth; nan under buildings; ``None`` if the mesh has none.
+        covers: areas where the map's own objects are left out, by kind: ``buildings``, ``trees``,
             ``other``.
         report: triangles and area by class and material.
     """
@@ -61,18 +61,18 @@ def classified(
     roads: shapely.Geometry | None = None,
     name: str = "",
 ) -> Classified:
-    """Classify the triangles of a mesh, and give each a material.
+    """Classify the triangles of a mesh, and assign materials.
 
-    What a file says of its triangles goes first, then the names of its objects and materials,
-    then shape and colour: the lowest connected surface is the ground, faces that look
-    every way are plants, what is high and wide is a building.
+    The labels of a file have priority, then the names of its objects and materials, then shape and
+    colour: the lowest connected surface is the ground, faces in all directions are plants, high and
+    wide objects are buildings.
 
     Args:
         mesh: cleaned, site frame, metres.
-        spec: what the person said: class and material of all of it, what it provides.
-        elevation: the ground as it is known from elsewhere, for meshes without.
-        roads: carriageways, for decks over them.
-        name: of the source.
+        spec: the user's settings: class and material of the whole mesh, and what it provides.
+        elevation: the ground from other sources, for meshes without ground.
+        roads: carriageways, to find decks over them.
+        name: name of the source.
     """
     if not len(mesh.faces):
         return Classified(LabelledMesh.empty(), None)
@@ -113,7 +113,7 @@ def classified(
 def _materials(
     mesh: TriangleMesh, semantic: NDArray[np.uint16], said: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
-    """Return the material (F,) of every triangle: as its name says, else by its colour."""
+    """Return the material (F,) of every triangle, from its name, otherwise from its colour."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     cross = np.cross(b - a, c - a)
     level = np.abs(cross[:, 2]) > 0.5 * np.linalg.norm(cross, axis=1)
@@ -121,7 +121,7 @@ def _materials(
     plant = np.isin(semantic, [semantic_id("vegetation"), semantic_id("trunk")])
     colour = mesh.colour
     if colour is not None and np.ptp(colour, axis=0).max(initial=0) == 0:
-        colour = None  # one colour for all is the viewer's, not the place's
+        colour = None  # a uniform colour is the viewer's, not the place's
     out = np.zeros(len(semantic), np.uint8)
     groups = {
         "roof": building & level,
@@ -138,7 +138,7 @@ def _materials(
     metal = np.isin(semantic, [semantic_id("pole"), semantic_id("traffic-sign")])
     out[metal] = material_id("metal-painted")
     out[semantic == semantic_id("other-structure")] = material_id("concrete")
-    # A roof's word ("Roof") names the part, not what it is made of, where colours say more.
+    # "Roof" names the part, not its material; colours say more.
     vague = np.isin(said, [material_id("roofing"), material_id("plaster")]) & (colour is not None)
     return np.where((said > 0) & ~vague, said, out).astype(np.uint8)
 
@@ -146,7 +146,7 @@ def _materials(
 def _patch(
     mesh: TriangleMesh, terrain: Terrain, building: NDArray[np.bool_], name: str
 ) -> ElevationPatch | None:
-    """Return the bare earth on nodes; nan under buildings and where there is none."""
+    """Return the bare earth on nodes; nan under buildings and where it is unknown."""
     grid = terrain.grid
     ground = selected(mesh, terrain.is_ground)
     if not len(ground.faces):
@@ -171,11 +171,10 @@ def _covers(
     patch: ElevationPatch | None,
     spec: GeometrySpec,
 ) -> dict[str, shapely.Geometry]:
-    """Return where the map's own things are left out.
+    """Return the areas where the map's own objects are left out.
 
-    A model of the whole place, ground and all, shows what is there and what is not: of the kinds
-    that it has any of, it covers everything within it. A model of single things covers their own
-    footprints.
+    A model of the whole place, including the ground, shows everything: for each kind that it
+    contains, it covers its whole extent. A model of single objects covers their footprints.
     """
     grid, face = terrain.grid, terrain.top_face
     seen = face >= 0

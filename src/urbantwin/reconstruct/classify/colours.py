@@ -1,4 +1,4 @@
-"""What a surface of some colour is made of (table: ``colours.csv``)."""
+"""Material of a surface from its colour (table: ``colours.csv``)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DEFAULT = {"roof": "roofing", "wall": "plaster", "plant": "foliage", "thing": "
 
 
 def default_material(where: str) -> int:
-    """Return the material where there is no colour."""
+    """Return the material of a surface without colour."""
     return material_id(_DEFAULT[where])
 
 
@@ -44,7 +44,7 @@ def hsv(colour: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def is_green(colour: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return which colours (N, 3) are leaves' or grass's: the excess green of Woebbecke (1995)."""
+    """Return the mask of green colours (N, 3), by the excess green of Woebbecke (1995)."""
     total = np.maximum(colour.sum(axis=1, dtype=np.float64), 1.0)
     r, g, b = (colour[:, k] / total for k in range(3))
     return np.asarray((2 * g - r - b > 0.06) & (g >= r) & (total > 30))

@@ -15,19 +15,19 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["labels_of_names", "table"]
 
-#: Where a name is taken apart: signs, digits, and between small and capital letters.
+#: Separators of words: symbols, digits, and changes from lower to upper case.
 _APART = re.compile(r"[^A-Za-zÀ-ž]+|(?<=[a-zà-ž])(?=[A-ZÀ-Ž])")
 
 
 def table(name: str) -> list[dict[str, str]]:
-    """Read a table of this package, its comment lines left out."""
+    """Return the rows of a table of this package, without comment lines."""
     lines = files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 @cache
 def _rows() -> tuple[tuple[frozenset[str], int, int], ...]:
-    """Return words, class and material (0: not said) of each row."""
+    """Return words, class and material (0: none) of each row."""
     return tuple(
         (
             frozenset(row["words"].split()),
@@ -39,10 +39,10 @@ def _rows() -> tuple[tuple[frozenset[str], int, int], ...]:
 
 
 def labels_of_names(names: tuple[str, ...]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Return the class and the material (N,) that names say, 0 where they say nothing.
+    """Return the class and the material (N,) from names, 0 if unknown.
 
-    ``"house 12 / Brick_Red"``: a building, of brick. What comes after the last ``/`` is the
-    material's name, as readers of models write it: its word for the material goes first.
+    ``"house 12 / Brick_Red"``: a building, of brick. The part after the last ``/`` is the
+    material's name, as readers of models write it, which has priority for the material.
     """
     semantic = np.zeros(len(names), np.uint16)
     material = np.zeros(len(names), np.uint8)
@@ -65,7 +65,7 @@ def _said(name: str) -> tuple[int, int]:
 
 
 def _words(text: str) -> frozenset[str]:
-    """Return the words of a name in small letters, neighbours joined, plurals in the singular."""
+    """Return the words of a name in lower case, joined neighbours, and singulars of plurals."""
     single = [word.lower() for word in _APART.split(text) if word]
     words = {*single, *(a + b for a, b in pairwise(single))}
     return frozenset(words | {word[:-1] for word in words if word.endswith("s")})

@@ -14,27 +14,27 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["classes_by_shape"]
 
-#: Columns in which directions of faces are counted, metres: wider than a window, narrower than
-#: a tree.
+#: Size of the columns in which directions of faces are counted, metres: larger than a window,
+#: smaller than a tree.
 _COLUMN_M = 2.5
-#: Share of the area that faces in the three commonest of 26 directions: walls and roofs have
-#: nearly all of it there, a sphere about 0.35, leaves less.
+#: Share of the area in the three most frequent of 26 directions below which a column is rough:
+#: nearly 1 for walls and roofs, about 0.35 for a sphere, less for leaves.
 _ROUGH = 0.45
-#: Buildings are at least this high and this wide.
+#: Minimum height and area of buildings.
 _HOUSE_HEIGHT_M, _HOUSE_AREA_M2 = 2.2, 6.0
-#: Poles.
+#: Minimum height and maximum width of poles.
 _POLE_HEIGHT_M, _POLE_WIDTH_M = 1.8, 1.2
 
 
 def classes_by_shape(
     mesh: TriangleMesh, terrain: Terrain, roads: shapely.Geometry | None
 ) -> NDArray[np.uint16]:
-    """Return the class (F,) of triangles that stand on the ground.
+    """Return the class (F,) of triangles of objects on the ground.
 
     Args:
-        mesh: only what stands; site frame, metres, every vertex used.
+        mesh: the objects only; site frame, metres, every vertex used.
         terrain: the ground under it.
-        roads: carriageways, for decks over them.
+        roads: carriageways, to find decks over them.
     """
     out = np.full(len(mesh.faces), semantic_id("other-object"), np.uint16)
     if not len(mesh.faces):
@@ -59,19 +59,19 @@ def _plants(
     area: NDArray[np.float64],
     terrain: Terrain,
 ) -> NDArray[np.bool_]:
-    """Return which triangles are plants: faces every way, or green and not flat."""
+    """Return the mask of triangles of plants: faces in all directions, or green and not flat."""
     middle = corner.mean(axis=1)
     column = np.floor((middle[:, :2] - mesh.vertices[:, :2].min(axis=0)) / _COLUMN_M).astype(int)
     width = int(column[:, 1].max()) + 3
     number = (column[:, 0] + 1) * width + column[:, 1] + 1
     count = (int(column[:, 0].max()) + 3) * width
-    way = np.rint(normal * 1.2).astype(int) + 1  # 26 directions, the middle one for none
+    way = np.rint(normal * 1.2).astype(int) + 1  # 26 directions, the central cell is unused
     direction = (way[:, 0] * 3 + way[:, 1]) * 3 + way[:, 2]
     spread = np.bincount(number * 27 + direction, area, count * 27).reshape(-1, 27)
     commonest = np.partition(spread, -3, axis=1)[:, -3:].sum(axis=1)
     total = spread.sum(axis=1)
     planar = np.divide(commonest, total, out=np.ones_like(total), where=total > 0)
-    # A column takes the mean of its neighbours, by area: corners of houses are not plants.
+    # Columns are averaged over their neighbours by area: corners of houses are not plants.
     grid, weight = (planar * total).reshape(-1, width), total.reshape(-1, width)
     mean = _around(grid) / np.maximum(_around(weight), 1e-9)
     flat = mean.ravel()[number]
@@ -102,7 +102,7 @@ def _things(
     terrain: Terrain,
     roads: shapely.Geometry | None,
 ) -> NDArray[np.uint16]:
-    """Return the class (F,) of triangles by the piece that they are of."""
+    """Return the class (F,) of triangles by their connected piece."""
     size = pieces.size
     base = terrain.under(pieces.middle)
     rise = pieces.high[:, 2] - base
@@ -111,7 +111,7 @@ def _things(
     upward = np.bincount(pieces.of_face, area * np.maximum(normal[:, 2], 0), count)
     upright = np.bincount(pieces.of_face, area * (np.abs(normal[:, 2]) < 0.3), count)
     plan = np.maximum(upward, 0.0)
-    # Area of its walls in terms of the walls that a box around it would have.
+    # wall area relative to the walls of the bounding box
     walled = upright / np.maximum(2 * size[:, :2].sum(axis=1) * np.maximum(size[:, 2], 0.1), 1e-6)
     gap = pieces.low[:, 2] - base
 

@@ -1,4 +1,4 @@
-"""Recordings of sensors that stand still: what always stands there, and what moves."""
+"""Recordings of fixed sensors: the static world, and moving points."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The beams of a recording's sensors: where they point, and at which ranges something stands."""
+"""The beams of a recording's sensors: directions and static ranges."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ __all__ = ["Beams", "recorded_beams"]
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """The beams of one sensor, a cell of ring and column each.
+    """The beams of one sensor, one per cell of ring and column.
 
     Attributes:
-        place: (3,) where they leave, metres.
-        channel: (N,) the ring as its maker numbers it.
-        ring: (N,) rank of the ring, the lowest first.
-        elevation: (N,) in the sensor's frame, radians.
-        azimuth: (N,) in the sensor's frame, -pi to pi, radians.
+        place: (3,) origin of the beams, metres.
+        channel: (N,) ring in the manufacturer's numbering.
+        ring: (N,) rank of the ring by elevation, the lowest first.
+        elevation: (N,) elevation in the sensor frame, radians.
+        azimuth: (N,) azimuth in the sensor frame, -pi to pi, radians.
         direction: (N, 3) unit vectors in the frame of the points.
-        range_m: (N, M) float64, at which something always stands, the most frequent first; 0: none.
-        share: (N, M) of the unobstructed looks, those that came back from there.
-        column_rad: between columns, radians.
-        ring_rad: (N,) between the rings above and below, halved, radians.
-        silent: (K, 3) directions in which no look of any frame came back.
+        range_m: (N, M) float64, static ranges, the most frequent first; 0: none.
+        share: (N, M) share of each range in the unobstructed firings.
+        column_rad: angle between columns, radians.
+        ring_rad: (N,) half of the angle between the rings above and below, radians.
+        silent: (K, 3) directions without a return in any frame.
     """
 
     place: NDArray[np.float64]
@@ -45,12 +45,12 @@ class Beams:
     silent: NDArray[np.float64]
 
     def points(self, mode: int = 0) -> NDArray[np.float64]:
-        """Return what stands in each beam (N, 3), the most frequent first; its place if nothing."""
+        """Return the static point (N, 3) of each beam at a mode; the origin if there is none."""
         return self.place + self.direction * self.range_m[:, mode, None]
 
 
 def recorded_beams(looks: Looks) -> list[Beams]:
-    """Return the beams of every sensor that something came back from, in any frame."""
+    """Return the beams of every sensor with a return in any frame."""
     sums = [np.zeros((len(one.cells), 3)) for one in looks.still]
     for number in range(len(looks.frames)):
         frame = looks.frames.read(number)
@@ -82,7 +82,7 @@ def _beams(sensor: RecordingSensor, still: StillRanges, sums: NDArray[np.float64
     ring, level = rank[of_ring], level[order]
     gap = np.gradient(level) if len(level) > 1 else np.full(len(level), 0.01)
     step = 2 * np.pi / sensor.columns
-    # Columns run one way round; each ring's first column looks in a direction of its own.
+    # Columns advance in one direction of rotation; each ring has its own azimuth offset.
     ways = {
         way: np.array(
             [

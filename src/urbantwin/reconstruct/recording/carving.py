@@ -1,4 +1,4 @@
-"""Triangles that the rays of a recording passed through are taken away."""
+"""Removal of triangles that the rays of a recording passed through."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from urbantwin.reconstruct.recording.facets import Facets
 
 __all__ = ["carved"]
 
-#: A ray ends on a triangle within this and this share of its range, metres.
+#: A ray ends on a triangle within this distance (metres) plus this share of its range.
 _NEAR_M, _NEAR_SHARE = 0.15, 0.005
-#: A piece goes that more rays pass than end on, this many to one.
+#: A piece is removed if the ratio of passing to ending rays is larger.
 _PASSED = 1.0
-#: Carving uncovers what is behind; so many times at most.
+#: Maximum number of rounds, as carving uncovers pieces behind.
 _ROUNDS = 6
-#: What a beam counts that came back in no frame: it may have met something dark.
+#: Weight of a beam without any return: it may have hit a dark surface.
 _SILENT = 0.5
 
 
 def carved(facets: Facets, every: Sequence[Beams]) -> tuple[Facets, dict[str, int]]:
-    """Return the pieces that are where the rays of all sensors say, and what went.
+    """Return the pieces that are consistent with the rays of all sensors, and statistics.
 
-    A ray proves free what it passes before it comes back, and proves what it comes back from. A
-    piece that more rays pass than end on was drawn between two things, or is of something that one
+    A ray proves that the space before its return is free, and that its end is occupied. A piece
+    that more rays pass than end on was drawn between two objects, or belongs to an object that one
     sensor sees and others see through.
     """
     rays = [_rays_of(one) for one in every]
@@ -58,7 +58,7 @@ def carved(facets: Facets, every: Sequence[Beams]) -> tuple[Facets, dict[str, in
 def _rays_of(
     beams: Beams,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return origins, ways, how far they went, and what each counts."""
+    """Return origins, directions, lengths and weights of rays."""
     some = beams.range_m[:, 0] > 0
     way = np.concatenate([beams.direction[some], beams.silent])
     far = np.concatenate([beams.range_m[some, 0], np.full(len(beams.silent), np.inf)])

@@ -1,4 +1,4 @@
-"""What stands on the ground, as triangles between neighbouring beams and patches of single ones."""
+"""Objects above the ground as triangles between neighbouring beams, and patches of single beams."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["POROUS", "SINGLE", "SURFACE", "Facets", "facets_of"]
 #: Kinds of triangles.
 SURFACE, POROUS, SINGLE = range(3)
 
-#: What is lower above the ground, metres, is the ground.
+#: Height up to which points are ground, metres.
 ON_GROUND_M = 0.12
-#: A surface goes on from a beam to its neighbour if these are so many columns and rings apart,
-#: their ranges differ by less than this (and this times what they are apart across), metres, and
-#: they are not farther apart across.
+#: A surface continues between beams within this number of columns and rings, if their ranges differ
+#: by less than a constant plus a multiple of their lateral distance, up to a maximum, and the
+#: lateral distance is below the last value, metres.
 _MOST_COLUMNS, _MOST_RINGS = 2.3, 1.3
 _STEP_M, _SLANT, _MOST_STEP_M, _MOST_APART_M = 0.08, 3.0, 0.5, 0.8
-#: Something is seen in this share of its looks, or rays pass through it.
+#: Share of returns below which a surface is porous.
 _SOLID = 0.7
 #: Largest patch for one beam, metres.
 _PATCH_M = 0.3
@@ -32,13 +32,13 @@ _PATCH_M = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Triangles that stand on the ground.
+    """Triangles above the ground.
 
     Attributes:
         corners: (F, 3, 3) metres.
-        kind: (F,) int32: between beams of one `SURFACE`; a patch of something that rays pass,
-            `POROUS`; or a patch of a `SINGLE` beam, that no surface leads to.
-        piece: (F,) int64, which measurement a triangle is from: the two of a patch have one.
+        kind: (F,) int32: `SURFACE` between beams of one surface; `POROUS`: a patch that rays pass
+            through; `SINGLE`: a patch of one beam, connected to no surface.
+        piece: (F,) int64, measurement of a triangle: the two of a patch share one.
     """
 
     corners: NDArray[np.float64]
@@ -46,12 +46,12 @@ class Facets:
     piece: NDArray[np.int64]
 
     def select(self, keep: NDArray[np.bool_]) -> Facets:
-        """Return those where ``keep`` (F,) is true."""
+        """Return the triangles with a true ``keep`` (F,)."""
         return Facets(self.corners[keep], self.kind[keep], self.piece[keep])
 
     @classmethod
     def concatenate(cls, parts: Sequence[Facets]) -> Facets:
-        """Join, pieces numbered on."""
+        """Return all triangles, with consecutive numbers of pieces."""
         first = np.cumsum([0] + [int(one.piece.max(initial=-1)) + 1 for one in parts[:-1]])
         return cls(
             np.concatenate([one.corners for one in parts]),
@@ -61,12 +61,11 @@ class Facets:
 
 
 def facets_of(beams: Beams, ground: RecordedGround) -> Facets:
-    """Return what stands on the ground as one sensor saw it.
+    """Return the objects above the ground as one sensor saw them.
 
-    Beams beside each other that meet a surface at ranges which fit are corners of its triangles.
-    A beam beside none of whose neighbours a surface goes on, and what rays pass through, is a
-    square patch across the beam, as large as the beam's share of the view; of what some looks pass,
-    so much smaller.
+    Neighbouring beams with consistent ranges are corners of triangles. A beam without such a
+    neighbour, or on a porous object, becomes a square patch across the beam, as large as the beam's
+    share of the view, and smaller in proportion to the share of returns.
     """
     nodes = np.flatnonzero(beams.range_m[:, 0] > 0)
     points = beams.points()
@@ -102,7 +101,7 @@ def facets_of(beams: Beams, ground: RecordedGround) -> Facets:
 
 
 def _neighbours(beams: Beams, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return triangles (F, 3) between beams beside each other, as indices of nodes."""
+    """Return triangles (F, 3) between neighbouring beams, as indices of nodes."""
     column = beams.azimuth[nodes] / beams.column_rad
     turn = 2 * np.pi / beams.column_rad
     ring = beams.ring[nodes].astype(np.float64)
@@ -120,7 +119,7 @@ def _neighbours(beams: Beams, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 def _goes_on(
     beams: Beams, points: NDArray[np.float64], corner: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return which triangles (F,) of beams are of one surface."""
+    """Return the mask of triangles (F,) of one surface."""
     range_m = beams.range_m[corner, 0]
     step = np.abs(range_m - np.roll(range_m, 1, axis=1))
     away = np.linalg.norm(points[corner] - points[np.roll(corner, 1, axis=1)], axis=2)
@@ -130,7 +129,7 @@ def _goes_on(
 
 
 def _patches(beams: Beams, nodes: NDArray[np.int64], mode: int) -> NDArray[np.float64]:
-    """Return squares (N, 2, 3, 3) of two triangles across beams."""
+    """Return squares (N, 2, 3, 3), each of two triangles across a beam."""
     range_m, share = beams.range_m[nodes, mode], beams.share[nodes, mode]
     way = beams.direction[nodes]
     aside = np.cross([0.0, 0.0, 1.0], way)

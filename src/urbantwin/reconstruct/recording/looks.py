@@ -1,4 +1,4 @@
-"""What each beam of fixed sensors saw in every frame, and which points move."""
+"""Returns of the beams of fixed sensors in all frames, and the moving points."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges, m
 
 __all__ = ["LEAST_FRAMES", "Looks", "moving_points"]
 
-#: Fewer frames tell nothing apart: of what moves, some see what is behind it, and of what stands,
-#: two agree.
+#: Minimum number of frames: some see behind a moving object, and two agree on a static one.
 LEAST_FRAMES = 5
-#: This share of the points is of what stands still, or the sensors do not, or it is two places.
+#: Minimum share of the points on static surfaces; otherwise the sensors moved, or frames show two
+#: places.
 _LEAST_STILL = 0.6
 
 
 class Looks:
-    """What stands still before each sensor of a recording.
+    """Static ranges of each sensor of a recording.
 
-    Beams are cells of ring and column; what always stands in one is found by `StillRanges`. What
-    moves slowly is only told from what stands by frames over a longer time: a person who walks
-    1 m in all frames, or a vehicle that waits in all of them, stands still.
+    Beams are cells of ring and column, whose static ranges are found by `StillRanges`. Slow objects
+    are separated only by frames over a longer time: a person who walks 1 m in all frames, or a
+    vehicle that waits in all of them, is static.
 
     Attributes:
         frames: the recording.
-        still: of each sensor.
+        still: static ranges of each sensor.
 
     Args:
         frames: `LEAST_FRAMES` or more.
-        tell: called with the share done and what is being done.
+        tell: called with the fraction done and the current step.
 
     Raises:
-        InputError: fewer frames, or a file cannot be read.
+        InputError: too few frames, or a file cannot be read.
     """
 
     def __init__(self, frames: RecordedFrames, tell: Progress = untold) -> None:
@@ -66,17 +66,17 @@ class Looks:
 
     @property
     def still_share(self) -> float:
-        """Of all points on rings, the share that is of what stands still."""
+        """Share of static points among all points on rings."""
         still = sum(
             float((m.share.sum(axis=1) * m.looks).sum()) for m in (one.modes for one in self.still)
         )
         return still / max(self._count, 1)
 
     def check_standing(self) -> None:
-        """Refuse sensors that moved, and frames of two places.
+        """Raise an error for moving sensors, or frames of two places.
 
         Raises:
-            InputError: too few points are of what stands still.
+            InputError: too few points are static.
         """
         if self.still_share < _LEAST_STILL:
             raise InputError(
@@ -86,9 +86,9 @@ class Looks:
             )
 
     def moving(self, frame: RecordedFrame) -> NDArray[np.bool_]:
-        """Return which points (N,) of a frame move.
+        """Return the mask of the moving points (N,) of a frame.
 
-        A point that is on no ring does as the nearest of the others.
+        A point on no ring is classified as its nearest neighbour on a ring.
         """
         found = np.zeros(len(frame.points), bool)
         for still, (rows, cell, range_m) in zip(self.still, self._of(frame), strict=True):
@@ -99,7 +99,7 @@ class Looks:
     def _of(
         self, frame: RecordedFrame
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
-        """Give, sensor by sensor, the rows (M,) of its points, their cells and their ranges."""
+        """Yield for each sensor the rows (M,) of its points, their cells and their ranges."""
         for number, sensor in enumerate(self.frames.sensors):
             rows = np.flatnonzero(frame.sensor == number)
             range_m = np.linalg.norm(frame.points[rows] - sensor.place, axis=1)
@@ -107,11 +107,11 @@ class Looks:
 
 
 def moving_points(frames: RecordedFrames, tell: Progress = untold) -> Iterator[NDArray[np.bool_]]:
-    """Give for every frame of a recording which of its points (N,) move.
+    """Yield the mask of the moving points (N,) of every frame of a recording.
 
     Args:
-        frames: of sensors that stand still.
-        tell: called with the share done and what is being done.
+        frames: frames of fixed sensors.
+        tell: called with the fraction done and the current step.
 
     Raises:
         InputError: there are too few frames, or a file cannot be read.

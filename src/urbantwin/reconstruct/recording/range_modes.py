@@ -1,4 +1,4 @@
-"""Modes of range: where the static world stands in a direction, from many looks along it."""
+"""Static ranges of a direction (modes) from many firings along it."""
 
 from __future__ import annotations
 
@@ -11,34 +11,36 @@ from numpy.typing import NDArray
 
 __all__ = ["ALTERNATES", "MOST_MODES", "RangeModes", "range_modes"]
 
-#: The edge of a pole before a fence before a house: a direction has so many ranges at most.
+#: Maximum number of ranges per direction, such as the edge of a pole in front of a fence in front
+#: of a house.
 MOST_MODES = 3
-#: Ranges of one surface lie within this, and within this share of them (slanting ground).
+#: Width of the ranges of one surface, metres, plus this share of the range (slanted ground).
 _WIDTH_M, _WIDTH_SHARE = 0.5, 0.01
-#: Between two modes there is a gap this wide, metres.
+#: Minimum gap between two modes, metres.
 _GAP_M = 0.25
-#: A mode has looks in so many frames and in this share of those that could see it.
+#: Minimum number of frames with a return of a mode, and minimum share of the frames that could see
+#: it.
 _LEAST_LOOKS, _LEAST_SHARE = 2, 0.05
-#: What stands before something else has this share: in the same lane, cars come by at one range.
+#: Minimum share of a mode in front of another surface: in one lane, cars pass at one range.
 _LEAST_BEFORE = 0.3
-#: What comes and goes at random alternates this often, of what independent looks would.
+#: Minimum rate of alternation of a random mode, relative to independent firings.
 ALTERNATES = 0.7
-#: Candidates that are looked at in one direction.
+#: Maximum number of candidates per direction.
 _TRIES = 6
 _UNSEEN, _NEARER, _BEYOND, _HIT = 0, 1, 2, 3
 
 
 @dataclass(frozen=True, eq=False)
 class RangeModes:
-    """The static ranges of C directions, the most frequent first; share 0 where there is none.
+    """The static ranges of C directions, the most frequent first; share 0 if there is none.
 
     Attributes:
         range_m: (C, 3) float32, metres.
         sigma_m: (C, 3) float32, standard deviation, metres.
-        share: (C, 3) float32, of the looks that nothing passing by obstructs, those that came
-            back from there. Their sum is below 1 where looks are lost.
-        intensity: (C, 3) float32, mean; nan where unknown.
-        looks: (C,) int32, frames in which nothing stood before the nearest of them.
+        share: (C, 3) float32, share of the returns in the firings that no passing object obstructs.
+            The sum is below 1 if returns are lost.
+        intensity: (C, 3) float32, mean; nan if unknown.
+        looks: (C,) int32, number of frames without an object in front of the nearest range.
     """
 
     range_m: NDArray[np.float32]
@@ -57,23 +59,22 @@ def range_modes(
     cells: int,
     frames: int,
 ) -> RangeModes:
-    """Return the ranges at which something always stands, of every direction.
+    """Return the static ranges of every direction.
 
-    A range that many looks share stands still if looks that pass it by are rare or scattered over
-    time: an edge, a leaf, a fence and a surface too dark for the sensor come and go from one look
-    to the next. What waits comes once and goes once, and a look beyond it proves that it moved.
-    So a look counts for a range (it came back from there), against it (it came back from beyond,
-    or not at all) or not at all (something nearer was in the way), and the changes between looks
-    for and against are held against those of independent looks with the same share (the runs test
-    of Wald and Wolfowitz 1940, with a threshold of 0.7).
+    A frequent range is static if firings without it are rare or scattered over time: an edge, a
+    leaf, a fence and a surface too dark for the sensor alternate between firings. A waiting object
+    comes once and goes once, and a return from beyond proves that it moved. A firing counts for a
+    range (its return), against it (a return from beyond, or none) or not at all (a nearer return).
+    The number of changes between firings for and against is compared with that of independent
+    firings with the same share (the runs test of Wald and Wolfowitz 1940, with a threshold of 0.7).
 
     Args:
-        cell: (N,) direction of each look, from 0.
-        frame: (N,) ascending numbers of frames, from 0, in the order of time.
-        range_m: (N,) metres.
-        intensity: (N,) nan where it is not known.
-        cells: how many directions there are.
-        frames: how many frames there are.
+        cell: (N,) direction of each return, from 0.
+        frame: (N,) ascending frame numbers, from 0, in order of time.
+        range_m: (N,) ranges, metres.
+        intensity: (N,) intensities, nan if unknown.
+        cells: number of directions.
+        frames: number of frames.
     """
     start = np.zeros(cells + 1, np.int64)
     np.cumsum(np.bincount(cell, minlength=cells), out=start[1:])
@@ -87,7 +88,7 @@ def range_modes(
 
 @numba.njit(cache=True, nogil=True)
 def _by_cell(place: Any, cell: Any, given: Any, sorted_: Any) -> None:  # noqa: ANN401
-    """Sort looks by cell, those of a cell in the order of time."""
+    """Sort returns by cell, and in order of time within a cell."""
     frame, range_m, intensity = given
     to_frame, to_range, to_intensity = sorted_
     for n in range(len(cell)):
@@ -98,7 +99,7 @@ def _by_cell(place: Any, cell: Any, given: Any, sorted_: Any) -> None:  # noqa: 
 
 @numba.njit(cache=True, nogil=True)
 def _fullest(ranges: Any, free: Any) -> Any:  # noqa: ANN401
-    """Return how many free ones of ascending ranges one surface holds at most, and where."""
+    """Return the largest number of free ascending ranges of one surface, and its bounds."""
     best, low, high = 0, 0, 0
     count, j = 0, 0
     for i in range(len(ranges)):
@@ -106,7 +107,7 @@ def _fullest(ranges: Any, free: Any) -> Any:  # noqa: ANN401
         while j < len(ranges) and ranges[j] <= ranges[i] + wide:
             count += free[j]
             j += 1
-        if free[i] and count >= best:  # Of equally frequent ones the farthest.
+        if free[i] and count >= best:  # the farthest of equally frequent ones
             best, low, high = count, i, j
         count -= free[i]
     return best, low, high
@@ -114,7 +115,7 @@ def _fullest(ranges: Any, free: Any) -> Any:  # noqa: ANN401
 
 @numba.njit(cache=True, nogil=True)
 def _stands(state: Any) -> Any:  # noqa: ANN401
-    """Return whether what frames saw of a range (F,) stands still, and its share of the looks."""
+    """Return whether a range with these states of frames (F,) is static, and its share."""
     hits, beyond, lost, changes = 0, 0, 0, 0
     before = _NEARER
     for seen in state:
@@ -138,7 +139,7 @@ def _stands(state: Any) -> Any:  # noqa: ANN401
 
 @numba.njit(cache=True, nogil=True)
 def _moments(ranges: Any, light: Any, free: Any) -> Any:  # noqa: ANN401
-    """Return mean and deviation of the free ones of ranges, and the mean of their intensity."""
+    """Return mean and deviation of the free ranges, and their mean intensity."""
     total, square, bright, lit, count = 0.0, 0.0, 0.0, 0, 0
     for i in range(len(ranges)):
         if free[i]:
@@ -156,7 +157,7 @@ def _moments(ranges: Any, light: Any, free: Any) -> Any:  # noqa: ANN401
 
 @numba.njit(cache=True, nogil=True)
 def _saw(frame: Any, range_m: Any, near: float, far: float, state: Any) -> None:  # noqa: ANN401
-    """Write what every frame (F,) saw of the ranges from near to far."""
+    """Write the state of every frame (F,) for the ranges from near to far."""
     state[:] = _UNSEEN
     for k in range(len(frame)):
         seen = _NEARER
@@ -172,7 +173,7 @@ def _modes(start: Any, looks: Any, frames: int, out: Any, unobstructed: Any) -> 
     """Write the modes of every cell."""
     out_range, out_sigma, out_share, out_intensity = out
     state = np.empty(frames, np.uint8)
-    # Of each mode: range, standard deviation, intensity, share.
+    # Columns: range, standard deviation, intensity, share.
     mode = np.empty((_TRIES, 4))
     for c in range(len(start) - 1):
         here = slice(start[c], start[c + 1])
@@ -197,7 +198,7 @@ def _modes(start: Any, looks: Any, frames: int, out: Any, unobstructed: Any) -> 
                 if near < nearest:
                     nearest = near
                     unobstructed[c] = (state != _NEARER).sum()
-        # Of looks that a nearer mode lets through a farther one has its share.
+        # A farther mode has its share of the firings that nearer modes let pass.
         left = 1.0
         for i in np.argsort(mode[:found, 0]):
             mode[i, 3] *= left

@@ -1,4 +1,4 @@
-"""Frames of sensors that stand still, every point with its sensor, ring and column."""
+"""Frames of fixed sensors, with sensor, ring and column of every point."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["RecordedFrame", "RecordedFrames", "RecordingSensor"]
 
 _EXPECTED = "frames with rings, as urbantwin rig discover --frames writes them"
 _MOST_METRES = 1e6
-#: Frames are read several times; so many bytes of them are kept, from the first on.
+#: Size of the cache of frames, bytes, as frames are read several times.
 _KEPT_BYTES = 1 << 30
 
 
 class RecordingSensor(Part):
-    """One of the sensors that recorded, as ``discovery.json`` tells.
+    """One of the sensors of a recording, as in ``discovery.json``.
 
     Attributes:
-        name: of the sensor.
-        east_m, north_m, up_m: its place in the frame of the points.
+        name: name of the sensor.
+        east_m, north_m, up_m: its position in the frame of the points.
         pitch_deg, roll_deg: its attitude at a yaw of 0.
-        columns: of a turn, of 360 degrees.
-        channels: its rings, from 0.
+        columns: columns per rotation of 360 degrees.
+        channels: number of rings.
     """
 
     name: str
@@ -44,12 +44,12 @@ class RecordingSensor(Part):
 
     @property
     def place(self) -> NDArray[np.float64]:
-        """Where it stands (3,), metres."""
+        """Position (3,), metres."""
         return np.array([self.east_m, self.north_m, self.up_m])
 
     @property
     def pose(self) -> Pose:
-        """Of the sensor, with a yaw of 0, in the frame of the points."""
+        """Pose of the sensor, with a yaw of 0, in the frame of the points."""
         pitch, roll = np.radians([self.pitch_deg, self.roll_deg])
         return Pose.from_ypr(self.place, 0.0, pitch, roll)
 
@@ -63,11 +63,11 @@ class RecordedFrame:
     """One frame.
 
     Attributes:
-        name: of its files.
+        name: name of its files.
         points: (N, 3) float64, metres, in one frame of reference for all frames, z up.
-        sensor: (N,) int64 number of the sensor, -1 where no sensor's ring passes.
-        ring: (N,) int64, -1.
-        column: (N,) int64, -1.
+        sensor: (N,) int64 index of the sensor, -1 for points on no ring.
+        ring: (N,) int64, or -1.
+        column: (N,) int64, or -1.
     """
 
     name: str
@@ -78,15 +78,15 @@ class RecordedFrame:
 
 
 class RecordedFrames:
-    """A folder of ``urbantwin rig discover --frames``: frames, and the sensors that recorded them.
+    """A folder of ``urbantwin rig discover --frames``: frames and their sensors.
 
     Attributes:
-        folder: where they are.
-        sensors: that recorded.
-        names: of the frames, in the order of time.
+        folder: the folder.
+        sensors: the sensors.
+        names: names of the frames, in order of time.
 
     Raises:
-        InputError: it is no such folder.
+        InputError: the folder is of another kind.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -113,7 +113,7 @@ class RecordedFrames:
             raise InputError(f"holds no {what}", file=folder, expected=_EXPECTED)
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self.names)
 
     def files(self) -> list[Path]:
@@ -124,10 +124,10 @@ class RecordedFrames:
         return [self.folder / "discovery.json", *parts]
 
     def read(self, number: int) -> RecordedFrame:
-        """Return a frame; its arrays are not to be changed.
+        """Return a frame; its arrays must not be modified.
 
         Raises:
-            InputError: one of its files is missing, damaged, or does not belong to the other.
+            InputError: a file is missing, damaged, or does not match the other.
         """
         if number in self._kept:
             return self._kept[number]
@@ -168,7 +168,7 @@ class RecordedFrames:
         ring: NDArray[np.int64],
         column: NDArray[np.int64],
     ) -> None:
-        """Refuse rays of sensors, rings and columns that there are not."""
+        """Raise an error for unknown sensors, rings and columns."""
         known = sensor >= 0
         if sensor.max(initial=-1) >= len(self.sensors):
             problem = f"names sensor {sensor.max()} of {len(self.sensors)}"

@@ -1,4 +1,4 @@
-"""The ground as fixed sensors saw it: a grid of heights, curbs kept."""
+"""The ground seen by fixed sensors: a height grid that keeps curbs."""
 
 from __future__ import annotations
 
@@ -15,21 +15,24 @@ from urbantwin.reconstruct.airborne.tin import tin_heights
 
 __all__ = ["GRID_M", "RecordedGround", "recorded_ground"]
 
-#: Between nodes of the grid, metres.
+#: Spacing of the grid, metres.
 GRID_M = 0.25
-#: The lowest tenth of a cell's points may be noise; what lies this far above it is its ground.
+#: Share of a cell's lowest points that may be noise; points up to this above are its ground,
+#: metres.
 _LOWEST_SHARE, _THICK_M = 0.1, 0.06
-#: A cell whose ground is off its neighbours' median by more, metres, is something on the ground.
+#: A cell that deviates more from the median of its neighbours (metres; window size in cells) is an
+#: object on the ground.
 _OFF_M, _AROUND = 0.25, 9
-#: Cells of one piece of ground are so near in plan, metres, and no steeper than this, noise aside:
-#: the lower edge of what is seen of a facade is as steep as the lowest beam.
+#: Maximum distance in plan of connected ground cells (metres), their height noise (metres) and
+#: their maximum slope. The lower edge of the visible part of a facade is as steep as the lowest
+#: beam.
 _BESIDE_M, _NOISE_M, _STEEPEST = 0.6, 0.05, 0.15
-#: From the largest piece on the ground rises or falls so much, metres and per metre, followed
-#: outward so many times.
+#: Height step and slope by which ground may differ from the largest piece, metres and per metre,
+#: and number of outward passes.
 _CURB_M, _SLOPE, _OUTWARD = 0.2, 0.06, 2
-#: Farther than this from any ground that was seen nothing is said, metres.
+#: Distance from measured ground beyond which heights are unknown, metres.
 _REACH_M = 10.0
-#: Cells this near to one that was seen count as seen, metres: between rings on the ground.
+#: Distance within which cells count as measured, metres, to bridge rings on the ground.
 _SEEN_M = 1.0
 
 
@@ -38,7 +41,7 @@ class RecordedGround:
 
     Attributes:
         grid: its nodes.
-        heights: (rows, columns) metres; nan where nothing is known.
+        heights: (rows, columns) metres; nan if unknown.
         seen: (rows, columns) whether ground was measured within a metre.
     """
 
@@ -47,15 +50,15 @@ class RecordedGround:
         self._filled = _nearest(heights)
 
     def above(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how high (N,) points are above the ground, metres; beyond it, its border's."""
+        """Return the height of (N, 3) points above the ground, metres; extrapolated outside."""
         return np.asarray(points[:, 2] - self.grid.sample(self._filled, points[:, :2]))
 
 
 def recorded_ground(points: NDArray[np.float64]) -> RecordedGround:
-    """Return the ground among points of what stands still.
+    """Return the ground among static points.
 
-    Bare earth is found by SMRF as in a survey from the air; of its points each cell of the grid
-    takes the lowest, averaged over what is as low. Between cells heights are linear.
+    Bare earth is found by SMRF as in an airborne survey. Each cell of the grid takes the mean of
+    its lowest bare points. Between cells heights are linear.
 
     Args:
         points: (N, 3) metres.
@@ -85,11 +88,11 @@ def recorded_ground(points: NDArray[np.float64]) -> RecordedGround:
 
 
 def _hangs_together(middle: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points (N, 3) of cells are of the ground that all of it hangs together with.
+    """Return the mask of cell points (N, 3) that belong to the connected ground.
 
-    Where a sensor sees no ground (around its own foot) the lowest it sees may be a facade, or an
-    arm with signals. The ground is the largest piece whose neighbours are as high, and what lies
-    no higher or lower than its slope allows from there, outward.
+    Where a sensor sees no ground (around its own foot) the lowest points may be on a facade or on a
+    signal arm. The ground is the largest connected piece of similar height, extended outward to
+    points within the allowed slope.
     """
     tree = cKDTree(middle[:, :2])
     pair = tree.query_pairs(_BESIDE_M, output_type="ndarray")

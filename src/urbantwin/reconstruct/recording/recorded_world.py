@@ -1,4 +1,4 @@
-"""The static world of a recording: the ground, and what stands on it."""
+"""The static world of a recording: the ground, and the objects on it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from urbantwin.reconstruct.recording.standing_things import standing_things, wai
 
 __all__ = ["labelled_world", "placed_ground", "read_recording"]
 
-#: Fewer beams of all sensors with something that stands still are no place.
+#: Minimum number of beams with a static range.
 _LEAST_BEAMS = 500
-#: Classes of ground points: measured near, or bridged.
+#: Classes of ground points: measured nearby, or bridged.
 _MEASURED, _BRIDGED = 2, 1
-#: Objects of the mesh: kinds of `facets`.
+#: Names of the mesh's objects: kinds of `facets`.
 _NAMES = ("surface", "porous", "single")
 
 
@@ -38,16 +38,15 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
     """Return the static world of frames with rings, in the frame of their points.
 
     Args:
-        folder: that ``urbantwin rig discover --frames`` wrote.
-        tell: called with the share done and what is being done.
+        folder: output of ``urbantwin rig discover --frames``.
+        tell: called with the fraction done and the current step.
 
     Returns:
-        A model whose mesh is what stands (objects ``surface``, ``porous``
-        and ``single``: `facets`), and whose cloud is
-        the ground on a grid: class 2 where it was measured within a metre, 1 where it was bridged.
+        A model whose mesh holds the objects (``surface``, ``porous`` and ``single``: `facets`), and
+        whose cloud is the ground on a grid: class 2 if measured within a metre, 1 if bridged.
 
     Raises:
-        InputError: the folder cannot be used, or too little in it stands still.
+        InputError: the folder is invalid, or too little of it is static.
     """
     frames = RecordedFrames(folder)
     looks = Looks(frames, between(tell, 0.0, 0.4))
@@ -113,12 +112,12 @@ def _mesh(facets: Facets) -> TriangleMesh:
 def placed_ground(
     cloud: PointCloud, region: shapely.Polygon, name: str
 ) -> tuple[ElevationPatch, shapely.Geometry]:
-    """Return the ground of a recording on site, and where it was measured.
+    """Return the ground of a recording on site, and the area where it was measured.
 
     Args:
-        cloud: of `read_recording`, in the site frame.
-        region: beyond it nothing is wanted.
-        name: of the source.
+        cloud: cloud of `read_recording`, in the site frame.
+        region: crop of the measured area.
+        name: name of the source.
     """
     points = cloud.points
     grid = Raster.over(points.min(axis=0), points.max(axis=0), GRID_M)
@@ -139,13 +138,13 @@ def labelled_world(
     *,
     without_traffic: bool,
 ) -> tuple[LabelledMesh, dict[str, object]]:
-    """Return what stands of a recording on site, labelled, and how much of what it is.
+    """Return the labelled objects of a recording on site, and statistics.
 
     Args:
-        mesh: of `read_recording`, in the site frame.
+        mesh: mesh of `read_recording`, in the site frame.
         roads: carriageways in plan; may be empty.
-        ground: of the recording.
-        without_traffic: whether what waits on carriageways is left out.
+        ground: ground of the recording.
+        without_traffic: whether waiting traffic on carriageways is left out.
     """
     things = standing_things(mesh, roads)
     labelled = LabelledMesh.build(

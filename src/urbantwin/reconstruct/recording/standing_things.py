@@ -1,4 +1,4 @@
-"""What the pieces of a recorded world are: plants, walls, poles, vehicles at rest, other things."""
+"""Classification of a recorded world's objects: plants, walls, poles, parked vehicles, others."""
 
 from __future__ import annotations
 
@@ -16,26 +16,31 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["StandingThings", "standing_things", "waiting_parts"]
 
-#: Triangles in cells of this size that touch are of one thing, metres.
+#: Cell size in which touching triangles form one object, metres.
 _CELL_M = 0.3
-#: A thing is a plant if rays pass so much of its area; and if it is as high as a house, but so
-#: little of it is surfaces, or these face so many ways: walls are upright and square to each other.
+#: An object is a plant if this share of its area is porous. So is one as high as a house if its
+#: share of surfaces is below the second value, or its orientations are too diverse: walls are
+#: upright and square to each other.
 _LEAFY, _SURFACES, _SQUARE = 0.5, 0.25, 0.45
-#: Thinner and higher: a pole, metres.
+#: Maximum width and minimum height of a pole, metres.
 _POLE_WIDTH_M, _POLE_HEIGHT_M = 0.9, 1.5
-#: A wall or a house is so high and so long, metres.
+#: Minimum height and length of a wall or house, metres.
 _HOUSE_HEIGHT_M, _HOUSE_LENGTH_M = 2.6, 3.0
-#: Vehicles: longest side, shortest side at most, and height above their foot, metres.
+#: Vehicles: bounds of the longest side, maximum of the shortest side, and bounds of the height,
+#: metres.
 _VEHICLE_LENGTH_M, _VEHICLE_WIDTH_M, _VEHICLE_HEIGHT_M = (1.6, 7.0), 3.0, (0.9, 2.4)
-#: A vehicle on a carriageway has so much of its triangles there.
+#: Minimum share of the triangles of a vehicle on a carriageway.
 _ON_ROAD = 0.6
-#: What waits on a carriageway farther inside than this, metres, lower than the highest bus, from as
-#: low as an engine, as high as a bonnet and longer than any post or person is wide.
+#: Waiting traffic: minimum distance inside a carriageway's edge, maximum height (a bus), maximum
+#: height of its lowest part, minimum height of its top (a bonnet), and minimum length (more than
+#: posts or people), metres.
 _EDGE_M, _BUS_M, _FROM_M, _BONNET_M, _WIDE_M = 0.4, 3.2, 0.8, 0.7, 1.2
-#: Half of it is so far inside: roadside hedges and walls of inexact maps are not.
+#: Half of the object must be this far inside the edge, metres, unlike hedges and walls at the
+#: roadside of inexact maps.
 _DEEP_M = 0.8
-#: Nothing that stands begins so high and ends so low, metres: it is the bonnet or the boot of who
-#: waited, whose other parts others hid or too few beams met.
+#: An object whose lowest part is above the first and whose top is below the second height (metres)
+#: is no static object, but part of a waiting vehicle that is otherwise hidden or hit by too few
+#: beams.
 _HANGS_M, _LOW_M = 0.35, 2.0
 _MATERIAL = {
     "vegetation": "foliage",
@@ -48,14 +53,14 @@ _MATERIAL = {
 
 @dataclass(frozen=True, eq=False)
 class StandingThings:
-    """The things of a mesh of F triangles.
+    """The objects of a mesh of F triangles.
 
     Attributes:
-        thing: (F,) int32, from 1.
+        thing: (F,) int32, number of the object, from 1.
         semantic: (F,) uint16.
         material: (F,) uint8.
-        on_road: (F,) whether a triangle is of a vehicle that stands on a carriageway.
-        counts: things by class.
+        on_road: (F,) whether a triangle is of a vehicle on a carriageway.
+        counts: number of objects by class.
     """
 
     thing: NDArray[np.int32]
@@ -66,10 +71,10 @@ class StandingThings:
 
 
 def standing_things(mesh: TriangleMesh, roads: shapely.Geometry) -> StandingThings:
-    """Tell what the triangles of a recorded world are of, by the shape of what hangs together.
+    """Return the classified objects of a recorded world, by the shape of connected triangles.
 
     Args:
-        mesh: of `recorded_world.read_recording`, site frame.
+        mesh: mesh of `recorded_world.read_recording`, site frame.
         roads: carriageways in plan; may be empty.
     """
     corner = mesh.triangles()
@@ -122,15 +127,15 @@ def standing_things(mesh: TriangleMesh, roads: shapely.Geometry) -> StandingThin
 def waiting_parts(
     mesh: TriangleMesh, roads: shapely.Geometry, above: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], int]:
-    """Return which triangles (F,) are of traffic that waits on carriageways, and how many wait.
+    """Return the mask of triangles (F,) of waiting traffic on carriageways, and its count.
 
-    Of vehicles one side may be seen, or one hangs together with the next and with the tree above
-    them: what stands on a carriageway is traffic whatever it looks like, but for posts.
+    Often only one side of a vehicle is visible, or vehicles are connected with each other and with
+    a tree above. Any object on a carriageway except posts is therefore traffic.
 
     Args:
-        mesh: of `recorded_world.read_recording`, site frame.
+        mesh: mesh of `recorded_world.read_recording`, site frame.
         roads: carriageways in plan; may be empty.
-        above: (F,) height of the triangles' middles above the ground, metres; nan where unknown.
+        above: (F,) height of the triangles' centres above the ground, metres; nan if unknown.
     """
     corner = mesh.triangles()
     waits, count = np.zeros(len(corner), bool), 0
@@ -161,18 +166,18 @@ def _walled(
     thing: NDArray[np.int32],
     number: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Return which things (T,) are of surfaces that are upright and square to each other.
+    """Return the mask of objects (T,) with surfaces that are upright and square to each other.
 
     Args:
         mesh: all triangles (F).
-        cross: (F, 3) their normals, as long as twice their areas.
-        thing: (F,) whose they are.
-        number: (T,) of the things.
+        cross: (F, 3) normals with the length of twice the area.
+        thing: (F,) object of each triangle.
+        number: (T,) numbers of the objects.
     """
     size = np.linalg.norm(cross, axis=1)
     surface = size * (mesh.object == SURFACE)
     upright = surface * (np.abs(cross[:, 2]) < 0.3 * size)
-    turn = 4 * np.arctan2(cross[:, 1], cross[:, 0])  # the same for all sides of a box
+    turn = 4 * np.arctan2(cross[:, 1], cross[:, 0])  # equal for all sides of a box
     along = np.hypot(
         total(upright * np.cos(turn), thing, number), total(upright * np.sin(turn), thing, number)
     )
@@ -182,7 +187,7 @@ def _walled(
 
 
 def _things(corner: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return which thing (F,) each triangle is of, from 1: cells that touch are of one."""
+    """Return the object (F,) of each triangle, from 1: touching cells form one object."""
     low = corner.min(axis=(0, 1))
     spots = np.concatenate([corner, corner.mean(axis=1, keepdims=True)], axis=1)
     cell = np.floor((spots - low) / _CELL_M).astype(np.int64)
@@ -196,7 +201,7 @@ def _things(corner: NDArray[np.float64]) -> NDArray[np.int32]:
 def _sides(
     middle: NDArray[np.float64], thing: NDArray[np.int32], number: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return length and width in plan of things, along the main directions of their triangles."""
+    """Return length and width in plan of objects, along the main directions of their triangles."""
     xy = middle[:, :2]
     centre = np.array([mean(xy[:, k], thing, number) for k in (0, 1)])
     off = xy - centre.T[thing - 1]

@@ -1,4 +1,4 @@
-"""What stands still and what moves, by direction from a sensor that stands still."""
+"""Static and moving points by direction from a fixed sensor."""
 
 from __future__ import annotations
 
@@ -13,30 +13,33 @@ from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
 
 __all__ = ["COLUMNS", "StillRanges", "moves_as_nearest"]
 
-#: A cell of directions is called row times this, and column.
+#: Cell index = row * COLUMNS + column.
 COLUMNS = 1 << 16
-#: A point is of a static range within this, three standard deviations and a share of the range.
+#: A point is at a static range within the larger of this distance (metres) and three standard
+#: deviations, plus this share of the range.
 _NEAR_M, _NEAR_SHARE = 0.2, 0.003
-#: A point that moves has another within this and a share of its range: else it is noise.
+#: Distance (metres, plus a share of the range) within which a moving point has another one;
+#: otherwise it is noise.
 _ALONE_M, _ALONE_SHARE = 0.5, 0.01
-#: What is on no beam does as the nearest point that is, within this, metres; else it stands still.
+#: A point on no beam is classified as its nearest neighbour on a beam within this distance, metres;
+#: otherwise it is static.
 _BESIDE_M = 1.0
 
 
 class StillRanges:
-    """The ranges at which something always stands, by cells of directions.
+    """The static ranges by cells of directions.
 
-    What stands in each is found by `range_modes`: it needs a look beyond what waits, so a car that
-    is parked all the time stands still, and so does one that waits at a red light from the first
-    frame to the last.
+    They are found by `range_modes`, which needs a return from beyond a waiting object. A car that
+    is parked throughout is static, and so is one that waits at a red light from the first frame to
+    the last.
 
     Args:
-        cell: (N,) direction of each look, row times `COLUMNS` and column.
-        frame: (N,) ascending numbers of frames, from 0, in the order of time.
+        cell: (N,) direction of each return, row times `COLUMNS` plus column.
+        frame: (N,) ascending frame numbers, from 0, in order of time.
         range_m: (N,) metres.
-        frames: how many frames there are.
-        turns: columns of a whole turn: the last is beside the first.
-        rows_beside: rows above and below in which a point may stand still as well.
+        frames: number of frames.
+        turns: columns of a whole rotation: the last is next to the first.
+        rows_beside: number of rows above and below whose static ranges also apply.
     """
 
     def __init__(
@@ -66,13 +69,13 @@ class StillRanges:
     def moving(
         self, cell: NDArray[np.int64], range_m: NDArray[np.float64], points: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return which points (N,) of a frame stand where nothing always does.
+        """Return the mask of the points (N,) of a frame that are not at static ranges.
 
-        What lies beyond everything static in its direction stands still: it was hidden.
+        Points beyond all static surfaces of their direction are static: those were hidden before.
 
         Args:
-            cell: (N,) of each point.
-            range_m: (N,) of each point.
+            cell: (N,) direction of each point.
+            range_m: (N,) range of each point.
             points: (N, 3) metres.
         """
         still = stand_still(
@@ -96,12 +99,12 @@ class StillRanges:
 def moves_as_nearest(
     moves: NDArray[np.bool_], points: NDArray[np.float64], known: NDArray[np.bool_]
 ) -> None:
-    """Write which points (N,) on no beam of a sensor move: those beside others that do.
+    """Write the moving state of points (N,) on no beam, from their nearest neighbours.
 
     Args:
-        moves: (N,) of the points on beams; of the others false, to be written.
+        moves: (N,) state of the points on beams; false for the others, to be written.
         points: (N, 3) metres.
-        known: (N,) which points are on beams.
+        known: (N,) mask of the points on beams.
     """
     lost, on = np.flatnonzero(~known), np.flatnonzero(known)
     if len(lost) and len(on):
