@@ -1,4 +1,4 @@
-"""Manifests checked against models: every mistake is one line that names its field."""
+"""Manifests validated against models, with one-line errors that name the field."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def _plain_name(name: str) -> str:
     return name
 
 
-#: A name of a file or a folder that leads nowhere else.
+#: A plain name of a file or folder, without path components.
 PlainName = Annotated[str, AfterValidator(_plain_name)]
 
 
-#: A checksum as it is written.
+#: A SHA-256 as hexadecimal text.
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class Part(BaseModel):
     """A mapping in a manifest.
 
-    Types are as written (a number is no text), numbers are finite, and fields that are not known
-    here are left alone: a later version may have more.
+    Types are strict (text is not a number), numbers are finite, and unknown fields are ignored, as
+    a later version may add some.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
@@ -46,14 +46,14 @@ def validated(
     """Return a document's value as a model.
 
     Args:
-        value: as JSON holds it.
-        model: what it must be.
-        file: for errors.
-        expected: what the document should be, for errors.
-        within: where in the file the value stands.
+        value: JSON value.
+        model: the required model.
+        file: file, for errors.
+        expected: expected content, for errors.
+        within: location of the value in the file.
 
     Raises:
-        InputError: a field is missing or wrong; the first one is named.
+        InputError: a field is missing or wrong; names the first.
     """
     try:
         return model.model_validate(value)
@@ -64,7 +64,7 @@ def validated(
 def refused(
     error: ValidationError, *, file: str | Path, expected: str, within: str = ""
 ) -> InputError:
-    """Return the first of pydantic's errors as one line; the arguments are those of `validated`."""
+    """Return the first of pydantic's errors as an input error; arguments as for `validated`."""
     first = error.errors(include_url=False, include_context=False)[0]
     place = within
     for step in first["loc"]:
@@ -77,7 +77,7 @@ def refused(
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401
-    """Return a value as the file has it, or near enough, and never long."""
+    """Return a value as in the file, approximately and shortened."""
     if isinstance(value, dict | list):
         return "a mapping" if isinstance(value, dict) else f"a list of {len(value)}"
     if value is None or isinstance(value, bool):

@@ -1,7 +1,7 @@
-"""The course of an experiment: which steps are done, which can be made now, what became of them.
+"""Course of an experiment: state and outcome of its steps, and scheduling.
 
-It knows of workers only that they take a step and return its outcome: in this process, in a pool of
-processes, or on machines that share the experiment's folder.
+Workers only take a step and return its outcome: in this process, in a pool of processes, or on
+machines that share the experiment's folder.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from urbantwin.experiments.journal import ATTEMPTS, Journal
 
 __all__ = ["KINDS", "Course", "Outcome", "Plan", "Pool", "Step"]
 
-#: Kinds of steps, each of which needs those before it; each has a folder of its name and an s.
+#: Kinds of steps; each needs those before it, and has a folder with its name and an s.
 KINDS = ("twin", "motion", "dataset")
-#: Longest time between two calls of ``tell`` while nothing ends, seconds.
+#: Longest time between two calls of ``tell`` while no step ends, seconds.
 _TELL_EVERY_S = 1.0
 #: States of a step that no run will change.
 _ENDED = ("done", "failed", "dropped")
-#: Estimates where nothing was measured, for a unit of a step's work: seconds of one processor, and
-#: bytes of points as ``npy``. Their sources are in notebook/scale.md.
+#: Estimates without measurements, per unit of a step's work: seconds of one processor, and bytes of
+#: points as ``npy``. Sources are in notebook/scale.md.
 _ESTIMATES = {"twin": (60.0, 0.0), "motion": (0.5, 0.0), "dataset": (4e-7, 17.0)}
-#: Bytes left of those by other storages, as a share.
+#: Size of other storages relative to ``npy``.
 _PACKED = {"npy": 1.0, "zstd": 0.36, "laz": 0.2}
 
 
 @dataclass(frozen=True)
 class Step:
-    """Something that is made once.
+    """A step, run once.
 
     Attributes:
         kind: one of `KINDS`.
-        name: of its folder, in that of its kind.
-        key: hash of everything it is made from.
-        needs: places of the steps before it.
-        cell: levels of the axes that it follows from.
+        name: name of its folder, within that of its kind.
+        key: hash of all its inputs.
+        needs: places of the required earlier steps.
+        cell: levels of the axes that determine it.
         size: seconds of a motion, frames of a dataset; 1 for a twin.
-        rays: rays of a frame, of a dataset.
+        rays: rays per frame, for a dataset.
     """
 
     kind: str
@@ -68,12 +68,12 @@ class Step:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a step.
+    """Outcome of a step.
 
     Attributes:
-        notes: what the journal keeps of a step that was made.
-        why: reason why it failed.
-        attempts: times that it was tried.
+        notes: entry of the journal for a finished step.
+        why: reason of a failure.
+        attempts: number of attempts.
         no_room: whether it failed because the disk is full, as every later step would.
     """
 
@@ -85,14 +85,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is left of an experiment, and what it takes.
+    """Remaining work of an experiment, with its cost.
 
     Attributes:
-        steps: number left of each kind.
-        frames: number left.
-        seconds: of one processor.
-        size: bytes.
-        measured: number of steps of each kind whose costs were measured.
+        steps: number of remaining steps of each kind.
+        frames: number of remaining frames.
+        seconds: processor time, seconds.
+        size: size, bytes.
+        measured: number of steps of each kind with measured cost.
     """
 
     steps: dict[str, int]
@@ -111,23 +111,23 @@ class Pool(Protocol):
 
 
 class Course:
-    """How far an experiment is.
+    """Course of an experiment.
 
     Args:
-        steps: by place, each after those that it needs.
-        folder: of the experiment.
-        storage: of the points of its datasets.
+        steps: steps by place, each after those that it needs.
+        folder: the experiment's folder.
+        storage: storage format of points.
 
     Attributes:
-        steps: all of them.
-        journal: what is noted of each, by place.
-        state: of each: ``waiting``, ``running``, ``done``, ``failed``; ``dropped``, not begun
-            because a step that it needs failed; ``unneeded``, no missing dataset needs it.
-        running: start of the steps that are being made, seconds of `time.monotonic`.
-        failed: reason, by place; of those dropped, too.
-        to_make: steps to make when the course began.
-        frames: number recorded by this run.
-        began: seconds of `time.monotonic`.
+        steps: all steps.
+        journal: entries of the steps, by place.
+        state: state of each step: ``waiting``, ``running``, ``done``, ``failed``; ``dropped``, not
+            begun because a required step failed; ``unneeded``, not required by a missing dataset.
+        running: start times of the running steps, seconds of `time.monotonic`.
+        failed: reasons of failed and dropped steps, by place.
+        to_make: steps to run when the course began.
+        frames: number of frames recorded by this run.
+        began: start time, seconds of `time.monotonic`.
     """
 
     def __init__(self, steps: Mapping[str, Step], folder: Path, storage: str = "npy") -> None:
@@ -148,7 +148,7 @@ class Course:
         self.to_make = self._plan_steps()
 
     def _plan_steps(self) -> tuple[Step, ...]:
-        """Find what is to be made: of twins and motions only those that a dataset lacks."""
+        """Find the steps to run: of twins and motions only those required by missing datasets."""
         for step in reversed(list(self.steps.values())):
             if self.journal.is_done(step.place, step.key, f"{step.kind}.json"):
                 self.state[step.place] = "done"
@@ -166,7 +166,7 @@ class Course:
         return waiting
 
     def _enqueue(self, step: Step) -> None:
-        # Datasets before the next motion: there are frames from the beginning on.
+        # Datasets before the next motion, so that frames are available early.
         self.state[step.place] = "waiting"
         rank = len(KINDS) - KINDS.index(step.kind)
         heapq.heappush(self._ready, (rank, self._order[step.place], step.place))
@@ -181,11 +181,11 @@ class Course:
 
     @property
     def left(self) -> int:
-        """Number of steps that are neither done nor given up."""
+        """Number of steps that are neither finished nor given up."""
         return sum(state in ("waiting", "running") for state in self.state.values())
 
     def plan(self) -> Plan:
-        """Return what is left to make and what it takes, by what was measured."""
+        """Return the remaining work and its estimated cost."""
         costs, left = self._costs(), [one for one in self.to_make if self._left(one)]
         return Plan(
             {kind: sum(one.kind == kind for one in left) for kind in KINDS},
@@ -196,10 +196,10 @@ class Course:
         )
 
     def share_done(self, under_way: Mapping[str, float]) -> float:
-        """Return the share of this run's work that is done, by what it costs.
+        """Return the fraction of this run's work that is done, weighted by cost.
 
         Args:
-            under_way: share done of the steps that are being made, by place.
+            under_way: fraction done of the running steps, by place.
         """
         costs = self._costs()
         total = done = 0.0
@@ -237,18 +237,18 @@ class Course:
         tell: Callable[[Course], None],
         most: int | None = None,
     ) -> None:
-        """Make all steps that are left.
+        """Run all remaining steps.
 
         Args:
             pool: workers.
-            make: makes a step, and raises nothing.
-            abreast: number of steps under way at once.
-            tell: called whenever something changed, and at least every second.
-            most: number of datasets to begin at most; ``None``: all.
+            make: function that runs a step without raising.
+            abreast: number of parallel steps.
+            tell: called at each change, and at least every second.
+            most: largest number of datasets to begin; ``None`` for all.
 
         Raises:
             StageError: the disk is full.
-            BrokenExecutor: a worker was killed; the next run tries its step again.
+            BrokenExecutor: a worker was killed; the next run repeats its step.
         """
         under_way: dict[Future[Outcome], Step] = {}
         try:
@@ -289,7 +289,7 @@ class Course:
                     self.state[step.place] = "waiting"
 
     def _crashed(self, steps: Sequence[Step]) -> None:
-        """Try steps again of which a worker was killed, their own or another beside it."""
+        """Requeue steps lost with a killed worker, up to the limit of attempts."""
         for step in steps:
             self._crashes[step.place] += 1
             if self._crashes[step.place] < ATTEMPTS:
@@ -299,7 +299,7 @@ class Course:
                 self._end(step, Outcome(why=why, attempts=ATTEMPTS))
 
     def _end(self, step: Step, outcome: Outcome) -> None:
-        """Note what became of a step, and begin or drop what waited for it."""
+        """Record the outcome of a step, and begin or drop the steps that depend on it."""
         place, why = step.place, outcome.why
         del self.running[place]
         if outcome.no_room:
@@ -321,7 +321,7 @@ class Course:
                 self._enqueue(after)
 
     def _drop(self, step: Step, why: str) -> None:
-        """Give up what needs a step that failed."""
+        """Drop the steps that depend on a failed one."""
         for after in self._dependants.get(step.place, ()):
             if after.place not in self.failed:
                 self.state[after.place] = "dropped"

@@ -1,4 +1,4 @@
-"""Ladders: grades of a curriculum, from few near objects in plain sight to many far hidden ones."""
+"""Ladders of curricula: grades from few, near, visible objects to many, far, occluded ones."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ __all__ = [
     "traffic_of_density",
 ]
 
-#: No sensor comes lower, metres.
+#: Lowest height to which sensors are lowered, metres.
 _LOWEST_M = 2.0
 
 
 class Grade(Strict):
-    """One grade.
+    """A grade.
 
     Attributes:
-        name: of its folder.
-        density: share of the traffic that the site asks for, of every class.
-        raised_m: how much higher the sensors stand than in the rig: from higher up, less is hidden.
-        range_m: labels count this far from the nearest sensor; all that it sees if not given.
+        name: name of its folder.
+        density: factor on the site's traffic, for every class.
+        raised_m: increase of the sensors' height over the rig's, metres: higher sensors see more.
+        range_m: largest distance of labels that count from the nearest sensor, metres; the sensors'
+            range if not given.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -46,7 +47,7 @@ class Grade(Strict):
     range_m: Annotated[float, Field(ge=1.0, le=1000.0)] | None = None
 
 
-#: Ladders by their names: all three axes together, or one alone.
+#: Ladders by name: all three axes together, or a single one.
 LADDERS: dict[str, tuple[Grade, ...]] = {
     "all": (
         Grade(name="1-sparse-near", density=0.25, raised_m=2.0, range_m=25.0),
@@ -76,11 +77,11 @@ class CurriculumFile(ExperimentFile):
     Attributes:
         twin: the twin's folder.
         rig: the rig's file; ``None`` for the twin's own.
-        ladder: name of the ladder; ``own`` for grades of its own.
-        grades: the grades, the easiest first.
+        ladder: name of the ladder; ``own`` for given grades.
+        grades: the grades, in order of ascending difficulty.
         seconds: length of each motion, seconds; ``None`` for the site's.
-        start: time of the first frame at the earliest, seconds of the motion.
-        stop: time of the last frame at the latest, seconds; ``None`` for the motion's end.
+        start: earliest time of a frame, seconds of the motion.
+        stop: latest time of a frame, seconds; ``None`` for the motion's end.
         seed: random seed; ``None`` for the site's.
     """
 
@@ -118,7 +119,7 @@ class CurriculumFile(ExperimentFile):
 
 
 def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:
-    """Return a rig as a grade has it: higher or lower, its labels within the grade's range."""
+    """Return a rig with a grade's height and label range."""
     sensors = []
     for one in spec.sensors:
         height = one.height_m
@@ -130,15 +131,15 @@ def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:
 
 
 def traffic_of_density(traffic: Mapping[str, Any], density: float, place: str) -> dict[str, Any]:
-    """Return what of the traffic is asked for besides the site's to have a share of it.
+    """Return the traffic settings that scale the site's traffic.
 
     Args:
-        traffic: the site's.
-        density: times as much of every class.
-        place: who asks for it, for the error.
+        traffic: the site's traffic.
+        density: factor on the volume of every class.
+        place: field with the factor, for the error.
 
     Raises:
-        InputError: the site's traffic is counted, and another share of it is asked for.
+        InputError: the site's traffic is counted, and the factor is not 1.
     """
     if density == 1:
         return {}
@@ -155,17 +156,17 @@ def traffic_of_density(traffic: Mapping[str, Any], density: float, place: str) -
 def refuse_nobody(
     grade: Grade, rig: Rig, motion: Motion, region: shapely.Polygon, times_s: Iterable[float]
 ) -> None:
-    """Refuse a grade in whose frames nobody is in reach of a rig that stands.
+    """Check that a static rig has an actor in reach in some frame of a grade.
 
     Args:
         grade: the grade.
         rig: its rig.
-        motion: what it records.
-        region: where labels count, site frame.
-        times_s: of its frames.
+        motion: its motion.
+        region: region of labels, site frame.
+        times_s: times of its frames, seconds.
 
     Raises:
-        InputError: nobody is.
+        InputError: no actor is in reach.
     """
     reach = rig.label_range_m
     if reach is None:

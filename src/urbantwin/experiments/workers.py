@@ -30,22 +30,22 @@ __all__ = [
 
 Tell = Callable[[Course], None]
 
-#: Folder in the experiment's where each step under way says how far it is.
+#: Subfolder of an experiment with progress files of the running steps.
 RUNNING = "journal/running"
-#: Shortest time between two such notes, seconds.
+#: Shortest time between updates of such a file, seconds.
 _NOTE_EVERY_S = 1.0
 
 
 class Maker(Protocol):
-    """What makes the steps of an experiment; workers receive it pickled."""
+    """Runs the steps of an experiment; pickled for the workers."""
 
     def made(self, step: Step, workers: int, tell: Progress) -> Mapping[str, Any]:
-        """Make a step with a number of processes; return what the journal keeps of it."""
+        """Run a step with a number of processes; return its entry of the journal."""
         ...
 
 
 class Serial:
-    """A pool of this process alone: what is submitted is done at once."""
+    """A pool that runs submitted calls at once in this process."""
 
     def submit(self, function: Callable[[Step], Outcome], step: Step, /) -> Future[Outcome]:
         """Do a step."""
@@ -64,14 +64,14 @@ def attempted(
     workers: int = 1,
     watch: Callable[[], None] | None = None,
 ) -> Outcome:
-    """Make a step, once more if it fails; failures are returned, not raised.
+    """Run a step, again if it fails; failures are returned, not raised.
 
     Args:
-        maker: makes it.
-        folder: of the experiment.
+        maker: runs the step.
+        folder: the experiment's folder.
         step: the step.
-        workers: processes to make it with.
-        watch: called now and then while it is made.
+        workers: number of processes.
+        watch: called regularly during the step.
     """
     attempt, why = 0, ""
     while attempt < ATTEMPTS:
@@ -84,7 +84,7 @@ def attempted(
             return Outcome(why=str(error), attempts=attempt, no_room=True)
         except InputError as error:  # which another attempt does not change
             return Outcome(why=str(error), attempts=attempt)
-        except Exception as error:  # a cell that fails must not end all others
+        except Exception as error:  # a failed cell must not end the others
             why = str(error) or type(error).__name__
             continue
         took = {
@@ -97,14 +97,14 @@ def attempted(
 
 
 def run_here(course: Course, maker: Maker, workers: int, most: int | None, tell: Tell) -> None:
-    """Make what is left on this machine: cells abreast, or frames where there are few cells.
+    """Run the remaining steps on this machine: cells in parallel, or frames if there are few cells.
 
     Args:
-        course: of the experiment.
-        maker: makes steps.
+        course: course of the experiment.
+        maker: runs the steps.
         workers: number of processes.
-        most: number of datasets to make at most; ``None``: all.
-        tell: called with the course whenever something changed.
+        most: largest number of datasets; ``None`` for all.
+        tell: called with the course at each change.
     """
     cells = sum(step.kind == "dataset" for step in course.to_make)
     if workers == 1 or (cells if most is None else min(cells, most)) < workers:
@@ -120,7 +120,7 @@ def run_here(course: Course, maker: Maker, workers: int, most: int | None, tell:
             with local_pool(maker, course.folder, workers) as pool:
                 course.run(pool, make, abreast=workers, tell=tell, most=most)
             return
-        except BrokenExecutor:  # a worker was killed: its step is tried again
+        except BrokenExecutor:  # a worker was killed: its step is repeated
             if most is not None:
                 most -= course.counts("dataset")["done"] - begun
 
@@ -134,16 +134,16 @@ def run_on_cluster(
     most: int | None,
     shown: Callable[[int], AbstractContextManager[Tell]],
 ) -> None:
-    """Make what is left on the nodes of a Ray cluster.
+    """Run the remaining steps on the nodes of a Ray cluster.
 
     Args:
-        course: of the experiment, whose folder every node sees.
-        maker: makes steps.
+        course: course of the experiment, whose folder is shared by all nodes.
+        maker: runs the steps.
         ray: address of the cluster.
-        shared: files that every node has to see.
-        workers: number of steps at once at most; all processors for ``None``.
+        shared: files that every node must have.
+        workers: largest number of parallel steps; all processors for ``None``.
         most: see `run_here`.
-        shown: shows the course, for a number of steps at once.
+        shown: shows the course, given the number of parallel steps.
     """
     from urbantwin.cluster import connected
     from urbantwin.dataset.manifest import versions_here
@@ -164,24 +164,24 @@ def local_pool(maker: Maker, folder: Path, workers: int) -> Iterator[Pool]:
         try:
             yield pool
         except BaseException:
-            # A cell may take an hour. The frames recorded of it stay, for the next run.
+            # A cell may take an hour; its recorded frames are kept for the next run.
             for worker in set(active_children()) - before:
                 worker.terminate()
             raise
 
 
-#: What a worker makes steps with, and the folder of the experiment: its only state.
+#: The worker's only state: maker and folder of the experiment.
 _worker: tuple[Maker, Path] | None = None
 
 
 def _begin(maker: Maker, folder: Path) -> None:
-    """Begin a worker: from now on it makes steps."""
+    """Initialise a worker."""
     global _worker  # noqa: PLW0603
     _worker = maker, folder
 
 
 def make(step: Step) -> Outcome:
-    """Make a step in a worker; a SIGTERM takes back what is half made, and ends the worker."""
+    """Run a step in a worker; on SIGTERM remove partial output, and end the worker."""
     from urbantwin.interruption import EXIT_CODE, Interruptions, unwinds
 
     assert _worker is not None
@@ -190,13 +190,13 @@ def make(step: Step) -> Outcome:
         with unwinds() as interruptions:
             return attempted(*_worker, step)
     finally:
-        # If the pool's other workers have ended already, nothing else ends this one.
+        # Nothing else ends this worker if the pool's other workers have already ended.
         if interruptions.count:
             os._exit(EXIT_CODE)
 
 
 def under_way(course: Course, place: str) -> tuple[float, str]:
-    """Return the share of a running step that is done, and what it is doing."""
+    """Return the fraction done and the description of a running step."""
     kind, _, name = place.partition("s/")
     share, doing = 0.0, ""
     with suppress(OSError, ValueError):
@@ -207,7 +207,7 @@ def under_way(course: Course, place: str) -> tuple[float, str]:
 
 
 def _check_seen(files: Sequence[Path]) -> None:
-    """Refuse files on a machine that does not see them."""
+    """Check that this machine has access to files."""
     for file in files:
         if not file.exists():
             raise InputError(
@@ -227,7 +227,7 @@ def _processor_s() -> float:
 
 @contextmanager
 def _progress_file(file: Path, watch: Callable[[], None] | None) -> Iterator[Progress]:
-    """Yield a progress that is written into a file, which goes when the block ends."""
+    """Yield a progress callback that writes a file, which is removed at the end."""
     noted_s = 0.0
 
     def tell(share: float, doing: str) -> None:

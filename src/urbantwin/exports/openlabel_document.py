@@ -1,4 +1,4 @@
-"""ASAM OpenLABEL 1.0.0 as a document: what every file of it has."""
+"""Common structure of ASAM OpenLABEL 1.0.0 documents."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def openlabel_document(
     """Return a document.
 
     Args:
-        name: of what is labelled, for people.
-        coordinate_systems: by their names.
+        name: name of the labelled data, for display.
+        coordinate_systems: coordinate systems by name.
         objects: name and type of each object, by its number as text.
-        frames: what each frame has, by its number as text.
-        more: other tables of the standard, by their names.
+        frames: content of each frame, by its number as text.
+        more: further tables of the standard, by name.
     """
     return {
         "openlabel": {

@@ -1,4 +1,4 @@
-"""``grid.yaml`` of a campaign: what is recorded with what, for how long, and how it is kept."""
+"""``grid.yaml`` of a campaign: axes, duration, and storage."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from urbantwin.site.yaml_document import Document, must_exist, nearest, read_doc
 
 __all__ = ["AXES", "CampaignFile", "Shards"]
 
-#: The axes in their order: of cells that follow each other, the last differ first.
+#: The axes in order; in the order of cells, the last axis varies fastest.
 AXES = ("site", "seed", "scenario", "rig", "weather")
-#: The level of a scenario that is none, and of the rig that the site itself has.
+#: Level of a scenario without events, and of the site's own rig.
 NONE, OWN = "none", "own"
 #: Names become parts of the names of folders.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     Files = dict[str, Path | None]
     SeedRange = tuple[int, ...]
     Settings = tuple[Setting, ...]
-else:  # as the file has them
+else:  # as in the file
 
     class _Range(Strict):
         first: Seed = 1
@@ -55,12 +55,12 @@ class _Split(Strict):
 
 
 class Shards(Strict):
-    """How all frames are written once more, for training at scale.
+    """Output of all frames as shards, for training at scale.
 
     Attributes:
         format: ``webdataset`` or ``parquet``.
-        megabytes: of a shard, at most, but for its last frame.
-        seed: of the order of the frames.
+        megabytes: largest size of a shard, except for its last frame.
+        seed: random seed of the order of frames.
     """
 
     format: Literal["webdataset", "parquet"]
@@ -72,19 +72,19 @@ class CampaignFile(ExperimentFile):
     """A campaign.
 
     Attributes:
-        sites: files or folders of the sites, or twins, by name if they have one here.
-        seeds: of motions and of what sensors leave to chance.
-        rigs: files of rigs; `OWN` for the site's own.
+        sites: files or folders of sites, or twins, by name if named here.
+        seeds: random seeds of motions and sensors.
+        rigs: rig files; `OWN` for the site's own.
         weather: settings of weather, light and faults.
-        scenarios: files of scenarios; `NONE` for traffic without events.
-        exclude: cells that are left out: of each the levels of some axes.
-        duration_s: length of the motions; ``None`` for that of each site.
-        start_s: no frame before this time of the motion.
-        every: only each N-th frame of a rig.
-        rate_hz: frames per second of all rigs; ``None`` for those of each.
-        storage: of points, see `dataset.record`.
-        split: of each dataset in time, or of whole scenarios.
-        shards: how all frames are written once more; ``None``: they are not.
+        scenarios: scenario files; `NONE` for traffic without events.
+        exclude: excluded cells, each by levels of some axes.
+        duration_s: duration of the motions, seconds; ``None`` for that of each site.
+        start_s: earliest time of a frame, seconds of the motion.
+        every: record only every N-th frame.
+        rate_hz: frames per second of all rigs; ``None`` for their own rates.
+        storage: storage format of points, see `dataset.record`.
+        split: split of each dataset in time, or of whole scenarios.
+        shards: additional output of all frames as shards; ``None`` for none.
     """
 
     described_as: ClassVar[str] = "a campaign"
@@ -149,7 +149,7 @@ class CampaignFile(ExperimentFile):
 
     @property
     def time_split(self) -> SplitAsked:
-        """The split of each dataset; of a split by scenario a dataset is of one part."""
+        """Split of each dataset; with a split by scenario, a dataset is in one part."""
         if self.split.by == "scenario":
             return SplitAsked((1.0, 0.0, 0.0))
         return SplitAsked(shares_of(self.split.shares), self.split.gap_s)
@@ -163,10 +163,10 @@ class CampaignFile(ExperimentFile):
         return tuple(Axis(name, tuple(its)) for name, its in zip(AXES, levels, strict=True))
 
     def cells(self) -> list[Cell]:
-        """Return the cells that are recorded, those of one motion after each other.
+        """Return the cells to record, those of one motion consecutively.
 
         Raises:
-            InputError: there are too many, or none is left.
+            InputError: too many cells, or none.
         """
         try:
             cells = factorial(self.axes)
@@ -211,7 +211,7 @@ def _files(document: Document, field: str, given: _Names) -> dict[str, Path | No
 
 
 def _name_of(path: Path) -> str:
-    """Return the name of a level whose file gives none: a site's own, or that of the file."""
+    """Return the name of an unnamed level: the site's own name, or that of the file."""
     name = path.stem
     if path.is_dir() and kind_of(path) == "twin":
         name = str(read_json(path / "twin.json", kind="twin").get("name", ""))
@@ -224,7 +224,7 @@ def _name_of(path: Path) -> str:
 def _check_names(
     document: Document, field: str, names: Sequence[str], given: list[str] | Mapping[str, Any]
 ) -> None:
-    """Refuse names that two levels have, or that no folder can have."""
+    """Check that names are unique and valid as parts of folder names."""
     for number, name in enumerate(names):
         place = [field, number if isinstance(given, list) else name]
         if not _NAME.fullmatch(name):

@@ -1,4 +1,4 @@
-"""The index over all datasets of a campaign: ``campaign.json``, a table, and a page."""
+"""Index of all datasets of a campaign: ``campaign.json``, a table, and a page."""
 
 from __future__ import annotations
 
@@ -69,10 +69,10 @@ class _Index(Part):
 
 
 def dataset_counts(folder: Path) -> dict[str, Any]:
-    """Return what the journal keeps of a dataset.
+    """Return the journal's entry of a dataset.
 
     ``frames``, ``points``, ``boxes`` (those with points), ``bytes`` of all its files, and
-    ``manifest_sha256``; with a dataset for each sensor of a rig also those of each, ``sensors``.
+    ``manifest_sha256``; for a dataset per sensor also those of each sensor, ``sensors``.
     """
     sensors = {part.name: _counts(part) for part in parts_of(folder) if part != folder}
     if not sensors:
@@ -99,11 +99,11 @@ def _counts(folder: Path) -> dict[str, Any]:
 def index_of(
     file: CampaignFile, course: Course, sources: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return what ``campaign.json`` holds.
+    """Return the content of ``campaign.json``.
 
     Args:
-        file: of the campaign.
-        course: at its end.
+        file: the campaign's file.
+        course: the finished course.
         sources: inputs of the twins, with licence and attribution.
     """
     rows, failed = [], []
@@ -182,7 +182,7 @@ def read_index(folder: Path) -> dict[str, Any]:
 
 
 def datasets_of(folder: Path) -> list[Path] | None:
-    """Return the folders of a campaign's datasets; ``None`` of a folder that is no campaign.
+    """Return the folders of a campaign's datasets; ``None`` if the folder is not a campaign.
 
     Raises:
         InputError: its index is damaged.

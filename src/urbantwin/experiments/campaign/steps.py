@@ -1,4 +1,4 @@
-"""Steps of a campaign: a twin for each site, a motion for each seed, a dataset for each cell."""
+"""Steps of a campaign: a twin per site, a motion per seed and scenario, a dataset per cell."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from urbantwin.twin.provenance import made_from, rig_and_files
 
 __all__ = ["Steps", "rig_at_rate", "steps_of"]
 
-#: Most letters of a dataset's name: a tar file, as shards are, has room for as many.
+#: Longest name of a dataset, characters, as allowed in tar files (shards).
 _MAX_LETTERS = 150
 
 
@@ -34,8 +34,8 @@ class Steps:
 
     Attributes:
         file: the campaign.
-        twins: folders of twins that were built before, by the name of their site.
-        all: by `Step.place`, each after those that it needs.
+        twins: folders of existing twins, by site name.
+        all: steps by `Step.place`, each after those that it needs.
     """
 
     file: CampaignFile
@@ -49,7 +49,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class _Site:
-    """What steps need of a ``site.yaml``, or of a twin that was built of one."""
+    """Data of a ``site.yaml``, or of a twin built from one, for the steps."""
 
     name: str
     twin: Path | None
@@ -62,12 +62,12 @@ class _Site:
 
 @dataclass(frozen=True)
 class _Recording:
-    """What a dataset is made from, of a rig in a weather."""
+    """Inputs of a dataset with a rig and a weather."""
 
     key: str
     rate_hz: float
     rays: int
-    sensor_letters: int  # of the longest name, where each sensor leaves a dataset of its own
+    sensor_letters: int  # longest name, if each sensor has its own dataset
 
 
 @dataclass
@@ -79,10 +79,10 @@ class _Rigs:
     _recordings: dict[tuple[str, str, str], _Recording] = field(default_factory=dict)
 
     def recording(self, site: _Site, name: str, setting: Setting) -> _Recording:
-        """Return what a recording by a rig in a weather is made from.
+        """Return the inputs of a recording with a rig in a weather.
 
         Raises:
-            InputError: the rig is wrong, or cannot have the rate or the weather.
+            InputError: the rig is wrong, or does not allow the rate or the weather.
         """
         known = (site.name, name, setting.name)
         if known not in self._recordings:
@@ -111,7 +111,7 @@ class _Rigs:
         return _Recording(step_key({"rig": written, "files": files}), spec.rate_hz, rays, letters)
 
     def _spec(self, site: _Site, name: str) -> tuple[RigSpec, Path]:
-        """Return a rig as its file has it, at the campaign's rate."""
+        """Return a rig as in its file, at the campaign's rate."""
         if (site.name, name) not in self._specs:
             given = self.file.rigs[name]
             file = site.rig_file if given is None else given
@@ -134,8 +134,8 @@ def steps_of(file: CampaignFile) -> Steps:
     """Return the steps of a campaign.
 
     Raises:
-        InputError: a site or a rig is wrong, a rig cannot have a weather, two cells would have one
-            folder, or no frame lies in the span.
+        InputError: a site or a rig is wrong, a rig does not allow a weather, two cells have the
+            same folder, or no frame is in the span.
     """
     cells = file.cells()
     named = {cell.levels["site"] for cell in cells}
@@ -148,7 +148,7 @@ def steps_of(file: CampaignFile) -> Steps:
             for one in cells
             if one.levels["scenario"] == name
         ]
-        if path is not None and lengths_s:  # refuse what no twin is needed for
+        if path is not None and lengths_s:  # check what needs no twin
             load_scenario(path, None, min(lengths_s))
     settings = {one.name: one for one in file.weather}
     rigs = _Rigs(file)
@@ -252,10 +252,10 @@ def _digest(folder: Path) -> str:
 
 
 def rig_at_rate(spec: RigSpec, rate_hz: float | None) -> RigSpec:
-    """Return a rig with a number of frames a second; as it is for ``None``.
+    """Return a rig with another frame rate; unchanged for ``None``.
 
     Raises:
-        ValueError: it cannot have them.
+        ValueError: the rig does not allow it.
     """
     if rate_hz is None:
         return spec

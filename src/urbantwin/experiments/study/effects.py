@@ -1,12 +1,12 @@
-"""Effects of factors: paired over seeds, with intervals and sizes.
+"""Effects of factors: paired over seeds, with intervals and effect sizes.
 
-Every seed's motion is replayed under all cells, so that two cells of one seed differ in their
-factors alone. What a level does is the mean over seeds of its difference to the base level; the
-interval is Student's of paired differences (Student 1908, Biometrika 6(1)). The size of an effect
-is told as Cohen's d, the difference over the standard deviation of both levels (Cohen 1988,
-Statistical Power Analysis, section 2.2, with their mean variance), as d_z, over that of the
-differences (section 2.3), and as Cliff's delta, how much oftener one is greater than the other
-(Cliff 1993, Psychological Bulletin 114(3)).
+Every seed's motion is replayed under all cells, so two cells of a seed differ in their factors
+only. The effect of a level is the mean over seeds of its difference to the base level; the interval
+is Student's for paired differences (Student 1908, Biometrika 6(1)). Effect sizes are Cohen's d, the
+difference over the standard deviation of both levels (Cohen 1988, Statistical Power Analysis,
+section 2.2, with their mean variance); d_z, over that of the differences (section 2.3); and Cliff's
+delta, the probability that one is greater minus that it is smaller (Cliff 1993, Psychological
+Bulletin 114(3)).
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class Measured:
     """The figures of one recording of a study.
 
     Attributes:
-        seed: of the motion.
-        cell: its levels.
-        figures: by class, then by name of the figure.
-        objects: number that count, by class.
+        seed: seed of the motion.
+        cell: levels of the factors.
+        figures: figures by class, then by name.
+        objects: number of objects that count, by class.
     """
 
     seed: int
@@ -45,16 +45,16 @@ class Measured:
 
 
 def cliffs_delta(base: NDArray[np.float64], level: NDArray[np.float64]) -> float:
-    """Return how much oftener ``level`` is greater than ``base`` than less, -1..1."""
+    """Return Cliff's delta, -1..1, of ``level`` against ``base``."""
     apart = np.sign(level[:, None] - base[None, :])
     return float(apart.mean())
 
 
 def paired_effect(base: NDArray[np.float64], level: NDArray[np.float64]) -> dict[str, Any]:
-    """Return what a level does, of its figures (N,) and the base's of the same seeds.
+    """Return the effect of a level, from its figures (N,) and the base's for the same seeds.
 
     ``difference`` with ``low`` and ``high`` (95 %; ``None`` with one seed), ``cohens_d``, ``d_z``
-    (``None`` where nothing varies), ``cliffs_delta`` and ``seeds``.
+    (``None`` without variance), ``cliffs_delta`` and ``seeds``.
     """
     apart = level - base
     count = len(apart)
@@ -81,12 +81,12 @@ def paired_effect(base: NDArray[np.float64], level: NDArray[np.float64]) -> dict
 
 
 def main_effects_of(measured: Sequence[Measured], axes: Sequence[Axis]) -> list[dict[str, Any]]:
-    """Return a row for every other level of each factor, class and figure: see `paired_effect`.
+    """Return a row per non-base level, class and figure of each factor; see `paired_effect`.
 
-    Of a factorial design each seed's difference is the mean over the levels of all other factors.
+    For a factorial design, each seed's difference is the mean over the levels of all other factors.
 
     Args:
-        measured: what was measured.
+        measured: figures of all recordings.
         axes: the factors.
     """
     rows = []
@@ -110,13 +110,13 @@ def main_effects_of(measured: Sequence[Measured], axes: Sequence[Axis]) -> list[
 
 
 def interactions_of(measured: Sequence[Measured], axes: Sequence[Axis]) -> list[dict[str, Any]]:
-    """Return a row for every two levels of two factors that were measured together.
+    """Return a row per pair of levels of two factors that were measured together.
 
-    ``difference`` is what both do together beyond the sum of what each does alone, of each seed the
-    mean over all other factors; with its interval over seeds.
+    ``difference`` is the joint effect minus the sum of the single effects, averaged per seed over
+    all other factors, with its interval over seeds.
 
     Args:
-        measured: of a factorial design; another has none.
+        measured: figures of a factorial design; other designs have no interactions.
         axes: the factors.
     """
     rows = []
@@ -151,17 +151,17 @@ def _matched(
     name: str,
     figure: str,
 ) -> list[NDArray[np.float64]]:
-    """Return a figure of a class of cells that differ in some axes alone.
+    """Return a figure of a class for cells that differ in some axes only.
 
     Args:
-        measured: what was measured.
-        axes: which; a row's cell has them at their base.
-        changes: levels of these axes, a column each.
-        name: of the class.
-        figure: the figure.
+        measured: figures of all recordings.
+        axes: these axes; a row's cell has them at their base.
+        changes: levels of these axes, one column each.
+        name: name of the class.
+        figure: name of the figure.
 
     Returns:
-        Of each seed that has any, rows (N, columns) of which every cell was measured.
+        For each seed with any, rows (N, columns) with all cells measured.
     """
     found = []
     for seed in dict.fromkeys(one.seed for one in measured):
@@ -182,7 +182,7 @@ def _matched(
 
 
 def _figures(measured: Sequence[Measured]) -> list[tuple[str, str]]:
-    """Return every class and figure that there is, in the order of their first appearance."""
+    """Return all classes and figures, in order of first appearance."""
     rows = ((name, row) for one in measured for name, row in one.figures.items())
     return list(dict.fromkeys((name, figure) for name, row in rows for figure in row))
 

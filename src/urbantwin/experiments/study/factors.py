@@ -1,4 +1,4 @@
-"""What a study of robustness varies: faults of sensors, the weather, how much traffic there is."""
+"""Factors of robustness studies: sensor faults, weather, traffic density."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from urbantwin.site import RigSpec
 
 __all__ = ["FACTORS", "NONE", "Factor", "FactorAsked", "by_clock", "first_problem", "rig_at"]
 
-#: Changes a written rig: with the level, and the factor as it was asked for.
+#: Function that changes a written rig, given the level and the requested factor.
 Change = Callable[[dict[str, Any], Any, "FactorAsked"], None]
 
-#: The level of a fault or of weather that is not there.
+#: Level without fault or weather.
 NONE = "none"
 
 
 @dataclass(frozen=True)
 class Factor:
-    """Something that can be varied.
+    """A factor that can be varied.
 
     Attributes:
-        name: as it stands in a study's file, with its unit.
-        told: what it is, in words.
-        change: changes the rig; ``None``: it is no matter of the rig.
-        low: the least level.
-        high: the greatest.
-        none: whether `NONE` is a level, too.
-        names_sensor: whether its levels are names of sensors.
-        by_clock: whether frames must be collected by the sensors' clocks for it to do anything.
-        first_sensor: whether it is of the rig's first sensor where nobody says of which; else all.
+        name: name in a study's file, with unit.
+        told: description.
+        change: changes the rig; ``None`` if not a property of the rig.
+        low: smallest level.
+        high: largest level.
+        none: whether `NONE` is also a level.
+        names_sensor: whether levels are names of sensors.
+        by_clock: whether it requires that frames are assembled by the sensors' clocks.
+        first_sensor: whether it applies to the rig's first sensor by default, otherwise to all.
     """
 
     name: str
@@ -46,13 +46,13 @@ class Factor:
 
     @property
     def expected(self) -> str:
-        """What a level may be."""
+        """Allowed levels, in words."""
         if self.names_sensor:
             return f"the name of a sensor, or {NONE}"
         return f"{self.low:g} to {self.high:g}" + (f", or {NONE}" if self.none else "")
 
     def allows(self, level: Level, sensors: Sequence[str]) -> bool:
-        """Return whether it can have a level, in a rig of such sensors."""
+        """Return whether a level is allowed in a rig with these sensors."""
         if isinstance(level, str):
             return (level == NONE and self.none) or (self.names_sensor and level in sensors)
         return not self.names_sensor and self.low <= level <= self.high
@@ -60,13 +60,14 @@ class Factor:
 
 @dataclass(frozen=True)
 class FactorAsked:
-    """A factor as a study asks for it.
+    """A factor requested by a study.
 
     Attributes:
         axis: its name and levels.
-        sensors: of which sensors; all, or the first where that is its way, if empty.
-        set_before_s: how long before the motion's start the clocks were set, of clocks that drift.
-        memory_s: of poses that wander, see `PoseErrorSpec`.
+        sensors: names of the affected sensors; the default ones if empty.
+        set_before_s: time from setting the clocks to the motion's start, for drifting clocks,
+            seconds.
+        memory_s: correlation time of wandering poses, see `PoseErrorSpec`, seconds.
     """
 
     axis: Axis
@@ -76,11 +77,11 @@ class FactorAsked:
 
     @property
     def factor(self) -> Factor:
-        """What it is."""
+        """The factor's definition."""
         return FACTORS[self.axis.name]
 
     def chosen(self, rig: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Return the sensors of a written rig that it is of."""
+        """Return the affected sensors of a written rig."""
         rows: list[dict[str, Any]] = rig["sensors"]
         if self.sensors:
             return [one for one in rows if one["name"] in self.sensors]
@@ -91,12 +92,13 @@ def rig_at(spec: RigSpec, asked: Sequence[FactorAsked], levels: Mapping[str, Lev
     """Return a rig with every factor at its level.
 
     Args:
-        spec: without them.
+        spec: the rig without factors.
         asked: the factors of the study.
-        levels: of each.
+        levels: level of each factor.
 
     Raises:
-        ValueError: the rig cannot have a level (pydantic's ``ValidationError``), or two weathers.
+        ValueError: the rig does not allow a level (pydantic's ``ValidationError``), or has two
+            weathers.
     """
     rig = spec.written()
     if by_clock(asked):
@@ -108,19 +110,19 @@ def rig_at(spec: RigSpec, asked: Sequence[FactorAsked], levels: Mapping[str, Lev
 
 
 def first_problem(error: ValueError) -> str:
-    """Return what `rig_at` found wrong: of pydantic's error its first problem."""
+    """Return the first problem in an error of `rig_at`."""
     lines = str(error).splitlines()
     problem = lines[2] if len(lines) > 2 else lines[0]
     return problem.partition(" [type=")[0].strip()[:160]
 
 
 def by_clock(asked: Sequence[FactorAsked]) -> bool:
-    """Return whether all frames of a study are collected by clocks, the base's, too."""
+    """Return whether all frames of a study, including the base's, are assembled by clocks."""
     return any(one.factor.by_clock for one in asked)
 
 
 def _each(change: Callable[[dict[str, Any], Any, FactorAsked], object]) -> Change:
-    """Return what makes a change to every chosen sensor of a rig."""
+    """Return a function that applies a change to every affected sensor of a rig."""
 
     def change_rig(rig: dict[str, Any], level: Level, asked: FactorAsked) -> None:
         for sensor in asked.chosen(rig):
@@ -149,7 +151,7 @@ def _pose(name: str) -> Change:
 
 
 def _clock(rig: dict[str, Any], ahead_s: float, drift_ppm: float, asked: FactorAsked) -> None:
-    """Let the clocks of chosen sensors be ahead and behind in turn: they part from each other."""
+    """Set the clocks of affected sensors alternately ahead and behind."""
     for number, sensor in enumerate(asked.chosen(rig)):
         sign = -1.0 if number % 2 else 1.0
         sensor["clock_offset_s"] = sensor.get("clock_offset_s", 0.0) + sign * ahead_s

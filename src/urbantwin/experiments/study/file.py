@@ -1,4 +1,4 @@
-"""``grid.yaml`` of a study: what it varies, with which seeds, and what detects."""
+"""``grid.yaml`` of a study: factors, seeds, and the detector."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DESIGNS = {"one at a time": one_at_a_time, "factorial": factorial}
 _Level = Annotated[int | float | str, Field(union_mode="left_to_right")]
 if TYPE_CHECKING:
     Factors = tuple[FactorAsked, ...]
-else:  # as the file has them
+else:  # as in the file
     Factors = Annotated[
         dict[str, Any], Field(min_length=1, description="a factor and its levels at least")
     ]
@@ -36,15 +36,15 @@ class _Factor(Strict):
 
 
 class Training(Strict):
-    """A detector that is trained for the study, on recordings without faults.
+    """A detector trained for the study, on recordings without faults.
 
     Attributes:
-        steps: of the training.
-        seeds: of the motions that it learns from, none of which judges.
-        seed: of the weights and samples.
-        reach: how far the detector looks along x and y, metres.
-        cell: edge of its pillars, metres.
-        batch: windows of frames in a step.
+        steps: number of training steps.
+        seeds: seeds of the training motions, none of which is used for evaluation.
+        seed: random seed of weights and samples.
+        reach: range of the detector along x and y, metres.
+        cell: edge of a pillar, metres.
+        batch: windows of frames per step.
         width: multiple of the channels of its network.
     """
 
@@ -58,20 +58,20 @@ class Training(Strict):
 
 
 class StudyFile(ExperimentFile):
-    """A study of robustness.
+    """A robustness study.
 
     Attributes:
         twin: the twin's folder.
         rig: the rig's file; ``None`` for the twin's own.
-        seeds: of the motions; each is replayed under every cell.
+        seeds: seeds of the motions; each is replayed under every cell.
         seconds: length of the motions, seconds.
-        start: no frame before this time of the motion, seconds.
-        every: only each N-th frame of the rig.
-        model: of a detector; ``None``: one is trained, or nothing is detected.
-        train: how; ``None``: none is.
-        classes: that are judged; all that there are if ``None``.
+        start: earliest time of a frame, seconds of the motion.
+        every: record only every N-th frame.
+        model: folder of a detector; ``None`` to train one, or for no detection.
+        train: training of the detector; ``None`` for none.
+        classes: evaluated classes; all present ones if ``None``.
         design: one of `DESIGNS`.
-        factors: at least one, with their levels.
+        factors: at least one factor with its levels.
     """
 
     described_as: ClassVar[str] = "a study"
@@ -142,7 +142,7 @@ def _factor(document: Document, name: str, given: object) -> FactorAsked:
     """Return a factor of a file.
 
     Raises:
-        InputError: it is not known, has no levels, one twice, or what is no level.
+        InputError: it is unknown, or its levels are missing, repeated or wrong.
     """
     factor = FACTORS.get(name)
     if factor is None:
@@ -165,7 +165,7 @@ def _factor(document: Document, name: str, given: object) -> FactorAsked:
     if len(axis.levels) < 2:
         raise document.error("has one level", place, "a base and another level at least")
     for level in axis.levels:
-        # Names of sensors are checked where the rig is known.
+        # Names of sensors are checked once the rig is known.
         if not factor.names_sensor and not factor.allows(level, ()):
             raise document.error(f"has the level {level!r:.40}", place, factor.expected)
     return FactorAsked(axis, tuple(fields.sensors or ()), fields.set_before_s, fields.memory_s)
@@ -175,12 +175,12 @@ def check_rigs(study: StudyFile, spec: RigSpec) -> list[RigSpec]:
     """Return the rig of every cell.
 
     Args:
-        study: whose cells.
+        study: the study.
         spec: the rig without faults.
 
     Raises:
-        InputError: the rig has no sensor of a name, or cannot have a level, or two factors exclude
-            each other.
+        InputError: a sensor is unknown, the rig does not allow a level, or two factors exclude each
+            other.
     """
     names = [sensor.name for sensor in spec.sensors]
     document = read_document(study.file, kind="a study")

@@ -1,4 +1,4 @@
-"""What a detector and a tracker make of one recording of a study, as figures."""
+"""Figures of detection and tracking for one recording of a study."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from urbantwin.tracking import tracked
 
 __all__ = ["ALL", "METRICS", "Verdict", "judged_recording"]
 
-#: What is told of a recording, in the order of tables, and in words.
+#: Figures of a recording, in the order of tables, with descriptions.
 METRICS: Mapping[str, str] = {
     "points": "points on an object that counts, mean",
     "seen": f"share of the objects that count with {FEWEST_POINTS} points or more",
@@ -33,20 +33,21 @@ METRICS: Mapping[str, str] = {
     "mota": "MOTA",
     "idf1": "IDF1",
 }
-#: The mean over the classes that have objects.
+#: Name of the mean over classes with objects.
 ALL = "all"
-#: Boxes are grown by so much before points are looked for in them: what is noise is not misplaced.
+#: Margin of boxes in the search for their points, metres, so that noise does not count as
+#: misplaced.
 _MARGIN_M = 0.05
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one recording.
+    """Evaluation of one recording.
 
     Attributes:
-        figures: by class (`ALL`: their mean), the figures of `METRICS` that there are.
-        objects: by class, how many count.
-        counted: frame and track of those.
+        figures: figures of `METRICS` by class (`ALL` for their mean).
+        objects: number of objects that count, by class.
+        counted: frame and track of those objects.
     """
 
     figures: dict[str, dict[str, float]]
@@ -63,16 +64,15 @@ def judged_recording(
     base: Collection[tuple[str, int]] | None = None,
     tell: Progress = untold,
 ) -> Verdict:
-    """Judge what was detected in one recording, and who was followed.
+    """Evaluate detections and tracks of one recording.
 
     Args:
-        recording: of the study's motion, with labels.
-        detections: in all of its frames; ``None``: nothing was detected, and only what is seen is
-            told.
-        times_s: of the frames.
-        classes: that are told; all that have objects if ``None``.
-        base: frame and track of the objects that count; those with points enough if ``None``.
-        tell: how far it is.
+        recording: recording of the study's motion, with labels.
+        detections: detections in all of its frames; ``None`` to report visibility only.
+        times_s: times of the frames, seconds.
+        classes: reported classes; all with objects if ``None``.
+        base: frame and track of the objects that count; those with enough points if ``None``.
+        tell: called with the fraction done and a description.
 
     Raises:
         InputError: a file of the recording is damaged.
@@ -131,7 +131,7 @@ def _seen(
 
 
 def _inside_their_boxes(recording: Recording, seen: Seen, tell: Progress) -> NDArray[np.float64]:
-    """Return which share of the points on each object (L,) lies in its box; NaN without points."""
+    """Return the fraction of each object's points (L,) inside its box; NaN without points."""
     truth = seen.truth
     share = np.full(len(truth), np.nan)
     for number, which in enumerate(seen.number):
@@ -150,7 +150,7 @@ def _inside_their_boxes(recording: Recording, seen: Seen, tell: Progress) -> NDA
 
 
 def _evaluated(seen: Seen, recording: Recording, names: Sequence[str], tell: Progress) -> Figures:
-    # Nobody reads the intervals of one recording: a study's are over seeds.
+    # Intervals of a single recording are not used: a study's are over seeds.
     return evaluate(seen, layout=recording.layout, classes=names, draws=1, tell=tell)
 
 
@@ -167,7 +167,7 @@ def _of_boxes(told: Mapping[str, object], name: str) -> dict[str, float]:
 
 
 def _nothing(recording: Recording) -> Detections:
-    """Return no box at all, of all frames."""
+    """Return empty detections for all frames."""
     return Detections(
         frames=tuple(recording.names),
         frame=np.zeros(0, np.int64),

@@ -1,4 +1,4 @@
-"""What a study leaves: ``study.json``, tables (Parquet and CSV), pictures and a page."""
+"""Output of a study: ``study.json``, tables (Parquet and CSV), pictures and a page."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from urbantwin.pages import write_page
 __all__ = ["KIND", "write_study"]
 
 KIND = "study"
-#: What is told in per cent.
+#: Figures given in percent.
 _PERCENT = ("seen", "in_box", "ap", "ap_overlap", "recall", "hota", "mota", "idf1")
 
-#: Figures that are drawn, with the factor that tells them in their unit, and their title.
+#: Drawn figures, with the factor to their unit, and their title.
 _SHOWN: Mapping[str, tuple[float, str]] = {
     "ap": (100, "average precision, %"),
     "hota": (100, "HOTA, %"),
@@ -35,7 +35,7 @@ _SHOWN: Mapping[str, tuple[float, str]] = {
     "in_box": (100, "points in their boxes, %"),
 }
 _COLUMNS = 3
-#: A detector with less average precision has nothing to lose.
+#: Average precision of a detector below which losses are not meaningful.
 _LEAST_PRECISION = 0.1
 
 
@@ -47,18 +47,18 @@ def write_study(
     told: Mapping[str, Any],
     doubts: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write everything into a folder.
+    """Write all outputs of a study into a folder.
 
     Args:
-        folder: where.
-        study: what was asked for.
-        measured: figures of every recording that succeeded, seed by seed.
-        failed: ``seed``, ``cell`` and ``why`` of those that did not.
-        told: what else ``study.json`` says: what it was made from.
-        doubts: that are known beside those of the figures.
+        folder: the folder.
+        study: the study's file.
+        measured: figures of every successful recording, by seed.
+        failed: ``seed``, ``cell`` and ``why`` of the others.
+        told: further entries of ``study.json``: its provenance.
+        doubts: known doubts, besides those about the figures.
 
     Returns:
-        What ``study.json`` holds.
+        Content of ``study.json``.
     """
     axes = study.axes
     effects = main_effects_of(measured, axes)
@@ -158,14 +158,14 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     import pyarrow as pa
 
     table = pa.Table.from_pylist([dict(row) for row in rows])
-    # A figure that no row has is a number, too.
+    # A column without values is numeric, too.
     types = [pa.float64() if pa.types.is_null(one.type) else one.type for one in table.schema]
     schema = pa.schema(list(zip(table.column_names, types, strict=True)))
     write_parquet_and_csv(stem, table.cast(schema))
 
 
 def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return that the detector finds too little for anything to be lost, if so."""
+    """Return a doubt if the detector finds too few objects for losses to be visible."""
     mine = [row for row in effects if row["class"] == ALL and row["figure"] == "ap"]
     best = max((row["base_mean"] for row in mine), default=1.0)
     if best >= _LEAST_PRECISION:
@@ -179,7 +179,7 @@ def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
 def _doubts(
     study: StudyFile, measured: Sequence[Measured], failed: Sequence[Mapping[str, Any]]
 ) -> list[str]:
-    """Return what speaks against the figures."""
+    """Return doubts about the figures."""
     seeds = len({one.seed for one in measured})
     said = [
         "Objects count that have five points at the base level, some of them by chance: at any "
@@ -207,7 +207,7 @@ def _doubts(
 
 
 def _in_short(effects: Sequence[Mapping[str, Any]], seeds: int) -> str:
-    """Return the headline: the greatest losses that are beyond chance."""
+    """Return the headline: the largest significant losses."""
     key = next((one for one in ("ap", "seen") if any(r["figure"] == one for r in effects)), None)
     if key is None:
         return "Nothing was measured."
@@ -238,8 +238,8 @@ def _draw_effects(effects: Sequence[Mapping[str, Any]], name: str, path: Path) -
     """Draw the main effects on a class: a panel for every figure, a line for every level.
 
     Args:
-        effects: of `effects.main_effects_of`; at least one of the class.
-        name: of the class.
+        effects: effects from `effects.main_effects_of`; at least one of the class.
+        name: name of the class.
         path: the PNG to write.
     """
     figures = _shown(effects, name)
@@ -311,7 +311,7 @@ def _draw_levels(
 
     Args:
         measured: factor, level, seed and figures, the base level of each factor first; not empty.
-        name: of the class.
+        name: name of the class.
         path: the PNG to write.
     """
     factors = list(dict.fromkeys(factor for factor, *_ in measured))

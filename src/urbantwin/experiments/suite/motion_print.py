@@ -1,4 +1,4 @@
-"""What is kept of a motion, small and exact in every bit, and what differs between two."""
+"""Compact exact fingerprint of a motion, and differences between two."""
 
 from __future__ import annotations
 
@@ -30,18 +30,17 @@ _SCHEMA = pa.schema(
         ("hash", pa.uint32()),
     ]
 )
-#: An odd number whose multiples spread over 64 bits (the golden ratio's, Knuth, TAOCP 3, 6.4).
+#: Odd multiplier for hashing to 64 bits (golden ratio; Knuth, TAOCP 3, 6.4).
 _SPREADS = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionPrint:
-    """A motion's places to a millimetre, a hash of each row, and what became of its events.
+    """A motion's positions to a millimetre, a hash of each row, and its events.
 
     Attributes:
-        rows: a row for each actor and step, sorted by step, then track: ``step``, ``track``,
-            ``class``, ``x_mm``, ``y_mm``, and 32 bits that all columns of the motion's row follow
-            into.
+        rows: a row per actor and step, sorted by step, then track: ``step``, ``track``, ``class``,
+            ``x_mm``, ``y_mm``, and a 32-bit hash of all columns of the motion's row.
         told: ``step_s``, ``events`` and the SHA-256 of ``actors``, ``signals``, ``parked`` and
             ``meshes``.
     """
@@ -51,7 +50,7 @@ class MotionPrint:
 
     @classmethod
     def of(cls, motion: Motion) -> MotionPrint:
-        """Return what is kept of a motion."""
+        """Return the fingerprint of a motion."""
         table = motion.rows
         rows = pa.table(
             {
@@ -89,7 +88,7 @@ class MotionPrint:
 
 
 def _hashes(table: ActorRows) -> NDArray[np.uint32]:
-    """Return a hash (N,) of each row's values, of all their bits."""
+    """Return a hash (N,) of all bits of each row's values."""
     mixed = np.zeros(table.num_rows, np.uint64)
     for field in ACTOR_SCHEMA:
         column = table[field.name]
@@ -108,13 +107,13 @@ def _hashes(table: ActorRows) -> NDArray[np.uint32]:
 
 
 def changes_between(before: MotionPrint, after: MotionPrint) -> dict[str, Any]:
-    """Return what differs; an empty mapping where nothing does.
+    """Return the differences of two motions; empty without any.
 
-    Its keys, each only where there is something to say: ``from_s``, the first step at which an
-    actor differs; ``first``, who that is (``track``, ``class``, ``change``); ``actors``, a row for
-    each that is ``moved`` (``most_m``: at most how far), ``turned`` (in its place to a millimetre,
-    and another pose or mesh), ``added``, ``gone`` or ``there for another time``, sorted by when;
-    ``events``, a row for each value of an event that differs; and ``also``, what else differs.
+    Keys, present only if applicable: ``from_s``, the first step at which an actor differs;
+    ``first``, that actor (``track``, ``class``, ``change``); ``actors``, a row for each that is
+    ``moved`` (``most_m``: largest distance), ``turned`` (same position to a millimetre, other pose
+    or mesh), ``added``, ``gone`` or ``there for another time``, sorted by time; ``events``, a row
+    for each changed value of an event; and ``also``, other differences.
     """
     found: dict[str, Any] = {}
     rows = _actors(before, after)
@@ -137,7 +136,7 @@ def changes_between(before: MotionPrint, after: MotionPrint) -> dict[str, Any]:
 
 
 def _actors(before: MotionPrint, after: MotionPrint) -> list[dict[str, Any]]:
-    """Return a row for each track that differs, those first that differ first."""
+    """Return a row for each track that differs, sorted by time."""
     if before.told["actors"] == after.told["actors"]:
         return []
     step_s = float(after.told["step_s"])

@@ -1,4 +1,4 @@
-"""The one factor that is varied: of a sensor, of a signal, of who is there, of the weather."""
+"""The factor of a variation: a sensor's field, a signal, inserted actors, or weather."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _WEATHERS = ("clear", "rain", "fog", "snow")
 
 @dataclass(frozen=True)
 class Factor:
-    """What is varied, and its values.
+    """A varied factor with its values.
 
     Attributes:
-        text: as it was asked for.
+        text: text of the request.
         kind: ``sensor``, ``signal``, ``scenario``, ``insert``, ``weather`` or ``visibility``.
         of: name of the sensor (empty for the rig's only one) or of the signal's program.
-        field: of the sensor.
-        values: one or more, as text.
+        field: field of the sensor.
+        values: one or more values, as text.
     """
 
     text: str
@@ -42,7 +42,7 @@ class Factor:
 
     @property
     def changes_traffic(self) -> bool:
-        """Whether it acts on the motion; otherwise on the recording alone."""
+        """Whether it changes the motion, otherwise only the recording."""
         return self.kind in ("signal", "scenario", "insert")
 
     def name_of(self, value: str) -> str:
@@ -57,7 +57,7 @@ class Factor:
         """Return the scenario's file.
 
         Raises:
-            InputError: it is not there.
+            InputError: the file does not exist.
         """
         for folder in (Path(), beside.parent):
             if (folder / value).is_file():
@@ -65,16 +65,16 @@ class Factor:
         raise InputError("not found", file=value, place="--set scenario", expected="a scenario")
 
     def one_more(self, value: str, twin: Twin, from_s: float, until_s: float) -> dict[str, Any]:
-        """Return the event of one more actor, half-way through what is recorded.
+        """Return the event that inserts an actor in the middle of the recording.
 
         Args:
-            value: its class, or the class and a street: ``bicycle@Long Lane``.
-            twin: whose lane it takes: of the street, or else the one nearest to the anchor.
-            from_s: what is recorded begins, seconds of the motion.
-            until_s: and ends.
+            value: its class, or class and street: ``bicycle@Long Lane``.
+            twin: twin with its lane: that of the street, or else the nearest to the anchor.
+            from_s: start of the recording, seconds of the motion.
+            until_s: end of the recording, seconds of the motion.
 
         Raises:
-            InputError: there is no such class or street, or no lane for it.
+            InputError: the class or street is unknown, or has no suitable lane.
         """
         from urbantwin.traffic.events import one_passage
 
@@ -88,7 +88,7 @@ class Factor:
         """Return a value as a number.
 
         Raises:
-            InputError: it is none.
+            InputError: the value is not a number.
         """
         number = finite_number(value)
         if number is None:
@@ -96,10 +96,10 @@ class Factor:
         return number
 
     def rig_with(self, spec: RigSpec, value: str) -> RigSpec:
-        """Return a rig in which the sensor's field has a value.
+        """Return a rig with a value set in a sensor's field.
 
         Raises:
-            InputError: there is no such sensor or field, or it cannot have the value.
+            InputError: the sensor or field is unknown, or the value is not allowed.
         """
         names = [one.name for one in spec.sensors]
         if not self.of and len(names) > 1:
@@ -133,10 +133,10 @@ class Factor:
 
 
 def read_factor(text: str) -> Factor:
-    """Read ``sensor.height=4,5,6.5``, ``signal.ID.offset=10``, ``insert=bicycle`` and the like.
+    """Return the factor of a text such as ``sensor.height=4,5,6.5`` or ``insert=bicycle``.
 
     Raises:
-        InputError: it says no factor.
+        InputError: the text is malformed.
     """
     key, found, values = text.partition("=")
     several = tuple(one.strip() for one in values.split(",") if one.strip())

@@ -1,4 +1,4 @@
-"""What became of every object of a dataset: seen, hidden by whom, dropped, out of view, lost."""
+"""State of every object of a dataset: seen, occluded, dropped, out of view, or lost."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from urbantwin.twin import Twin
 __all__ = ["FATES", "fate_changes", "fates_of"]
 
 #: Seen: it has points. Turn lost: no sensor's turn of the frame arrived. Out of view: outside of
-#: the region, the range or the field of view. Hidden: it would have points if it were alone.
-#: Dropped: even alone it gives no return.
+#: the region, the range or the field of view. Hidden: it would have points without occlusion.
+#: Dropped: no return even without occlusion.
 FATES = ("seen", "hidden", "dropped", "out of view", "turn lost")
 _OUT = ("outside", "far", "truncated")
 #: Rays to an object along each side of its box, within this share of it.
@@ -51,18 +51,18 @@ _FATE_SCHEMA = pa.schema(
 
 
 def fates_of(dataset: Path, motion: Motion, twin: Twin, *, tell: Progress = untold) -> pa.Table:
-    """Return a row for each frame and object: its fate and, if it is hidden, by what.
+    """Return a row per frame and object: its state and, if occluded, its occluder.
 
-    What hides it is what most rays from the sensor to places in its box meet first: another actor's
-    box, by its track and class, or a part of the scene by its semantic class (``hidden_by``).
-    ``hiders`` has all that hides anything of whoever loses a point to another, which share of the
-    rays meets each, most first.
+    The occluder is the first hit of most rays from the sensor to places in the object's box:
+    another actor's box, by its track and class, or a part of the scene, by its semantic class
+    (``hidden_by``). ``hiders`` lists all occluders of objects that lose points, with their
+    fractions of the rays, in descending order.
 
     Args:
-        dataset: the folder.
-        motion: that it shows.
-        twin: that it was recorded on.
-        tell: called with the fraction done and what is being done.
+        dataset: the dataset's folder.
+        motion: its motion.
+        twin: its twin.
+        tell: called with the fraction done and a description.
 
     Raises:
         InputError: a table of the dataset is missing or damaged.
@@ -109,7 +109,7 @@ def _fate(row: Mapping[str, Any], arrived: bool) -> str:
 
 
 def fate_changes(before: pa.Table, after: pa.Table) -> dict[str, int]:
-    """Return how many objects went from one fate to another: ``seen to hidden``: 3."""
+    """Return the number of objects for each change of state: ``seen to hidden``: 3."""
     columns = ("frame", "track", "fate")
     fates = [
         {(row["frame"], row["track"]): row["fate"] for row in table.select(columns).to_pylist()}
@@ -124,10 +124,10 @@ def fate_changes(before: pa.Table, after: pa.Table) -> dict[str, int]:
 
 
 class _Hiding:
-    """Finds what stands between sensors and actors.
+    """Finds occluders between sensors and actors.
 
     Args:
-        twin: whose scene hides.
+        twin: twin with the scene.
     """
 
     def __init__(self, twin: Twin) -> None:
@@ -139,15 +139,15 @@ class _Hiding:
     def shares(
         self, track: int, actors: Rows, eyes: Sequence[NDArray[np.float64]]
     ) -> Mapping[tuple[str, int], float]:
-        """Return which share of a track everything hides that hides any of it, most first.
+        """Return the fraction of rays to a track blocked by each occluder, in descending order.
 
-        Of rays from every sensor to places in its box, the share that meets it first. Keys are
-        class and track of an actor, or semantic class and 0 of a part of the scene.
+        Rays lead from every sensor to places in its box. Keys are class and track of an actor, or
+        semantic class and 0 for a part of the scene.
 
         Args:
-            track: of the actor.
-            actors: where all are.
-            eyes: places (3,) of the sensors, site frame.
+            track: track of the actor.
+            actors: poses of all actors.
+            eyes: positions (3,) of the sensors, site frame.
         """
         row = actors[actors["track"] == track]
         if not len(row) or not len(eyes):
@@ -163,7 +163,7 @@ class _Hiding:
     def _first_met(
         self, eye: NDArray[np.float64], targets: NDArray[np.float64], track: int, actors: Rows
     ) -> list[tuple[str, int]]:
-        """Return what each ray that does not get to its place meets first."""
+        """Return the first hit of each blocked ray."""
         way = targets - eye
         reach = np.linalg.norm(way, axis=1)
         ahead = way / reach[:, None]
@@ -186,7 +186,7 @@ class _Hiding:
 def _between(
     eye: NDArray[np.float64], targets: NDArray[np.float64], actors: Rows
 ) -> NDArray[np.bool_]:
-    """Return which actors (A,) may be met in plan on the way to places (N, 3)."""
+    """Return which actors (A,) may block rays to places (N, 3), in plan."""
     middle = targets[:, :2].mean(axis=0)
     wide = np.linalg.norm(targets[:, :2] - middle, axis=1).max()
     way = middle - eye[:2]
@@ -210,9 +210,9 @@ def _places_in(row: np.void) -> NDArray[np.float64]:
 def _entered(
     eye: NDArray[np.float64], ahead: NDArray[np.float64], row: np.void
 ) -> NDArray[np.float64]:
-    """Return the distance (N,) at which rays from a place enter a box; ``inf`` where they do not.
+    """Return the distances (N,) at which rays from a point enter a box; ``inf`` for misses.
 
-    The slabs of Kay and Kajiya (Ray tracing complex scenes, SIGGRAPH 1986).
+    Slab method of Kay and Kajiya (Ray tracing complex scenes, SIGGRAPH 1986).
     """
     turn = rotation_from_ypr(row["yaw"], row["pitch"], row["roll"])
     start = (eye - [row["x"], row["y"], row["z"]]) @ turn

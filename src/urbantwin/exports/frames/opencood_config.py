@@ -1,10 +1,10 @@
-"""A configuration of OpenCOOD for a dataset: PointPillar, each agent by itself (late fusion).
+"""A configuration of OpenCOOD for a dataset: PointPillar with late fusion.
 
 Source: OpenCOOD, ``hypes_yaml/point_pillar_late_fusion.yaml``, and the rule of
-``mask_boxes_outside_range_numpy``: of a box, all eight corners must lie within the range, in the
-frame of the agent that learns. Its own range, -3 to 1 m about the LiDAR, is that of a car's roof.
-Inference (``train=False``) filters by the constant ``GT_RANGE`` of ``opencood.data_utils.datasets``
-in place of the configured range (``base_postprocessor.generate_object_center``).
+``mask_boxes_outside_range_numpy``: all eight corners of a box must be within the range, in the
+agent's frame. Its default range, -3 to 1 m about the LiDAR, suits a car's roof. Inference
+(``train=False``) filters by the constant ``GT_RANGE`` of ``opencood.data_utils.datasets`` instead
+of the configured range (``base_postprocessor.generate_object_center``).
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ __all__ = ["CONFIG_FILE", "ReachOfBoxes", "opencood_config"]
 
 #: Name of the file, beside the parts of the split.
 CONFIG_FILE = "point_pillar_late_fusion.yaml"
-#: The range that OpenCOOD's configurations have: least x, y, z and greatest x, y, z, metres.
+#: Range in OpenCOOD's configurations: least x, y, z and greatest x, y, z, metres.
 STOCK_RANGE_M = (-70.4, -40.0, -3.0, 70.4, 40.0, 1.0)
 #: Edge of a pillar, metres; their number along an edge is a multiple of this (three strides of 2).
 PILLAR_M, MULTIPLE = 0.4, 8
-#: Boxes farther away than this along an axis are left out, metres, as in OpenCOOD's evaluation.
+#: Boxes farther away than this along an axis are omitted, metres, as in OpenCOOD's evaluation.
 FARTHEST_M = 140.8
-#: What the range holds beyond the boxes, metres.
+#: Margin of the range beyond the boxes, metres.
 MARGIN_M = 0.3
-#: Objects of a frame that OpenCOOD has room for by default.
+#: OpenCOOD's default limit of objects per frame.
 ROOM = 100
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2.0
 
 
 @dataclass
 class ReachOfBoxes:
-    """How far boxes reach in the frames of the agents.
+    """Extent of boxes in the frames of the agents.
 
     Attributes:
-        low, high: (3,) least and greatest place of a corner, metres.
+        low, high: (3,) least and greatest coordinates of a corner, metres.
         sizes: length, width, height of each box, metres.
-        boxes: how many boxes agents have, each counted for each agent and frame.
-        in_stock: how many of these OpenCOOD keeps with its own range.
-        most: how many a frame has at most.
+        boxes: number of boxes, counted per agent and frame.
+        in_stock: number of boxes within OpenCOOD's default range.
+        most: largest number of boxes in a frame.
     """
 
     low: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
@@ -82,7 +82,7 @@ class ReachOfBoxes:
 
     @property
     def range_m(self) -> tuple[float, float, float, float, float, float]:
-        """Least x, y, z and greatest x, y, z of a range of whole pillars that holds the boxes."""
+        """Range of whole pillars around the boxes: least x, y, z, greatest x, y, z, metres."""
         step = PILLAR_M * MULTIPLE / 2
         reach = np.maximum(np.abs(self.low), np.abs(self.high))[:2] + MARGIN_M
         x, y = (math.ceil(float(one) / step) * step for one in reach)
@@ -94,7 +94,7 @@ class ReachOfBoxes:
 
     @property
     def note(self) -> str:
-        """What a person should know of the range."""
+        """Note on the range, for the user."""
         low, high = self.range_m[2], self.range_m[5]
         return (
             f"{CONFIG_FILE} has the range z [{low:g}, {high:g}] m about the sensor; with "
@@ -108,7 +108,7 @@ def opencood_config(reach: ReachOfBoxes) -> str:
     """Return a configuration as YAML.
 
     Args:
-        reach: how far the boxes reach; of one at least.
+        reach: extent of the boxes; at least one box.
     """
     bounds = reach.range_m
     length, width, height = (round(float(one), 2) for one in np.median(reach.sizes, axis=0))

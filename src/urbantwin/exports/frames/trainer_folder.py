@@ -1,4 +1,4 @@
-"""What trainers read alike: the names of each part's frames, and boxes that teach something."""
+"""Common parts of trainer formats: lists of frames per part, configs, and omitted boxes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from urbantwin.exports.frames.source import FrameSource
 
 __all__ = ["PARTS", "left_out", "write_configs", "write_splits"]
 
-#: The parts that trainers ask for; both look for a list of each of the first two.
+#: Parts used by trainers; both trainers require a list of each of the first two.
 PARTS = ("train", "val", "test")
 
 
 def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]]:
-    """Write ``ImageSets`` and return the names of each part: of two at least, maybe empty."""
+    """Write ``ImageSets``, and return the frame names of each part; at least two parts."""
     parts = {name: source.splits.get(name, ()) for name in PARTS}
     if not parts["test"]:
         del parts["test"]
@@ -30,10 +30,10 @@ def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]
 def write_configs(
     source: FrameSource, folder: Path, configs: Mapping[str, Callable[[LearnedClasses], str]]
 ) -> Sequence[str]:
-    """Write the configs to train with, by the names of their files; return what is told of them."""
+    """Write training configs, by file name; return notes for the user."""
     try:
         learned = learned_classes(source.folder)
-    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
+    except InputError as error:  # the dataset is still useful for evaluation, or with others
         return [f"no config: {error.problem}"]
     for name, text in configs.items():
         (folder / name).write_text(text(learned), encoding="utf-8")
@@ -41,11 +41,11 @@ def write_configs(
 
 
 def left_out(source: FrameSource, marked: str) -> list[str]:
-    """Return what is said of boxes that a trainer does not learn, before anything is written.
+    """Return notes on boxes that a trainer does not learn.
 
     Args:
         source: the dataset.
-        marked: what becomes of boxes that have points and do not count.
+        marked: treatment of boxes with points that do not count.
     """
     empty = ignored = 0
     for name in source.names:

@@ -1,7 +1,7 @@
-"""WebDataset: shards of tar files, one for each part of the split, whose samples are whole frames.
+"""WebDataset: tar shards per part of the split, with whole frames as samples.
 
-Source: the WebDataset format (Aizman et al. 2019): files of one sample stand side by side and share
-the name up to the first dot. ``.npy`` and ``.json`` are what its reader decodes by itself.
+Source: the WebDataset format (Aizman et al. 2019): files of a sample are adjacent and share the
+name up to the first dot. Its reader decodes ``.npy`` and ``.json``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["new_shard", "write_webdataset"]
 
 
 def write_webdataset(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
-    """Write ``PART-NNNNNN.tar``, in which every frame is a sample.
+    """Write ``PART-NNNNNN.tar``, with a sample per frame.
 
     Its files are ``points.npy`` (N, 4), ``semantic.npy`` and ``instance.npy`` (N,), ``rays.npy``
     (N,) with named fields, ``boxes.json`` (rows) and ``json`` (time, part, poses as 4x4 matrices).
@@ -48,7 +48,7 @@ class _Shard:
         return int(self._stream.offset)
 
     def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
-        """Add a sample; its key is the frame's name, behind that of its dataset if it has one."""
+        """Add a sample; its key is the frame's name, after that of the dataset, if given."""
         key = f"{dataset}/{frame.name}" if dataset else frame.name
         for name, content in _files(frame, dataset, part, levels):
             told = tarfile.TarInfo(f"{key}.{name}")  # no time, no owner

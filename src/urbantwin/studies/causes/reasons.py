@@ -1,4 +1,4 @@
-"""Why an object that was found in one recording was missed in another."""
+"""Reasons why an object detected in one recording was missed in another."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.studies.causes.side import Side, class_of
 
 __all__ = ["FEWER", "REASONS", "Reason", "Said", "reason_of", "said_of"]
 
-#: Reasons, and what each means. The first that holds is told.
+#: Reasons with their meaning; the first that applies is reported.
 REASONS: Mapping[str, str] = {
     "turn lost": "no turn of any sensor arrived, or that of one which saw it",
     "out of view": "outside of the region, the range or the field of view",
@@ -31,21 +31,21 @@ REASONS: Mapping[str, str] = {
     "score": "it was detected with too low a score",
     "not detected": "nothing was detected, though it has points as before",
 }
-#: Points are fewer from this share of those of the other recording down.
+#: Fraction of the other recording's points below which points count as fewer.
 FEWER = 0.7
 
 
 @dataclass(frozen=True)
 class Said:
-    """What a detector says of an object that was missed.
+    """The detector's output around a missed object.
 
     Attributes:
         reason: one of the later `REASONS`.
-        told: of it, in words.
-        detection: its number, -1 for none.
-        score: of it; ``None`` for none.
-        off_m: how far its centre is off in plan; ``None`` for none.
-        other: row of the neighbour that it belongs to, or -1.
+        told: description.
+        detection: number of the related detection, or -1.
+        score: its score; ``None`` without one.
+        off_m: distance of its centre in plan, metres; ``None`` without one.
+        other: row of the neighbour that it matches, or -1.
     """
 
     reason: str
@@ -58,13 +58,13 @@ class Said:
 
 @dataclass(frozen=True)
 class Reason:
-    """Why an object was missed.
+    """Reason why an object was missed.
 
     Attributes:
         reason: one of `REASONS`.
-        told: in words.
-        by: class of what hides it, or the weather, sensors or neighbour.
-        by_track: of the actor that hides it, or the neighbour.
+        told: description.
+        by: class of the occluder; or the weather, sensors or neighbour.
+        by_track: track of the occluding actor or neighbour.
     """
 
     reason: str
@@ -81,15 +81,15 @@ def said_of(
     criterion: Criterion,
     least: Mapping[str, float],
 ) -> Said:
-    """Return what the detector says of an object that was missed.
+    """Return the detector's output around a missed object.
 
     Args:
-        side: where it was missed.
-        row: of the object in ``side.seen.truth``.
-        name: the class that it is judged as.
-        found: (L,) the detection that found each object.
-        criterion: when a detection has found it.
-        least: by class, the score of a detection that counts.
+        side: recording in which it was missed.
+        row: row of the object in ``side.seen.truth``.
+        name: class as which it is evaluated.
+        found: (L,) matching detection of each object.
+        criterion: matching criterion.
+        least: lowest score of a detection that counts, by class.
     """
     truth = side.seen.truth
     near_it = _near(side, row, name, found, criterion, least)
@@ -119,13 +119,13 @@ def said_of(
 
 @dataclass(frozen=True)
 class _Near:
-    """Detections near a missed object, each its number, score and distance, the nearest first.
+    """Detections near a missed object: number, score and distance of each, the nearest first.
 
     Attributes:
-        own: of its class, of nobody.
-        taken: of its class, of another object.
-        other_class: of another class, of nobody.
-        faint: that would have found it with a higher score.
+        own: unmatched ones of its class.
+        taken: ones of its class that match another object.
+        other_class: unmatched ones of another class.
+        faint: ones that would match with a higher score.
     """
 
     own: list[tuple[int, float, float]]
@@ -142,7 +142,7 @@ def _near(
     criterion: Criterion,
     least: Mapping[str, float],
 ) -> _Near:
-    """Return the detections near an object; the arguments are those of `said_of`."""
+    """Return the detections near an object; see `said_of` for the arguments."""
     detections, pairs = side.seen.detections, side.pairs
     mine = np.flatnonzero(pairs.label == row)
     mine = mine[np.argsort(pairs.distance_m[mine], kind="stable")]
@@ -167,7 +167,7 @@ def _near(
 
 
 def _how_far_off(why: str, box: NDArray[np.float64], true: NDArray[np.float64]) -> str:
-    """Return in words how a box differs from the true one."""
+    """Return a description of a box's error."""
     if why == "heading":
         turned = np.degrees(abs((box[6] - true[6] + np.pi / 2) % np.pi - np.pi / 2))
         return f"its box is turned by {turned:.0f} degrees"
@@ -177,7 +177,7 @@ def _how_far_off(why: str, box: NDArray[np.float64], true: NDArray[np.float64]) 
 
 
 def _what_is_off(found: NDArray[np.float64], true: NDArray[np.float64]) -> str:
-    """Return what of a box, put right, brings it nearest to the true one."""
+    """Return the component of a box whose correction brings it nearest to the true one."""
     put_right = {"displaced": [0, 1], "heading": [6], "size": [3, 4]}
     best, most = "displaced", -1.0
     for name, columns in put_right.items():
@@ -191,13 +191,13 @@ def _what_is_off(found: NDArray[np.float64], true: NDArray[np.float64]) -> str:
 
 
 def reason_of(missed: Side, other: Side, key: tuple[str, int], said: Said) -> Reason:
-    """Return why an object was missed in a recording that was found in the other.
+    """Return why an object was missed in one recording and detected in the other.
 
     Args:
-        missed: where it was missed.
-        other: where it was found.
+        missed: recording in which it was missed.
+        other: recording in which it was detected.
         key: its frame and track.
-        said: what the detector says of it where it was missed.
+        said: the detector's output where it was missed.
     """
     fate, before = missed.fates[key], other.fates[key]
     if fate["fate"] in ("turn lost", "out of view"):
@@ -247,13 +247,13 @@ def _fewer(missed: Side, other: Side, key: tuple[str, int], points: int, was: in
 def _what_hides_more(
     fate: Mapping[str, Any], before: Mapping[str, Any]
 ) -> tuple[str | None, int | None, float, float]:
-    """Return what hides more of an object than before: class, track, share and former share."""
+    """Return the occluder that increased most: class, track, fraction and former fraction."""
     now, then = (
         {(one["what"], one["track"]): float(one["share"]) for one in row["hiders"] or ()}
         for row in (fate, before)
     )
     if not now:
         return None, None, 0.0, 0.0
-    # Parts of the scene have no track; ties go by name.
+    # Parts of the scene have no track; ties are broken by name.
     key = min(now, key=lambda one: (then.get(one, 0.0) - now[one], one[0], one[1] or 0))
     return key[0], key[1], now[key], then.get(key, 0.0)

@@ -1,4 +1,4 @@
-"""What an explanation leaves: ``explanation.json``, tables, a picture of each object, a page."""
+"""Output of an explanation: ``explanation.json``, tables, a picture per object, a page."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def write_explanation(
     most: int,
     tell: Progress,
 ) -> dict[str, Any]:
-    """Write everything into a folder.
+    """Write all outputs of an explanation into a folder.
 
     Args:
-        folder: where.
-        compared: each variant with the base.
+        folder: the folder.
+        compared: comparison of each variant with the base.
         told: factor, names, settings.
-        least: by class, the score of a detection that counts.
-        most: so many objects are drawn at most, those with the most points first.
-        tell: how far it is.
+        least: lowest score of a detection that counts, by class.
+        most: largest number of drawn objects, those with most points first.
+        tell: called with the fraction done and a description.
 
     Returns:
-        What ``explanation.json`` holds.
+        Content of ``explanation.json``.
     """
     pictures = _pictures(folder, compared, least, most, tell)
     rows = [
@@ -84,7 +84,7 @@ def _pictures(
     most: int,
     tell: Progress,
 ) -> dict[tuple[str, int, str], str]:
-    """Draw each object that changed once, where it has most points; return names of files."""
+    """Draw each changed object once, in its frame with most points; return file names."""
     best: dict[tuple[str, int, str], tuple[int, Comparison, Change]] = {}
     for one in compared:
         for change in one.changes:
@@ -128,7 +128,7 @@ def _row(one: Comparison, change: Change, picture: str | None) -> dict[str, Any]
 
 
 def _counts(one: Comparison) -> dict[str, Any]:
-    """Return how many objects changed, by way and reason."""
+    """Return the number of changed objects, by direction and reason."""
     told: dict[str, Any] = {
         "found_in_both": one.both,
         "missed_in_both": one.neither,
@@ -172,7 +172,7 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def _shown(
     rows: Sequence[Mapping[str, Any]], pictures: Mapping[tuple[str, int, str], str]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the title of each picture, with the reasons of all its frames, and its file."""
+    """Yield the title of each picture, with the reasons over all its frames, and its file."""
     for key, name in pictures.items():
         mine = [row for row in rows if (row["variant"], row["track"], row["change"]) == key]
         why = "; ".join(

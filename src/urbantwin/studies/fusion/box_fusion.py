@@ -1,10 +1,10 @@
-"""Late fusion: boxes of several nodes matched, and each pair made one.
+"""Late fusion: matching of boxes from several nodes, and fusion of matched pairs.
 
-Pairs are those of the least squared Mahalanobis distance in plan, all pairs at once (the assignment
-problem). Two boxes become one by covariance intersection, which stays consistent whatever the
-errors of both have in common (S. J. Julier and J. K. Uhlmann, "A non-divergent estimation algorithm
-in the presence of unknown correlations", ACC 1997), or by a Kalman update, as if they had nothing
-in common. Their scores are two witnesses: 1 - (1 - a)(1 - b).
+Pairs minimise the squared Mahalanobis distance in plan, over all pairs at once (assignment
+problem). Two boxes are fused by covariance intersection, which stays consistent for any correlation
+of the errors (S. J. Julier and J. K. Uhlmann, "A non-divergent estimation algorithm in the presence
+of unknown correlations", ACC 1997), or by a Kalman update, which assumes independence. Scores are
+combined as independent evidence: 1 - (1 - a)(1 - b).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from urbantwin.tracking.road_user import group_of
 __all__ = ["Rule", "covariance_intersection", "fused_boxes", "kalman_update", "matched_boxes"]
 
 Rule = Literal["intersection", "kalman"]
-#: 99 % of pairs of one object are within it: chi-squared of two degrees of freedom.
+#: Gate that contains 99 % of true pairs: chi-squared with two degrees of freedom.
 _GATE = 9.21
 #: Largest distance of a match, metres, however large the covariances.
 _FARTHEST_M = 4.0
-#: Shares of the first estimate that are tried for the intersection.
+#: Tested weights of the first estimate in the intersection.
 _SHARES = np.linspace(0.0, 1.0, 101)
-#: Group of each class by how it moves: boxes of different groups are never one.
+#: Motion group of each class: boxes of different groups are never fused.
 _GROUP = np.array(
     [sorted({group_of(one).name for one in DETECTED_CLASSES}).index(group_of(name).name)
      for name in DETECTED_CLASSES]
@@ -59,15 +59,15 @@ def matched_boxes(first: Boxes, second: Boxes) -> tuple[NDArray[np.int64], NDArr
 def covariance_intersection(
     a: Floats, spread_a: Floats, b: Floats, spread_b: Floats
 ) -> tuple[Floats, Floats]:
-    """Return estimates (N, K) and covariances (N, K, K) that two pairs of them become.
+    """Return fused estimates (N, K) and covariances (N, K, K).
 
-    The share of the first is the one, of 101, with the least determinant.
+    The weight of the first estimate is that of 101 with the smallest determinant.
 
     Args:
-        a: (N, K).
-        spread_a: (N, K, K).
-        b: (N, K), each number within half a turn of a's where it is an angle.
-        spread_b: (N, K, K).
+        a: (N, K) first estimates.
+        spread_a: (N, K, K) their covariances.
+        b: (N, K) second estimates; angles within half a turn of a's.
+        spread_b: (N, K, K) their covariances.
     """
     know_a, know_b = np.linalg.inv(spread_a), np.linalg.inv(spread_b)
     share = _SHARES[None, :, None, None]
@@ -82,7 +82,7 @@ def covariance_intersection(
 def kalman_update(
     a: Floats, spread_a: Floats, b: Floats, spread_b: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the same for estimates whose errors are independent; arguments as above."""
+    """Return the same for independent errors; arguments as for `covariance_intersection`."""
     gain = np.linalg.solve(spread_a + spread_b, spread_a).transpose(0, 2, 1)
     after = a + np.einsum("nij,nj->ni", gain, b - a)
     spread = spread_a - gain @ spread_a
@@ -90,11 +90,11 @@ def kalman_update(
 
 
 def fused_boxes(parts: list[Boxes], rule: Rule = "intersection") -> Boxes:
-    """Return the boxes of several nodes as those of one: matched, fused, none overlapping.
+    """Return the fused boxes of several nodes, without overlaps.
 
     Args:
-        parts: of each node in one frame and at one time; the first is the receiver's own.
-        rule: how two estimates become one.
+        parts: boxes of each node in one frame and at one time; the receiver's own first.
+        rule: rule to fuse two estimates.
     """
     whole = parts[0]
     for other in parts[1:]:
@@ -104,7 +104,7 @@ def fused_boxes(parts: list[Boxes], rule: Rule = "intersection") -> Boxes:
         whole = joined_boxes([both, whole.only(alone[0]), other.only(alone[1])])
     order = np.argsort(-whole.score, kind="stable")
     whole = whole.only(order)
-    # Suppression returns boxes alone: an eighth column says which rows are kept.
+    # Suppression returns boxes only: an eighth column identifies the kept rows.
     rows = np.arange(len(whole))
     tagged = Found(np.column_stack([whole.box, rows]), whole.kind, whole.score)
     kept = kept_of_overlapping(tagged, DETECTED_CLASSES)
@@ -115,7 +115,7 @@ def _two_as_one(first: Boxes, second: Boxes, rule: Rule) -> Boxes:
     if not len(first):
         return first
     a, b = _state(first), _state(second)
-    # Detectors take fronts for backs: headings are compared as axes.
+    # Detectors confuse front and back: headings are compared as axes.
     along = a[:, 3] + wrapped(b[:, 3] - a[:, 3], np.pi)
     back = (np.cos(along - b[:, 3]) < 0) & ~second.is_pedestrian
     b[back, 4] *= -1

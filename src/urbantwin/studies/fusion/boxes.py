@@ -1,6 +1,6 @@
-"""Boxes of road users with their motion and its covariance: moved to other frames and times.
+"""Boxes of road users with motion and covariance: transformation to other frames and times.
 
-Road users go on as the filters of `tracking` foresee it, at their speed and rate of turn.
+Motion is predicted as by the filters of `tracking`, with constant speed and yaw rate.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = [
 
 #: A slower road user is static, m/s.
 _SLOWEST_M_S = 0.5
-#: Points this near to a box belong to it, metres.
+#: Margin around a box within which points belong to it, metres.
 _BESIDE_M = 0.15
 
 Floats = NDArray[np.float64]
@@ -31,14 +31,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Road users that a node knows of at one moment.
+    """Road users known to a node at one moment.
 
     Attributes:
         box: (N, 7) centre, length, width, height, yaw, in metres and radians.
         kind: (N,) int64, numbers in ``DETECTED_CLASSES``.
         score: (N,) float64, 0..1.
-        rates: (N, 2) of pedestrians the velocity in x and y, m/s; of others the speed along the
-            heading, m/s, and the rate of turn, rad/s, as `tracking.kalman` has them.
+        rates: (N, 2) for pedestrians the velocity in x and y, m/s; for others the speed along the
+            heading, m/s, and the yaw rate, rad/s, as in `tracking.kalman`.
         covariance: (N, 6, 6) of x, y, z, yaw and the two rates.
     """
 
@@ -53,12 +53,12 @@ class Boxes:
         return len(self.box)
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Boxes:
-        """Return some of them."""
+        """Return selected boxes."""
         return Boxes(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     @property
     def is_pedestrian(self) -> NDArray[np.bool_]:
-        """Which of them (N,) are pedestrians, which step to any side."""
+        """Which boxes (N,) are pedestrians, which can move in any direction."""
         return np.asarray(self.kind == DETECTED_CLASSES.index("pedestrian"))
 
     @property
@@ -102,11 +102,11 @@ def moving_of(boxes: Boxes) -> NDArray[np.bool_]:
 
 
 def advanced_boxes(boxes: Boxes, seconds: float) -> Boxes:
-    """Return boxes some time later, with the covariance that they have then.
+    """Return boxes predicted to a later time, with their covariance.
 
     Args:
-        boxes: in a static frame.
-        seconds: how much later; nothing is moved back.
+        boxes: boxes in a static frame.
+        seconds: time to predict, seconds; not below 0.
     """
     if seconds <= 0 or not len(boxes):
         return boxes
@@ -125,12 +125,12 @@ def advanced_boxes(boxes: Boxes, seconds: float) -> Boxes:
 
 
 def advanced_points(points: Floats, before: Boxes, after: Boxes) -> Floats:
-    """Return points (N, 3) with those in boxes moved as the boxes are.
+    """Return points (N, 3), with those in boxes moved along with the boxes.
 
     Args:
-        points: in the frame of the boxes.
-        before: road users when the points were measured.
-        after: the same ones now.
+        points: points in the boxes' frame.
+        before: road users at the time of the points.
+        after: the same road users now.
     """
     if not len(before) or not len(points):
         return points
@@ -142,15 +142,15 @@ def advanced_points(points: Floats, before: Boxes, after: Boxes) -> Floats:
 
 
 def places_before(places: Floats, before: Boxes, after: Boxes) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return where places (N, 2) of now were then, and which of them (N,) show anything of then.
+    """Return former positions of present ones (N, 2), and which (N,) have valid former content.
 
-    What is in a box now was in the same box then; what was in a box then and is in none now was
-    hidden by the road user, and nothing is known of it.
+    A position in a box now was in the same box before. A position that was in a box and is in none
+    now was occluded by the road user, and is unknown.
 
     Args:
-        places: in the frame of the boxes.
-        before: road users then.
-        after: the same ones now.
+        places: positions in the boxes' frame.
+        before: road users at the former time.
+        after: the same road users now.
     """
     if not len(before):
         return places, np.ones(len(places), bool)
@@ -163,7 +163,7 @@ def places_before(places: Floats, before: Boxes, after: Boxes) -> tuple[Floats, 
 
 
 def _carried(places: Floats, source: Floats, target: Floats) -> Floats:
-    """Return places (N, 2) in boxes (N, 7), each moved as its box is to another (N, 7)."""
+    """Return positions (N, 2) in boxes (N, 7), moved along with the boxes to others (N, 7)."""
     turn = target[:, 6] - source[:, 6]
     c, s = np.cos(turn), np.sin(turn)
     x, y = (places - source[:, :2]).T

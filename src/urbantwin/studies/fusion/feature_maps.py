@@ -1,10 +1,10 @@
-"""Middle fusion: what a detector's encoder knows of pillars, merged before its backbone.
+"""Middle fusion: encoder features of pillars, merged before the detector's backbone.
 
-Every node runs the encoder on its own points, in a lattice of cells about itself: one that lies
-along the site's axes, at whole multiples of a cell as far as the node knows where it is, so that
-the cells of all nodes coincide; or one along its own axes, which the receiver turns into its own.
-Values of one cell from several nodes are merged by their maximum, as the encoder itself merges the
-points of a pillar. No detector has to be trained for that.
+Every node runs the encoder on its own points, in a grid of cells around itself. The grid is either
+aligned with the site's axes, at multiples of the cell size by the node's reported pose, so that the
+cells of all nodes coincide; or with the node's own axes, and is then resampled by the receiver.
+Values of a cell from several nodes are merged by maximum, as the encoder merges the points of a
+pillar. This needs no trained fusion.
 """
 
 from __future__ import annotations
@@ -33,16 +33,15 @@ __all__ = ["Encoded", "chosen_cells", "detected_in_cells", "encoded", "merged", 
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
-    """What a node's encoder makes of the pillars about it.
+    """Encoder output of a node.
 
     Attributes:
-        site_SE3_map: where the frame of the map is in the site: its origin is the node's place,
-            its z axis is up.
+        site_SE3_map: pose of the map's frame in the site: origin at the node, z up.
         grid: the cells, in that frame.
-        cell: (K,) int64 which are occupied, ascending.
-        values: (K, C) float32, none below zero.
-        likely: (K,) 0..1 the whole network's score of a road user there or beside.
-        ground: beneath the points, in that frame.
+        cell: (K,) int64 occupied cells, ascending.
+        values: (K, C) float32, non-negative.
+        likely: (K,) 0..1, the whole network's score of a road user there or in a neighbouring cell.
+        ground: ground below the points, in that frame.
     """
 
     site_SE3_map: Pose  # noqa: N815
@@ -54,18 +53,18 @@ class Encoded:
 
 
 def encoded(model: Model, frame: Frame, site_SE3_frame: Pose, *, along_site: bool) -> Encoded:
-    """Return what a model's encoder makes of a frame.
+    """Return a model's encoder output for a frame.
 
     Args:
         model: a detector.
-        frame: of a node, in its own frame.
-        site_SE3_frame: where that is, as the node knows it.
-        along_site: lay the cells along the site's axes, at whole multiples of their edge.
+        frame: frame of a node, in its own frame of reference.
+        site_SE3_frame: reported pose of that frame of reference.
+        along_site: align cells with the site's axes, at multiples of their edge.
     """
     design = model.design
     place = site_SE3_frame.apply(frame.sensor_places).mean(axis=0)
     yaw = 0.0 if along_site else ypr_from_rotation(site_SE3_frame.rotation)[0]
-    # As in a header: to a millimetre and a microradian.
+    # Same precision as in a header: millimetres and microradians.
     site_SE3_map = Pose.from_ypr(np.rint(place * 1e3) / 1e3, round(yaw, 6))
     level = levelled(
         frame.moved(site_SE3_map.inverse() @ site_SE3_frame),
@@ -92,15 +91,15 @@ def encoded(model: Model, frame: Frame, site_SE3_frame: Pose, *, along_site: boo
 
 
 def chosen_cells(known: Encoded, most: int | None, stride: int) -> FeatureMap:
-    """Return the cells of a map that are sent.
+    """Return the cells of a map to send.
 
-    Cells where the node itself detects road users come first; of cells that are equally likely
-    those with the greatest values.
+    Cells where the node itself detects road users come first; ties are broken by the energy of the
+    values.
 
     Args:
-        known: of the node.
+        known: encoder output of the node.
         most: largest number of cells; all if None.
-        stride: cells along an edge of what is sent; a coarser cell has the greatest values.
+        stride: cells per edge of a sent cell, which has the maxima of its cells.
     """
     grid = known.grid
     cell, values, likely = known.cell, known.values, known.likely
@@ -125,15 +124,15 @@ def warped(
     mine: Encoded,
     moved: tuple[Boxes, Boxes] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the receiver's cells that a map covers: numbers (K,) and values (K, C).
+    """Return the receiver's cells covered by a map: numbers (K,) and values (K, C).
 
-    Each of the receiver's cells has the values of the sender's cell that its middle is in.
+    Each cell gets the values of the sender's cell that contains its centre.
 
     Args:
         sent: the sender's cells.
         site_SE3_map: reported pose of the frame of the sender's map.
-        mine: of the receiver.
-        moved: road users in the site when the sender looked, and now.
+        mine: encoder output of the receiver.
+        moved: road users in the site frame at the sender's time, and now.
     """
     grid = mine.grid
     every = np.arange(grid.cells**2)
@@ -155,7 +154,7 @@ def warped(
 def merged(
     mine: Encoded, others: list[tuple[NDArray[np.int64], NDArray[np.float32]]]
 ) -> NDArray[np.float32]:
-    """Return all cells (cells^2, C) of the receiver: the greatest values of all nodes."""
+    """Return all cells (cells^2, C) of the receiver: the maxima over all nodes."""
     canvas = np.zeros((mine.grid.cells**2, mine.values.shape[1]), np.float32)
     canvas[mine.cell] = mine.values
     for cell, values in others:
@@ -166,13 +165,13 @@ def merged(
 def detected_in_cells(
     model: Model, mine: Encoded, canvas: NDArray[np.float32], least: float
 ) -> Found:
-    """Return what a model finds in merged cells, in the site.
+    """Return a model's detections in merged cells, in the site frame.
 
     Args:
         model: the detector.
-        mine: of the receiver: the cells, and the ground.
+        mine: encoder output of the receiver: cells and ground.
         canvas: see `merged`.
-        least: least score of a box.
+        least: lowest score of a box.
     """
     cells = mine.grid.cells
     with torch.inference_mode():
@@ -186,7 +185,7 @@ def detected_in_cells(
 
 
 def _in_plan(outer_SE3_inner: Pose, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return places (N, 2) in another frame, turned by its heading alone."""
+    """Return positions (N, 2) in another frame, rotated by its heading only."""
     yaw = np.arctan2(outer_SE3_inner.rotation[1, 0], outer_SE3_inner.rotation[0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
     return np.asarray(places @ np.array([[c, s], [-s, c]]) + outer_SE3_inner.translation[:2])
@@ -209,7 +208,7 @@ def _heads(model: Model, canvas: torch.Tensor) -> list[NDArray[np.float32]]:
 
 
 def _likely(heads: list[NDArray[np.float32]], cells: int) -> NDArray[np.float32]:
-    """Return how likely a centre of any class is within a cell of each (cells, cells)."""
+    """Return the probability of a centre of any class within a cell of each cell (cells, cells)."""
     most = np.zeros((cells, cells), np.float32)
     for head in heads:
         likely = 1 / (1 + np.exp(-head[0].astype(np.float64)))

@@ -1,4 +1,4 @@
-"""The pictures of a study: average precision over bits, and over what goes wrong."""
+"""Pictures of a fusion study: average precision over bit rate, and over impairments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.fidelity.report_style import INK, blank, plain, save
 
 __all__ = ["draw_bitrate", "draw_curves", "draw_failure"]
 
-#: Colour, apart also for people who see no red or no green (Okabe and Ito), and mark of each way.
+#: Colour (distinguishable with colour blindness, Okabe and Ito) and marker of each way.
 _WAYS = {"early": ("#0072b2", "o"), "middle": ("#d55e00", "D"), "late": ("#009e73", "v")}
 _ALONE = "#7b8794"
 #: Study and unit -> title of its curve.
@@ -29,10 +29,10 @@ Row = Mapping[str, Any]
 
 
 def draw_bitrate(rows: Sequence[Row], path: Path) -> bool:
-    """Draw mean average precision over bits a second; return whether there was anything to draw.
+    """Draw mean average precision over bit rate; return whether there were data.
 
     Args:
-        rows: of the table.
+        rows: rows of the table.
         path: the PNG.
     """
     mine = [row for row in rows if row["study"] == "bitrate"]
@@ -51,7 +51,7 @@ def draw_bitrate(rows: Sequence[Row], path: Path) -> bool:
         ]
         axes.errorbar(x, y, ends, color=colour, marker=mark, ms=6, ls="", elinewidth=0.6,
                       alpha=0.9, label=way)  # fmt: skip
-        # The points that none with fewer bits is as good as.
+        # Points that are better than all with fewer bits.
         front = [k for k in range(len(some)) if y[k] > max(y[:k], default=-1.0)]
         axes.plot([x[k] for k in front], [y[k] for k in front], color=colour, lw=1.6, alpha=0.6)
     alone = next(row["map"] for row in mine if row["way"] == "alone")

@@ -1,8 +1,8 @@
-"""Detections of a setting judged by the common labels, and the rows of the table.
+"""Evaluation of a setting's detections against the common labels, and the rows of the table.
 
-Classes, roles, matching, average precision and draws of frames are those of `evaluation`. The mean
-is over the detector's classes of which there are objects. An object counts from 5 points of all
-nodes together on, whichever take part in a setting: all settings have the same objects to find.
+Classes, roles, matching, average precision and bootstrap draws of frames are those of `evaluation`.
+The mean is over the detector's classes with objects. An object counts from 5 points of all nodes
+together, regardless of the setting's nodes, so all settings have the same objects.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _WINDOWS = 8
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """How good detections are.
+    """Quality of detections.
 
     Attributes:
         mean: mean average precision by distance of centres (1 m; trucks and buses 2 m), 0..1.
-        draws: (D,) of it, had other frames been drawn.
-        mean_iou: mean average precision at an intersection over union in plan of one half.
+        draws: (D,) bootstrap draws of the mean, over frames.
+        mean_iou: mean average precision at a BEV intersection over union of 0.5.
         by_class: average precision by distance of each class.
-        objects: how many there were to find.
+        objects: number of objects.
     """
 
     mean: float
@@ -64,18 +64,18 @@ class Verdict:
 
 
 class Judge:
-    """The labels of some moments, and what detections are worth by them.
+    """Labels of some moments, for the evaluation of detections.
 
     Args:
-        names: of the moments.
-        time_s: of each.
-        labelled: of each, in the site.
-        places: (M, 2) the receiver's true place at each.
-        within_m: objects and detections farther from it do not count.
-        classes: that the detector tells apart.
+        names: names of the moments.
+        time_s: times of the moments, seconds.
+        labelled: labels of each moment, in the site frame.
+        places: (M, 2) the receiver's true position at each moment, metres.
+        within_m: largest distance from it of objects and detections that count, metres.
+        classes: classes of the detector.
 
     Raises:
-        InputError: there is nothing to find.
+        InputError: no object counts.
     """
 
     def __init__(
@@ -122,12 +122,12 @@ class Judge:
 
     @property
     def objects(self) -> dict[str, int]:
-        """How many there are to find of each class."""
+        """Number of objects of each class."""
         return {name: int((one > 0).sum()) for name, one in self.roles.items()}
 
     @property
     def distinct(self) -> int:
-        """How many different ones these are."""
+        """Number of distinct objects."""
         counted = np.any([one > 0 for one in self.roles.values()], axis=0)
         return len(np.unique(same_objects(self.truth)[counted]))
 
@@ -136,11 +136,11 @@ class Judge:
         found: Sequence[Outcome],
         chosen: NDArray[np.bool_] | None = None,
     ) -> Verdict:
-        """Return how good detections are.
+        """Return the quality of detections.
 
         Args:
-            found: at each moment.
-            chosen: (M,) which of the moments count; all if None.
+            found: results at each moment.
+            chosen: (M,) moments that count; all if None.
         """
         keep = np.ones(len(self.truth.frames), bool) if chosen is None else chosen
         frame = np.repeat(np.arange(len(found)), [len(one.box) for one in found]).astype(np.int64)
@@ -188,12 +188,12 @@ class Judge:
 def rows_of(
     settings: Sequence[Setting], outcomes: Sequence[Sequence[Outcome]], judge: Judge
 ) -> list[dict[str, Any]]:
-    """Return a row for each setting: what it is, what it costs, what its detections are worth.
+    """Return a row per setting: parameters, cost, and quality of its detections.
 
     Args:
-        settings: the receiver alone is among them.
-        outcomes: of each setting at each moment.
-        judge: of these moments.
+        settings: the settings, including the receiver alone.
+        outcomes: results of each setting at each moment.
+        judge: labels of these moments.
     """
     known: dict[tuple[object, ...], Verdict] = {}
     for setting, found in zip(settings, outcomes, strict=True):
@@ -234,13 +234,13 @@ def rows_of_failure(
     judge: Judge,
     time_s: NDArray[np.float64],
 ) -> list[dict[str, Any]]:
-    """Return average precision in parts of the time, where a node falls silent.
+    """Return average precision in intervals of time, for the study of node failure.
 
     Args:
-        settings: all of the study.
-        outcomes: of each setting at each moment.
-        judge: of these moments.
-        time_s: (M,) of the moments.
+        settings: all settings of the study.
+        outcomes: results of each setting at each moment.
+        judge: labels of these moments.
+        time_s: (M,) times of the moments, seconds.
     """
     windows = min(_WINDOWS, len(time_s))
     part = np.arange(len(time_s)) * windows // max(len(time_s), 1)
@@ -264,6 +264,6 @@ def _percent(share: float) -> float | None:
 
 
 def _ends(name: str, draws: NDArray[np.float64]) -> dict[str, float | None]:
-    """Return the middle 95 % of draws, in per cent."""
+    """Return the middle 95 % of draws, percent."""
     low, high = interval(draws) or (np.nan, np.nan)
     return {f"{name}_low": _percent(low), f"{name}_high": _percent(high)}

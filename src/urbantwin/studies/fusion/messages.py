@@ -1,11 +1,11 @@
-"""Messages between nodes: quantised integers in packets, and the bytes that these take.
+"""Messages between nodes: quantised integers in packets, and their size in bytes.
 
-A cloud is the set of occupied cells of a cubic lattice, features are levels of each channel in even
-steps up to its greatest value, boxes are fixed-point numbers. Every packet holds as many rows as
-fit and can be decoded without the others: its integers column by column, each by the significance
-of its bytes, packed by Zstandard (RFC 8878, level 19, without magic number and checksum), behind a
-header. The packing is lossless, so receivers here take the integers as they are; the bytes are
-packed to be counted.
+A cloud is the set of occupied cells of a cubic lattice; features are quantised per channel in even
+steps up to the channel's maximum; boxes are fixed-point numbers. Every packet holds as many rows as
+fit and can be decoded independently: a header, then its integers column by column, byte plane by
+byte plane, compressed by Zstandard (RFC 8878, level 19, without magic number and checksum).
+Compression is lossless, so receivers here use the integers directly; packets are compressed only to
+count bytes.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ __all__ = [
     "quantised_features", "reported_pose", "sent",
 ]  # fmt: skip
 
-#: Version, kind, node, frame, packet of how many, time stamp, pose, length, checksum, reserve.
+#: Version, kind, node, frame, packet number and count, time stamp, pose, length, checksum, reserve.
 HEADER_BYTES = 58
-#: A packet whose first guess is too full is tried again with this share of what would fit.
+#: Factor on the estimated number of rows when a packet was too large.
 _SHRINK = 0.97
-#: Cells of a cloud are numbered block by block, so that a packet holds one part of the scene.
+#: Cells of a cloud are numbered block by block, so that a packet covers one part of the scene.
 _BLOCK = 16
 #: Codes of a channel's greatest value: 2 to the power of (code - 128) / 16; 0 for zero everywhere.
 _MIDDLE, _STEPS = 128, 16.0
 #: Integers of a turn of half a circle.
 _TURN = 32768 / np.pi
-#: Standard deviations where covariance is not sent: place and height, m; yaw, rad; speed, m/s;
-#: rate of turn, rad/s (of pedestrians the second component of the velocity, m/s).
+#: Default standard deviations if covariance is not sent: position and height, m; yaw, rad; speed,
+#: m/s; yaw rate, rad/s (for pedestrians the second component of the velocity, m/s).
 _PLACE_M, _HEIGHT_M, _YAW, _SPEED_M_S, _TURNS = 0.5, 0.3, 0.3, 5.0, 1.0
 
 Rows = NDArray[Any]
@@ -69,14 +69,14 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """Some cells of a square grid with a network's features of them.
+    """Some cells of a square grid, with a network's features.
 
     Attributes:
-        x, y: of the grid's south-western corner, metres.
-        cell_m: edge of a cell.
-        cells: along each side.
+        x, y: south-western corner of the grid, metres.
+        cell_m: edge of a cell, metres.
+        cells: number of cells along each side.
         cell: (K,) int64 numbers of the cells, row by row from the south-west, ascending.
-        values: (K, C) float32, none below zero.
+        values: (K, C) float32, non-negative.
     """
 
     x: float
@@ -94,14 +94,14 @@ class FeatureMap:
 
 @dataclass(frozen=True, eq=False)
 class Sent(Generic[Content]):
-    """One frame of a node in packets.
+    """A frame of a node in packets.
 
     Attributes:
-        content: as receivers restore it, in the frame of the message.
-        packet: (N,) packet that each row of it is in.
+        content: content as restored by receivers, in the message's frame.
+        packet: (N,) packet of each row.
         sizes: (P,) bytes of the packets, headers included.
-        site_SE3_content: pose of the frame of the message, as the node reports it.
-        stamp_s: when the frame was taken by the node's clock, seconds.
+        site_SE3_content: pose of the message's frame, as reported by the node.
+        stamp_s: time of the frame by the node's clock, seconds.
     """
 
     content: Content
@@ -117,7 +117,7 @@ class Sent(Generic[Content]):
 
 
 def reported_pose(pose: Pose) -> Pose:
-    """Return a pose as a header has it: to a millimetre and a microradian."""
+    """Return a pose at the precision of a header: millimetres and microradians."""
     angles = np.round(ypr_from_rotation(pose.rotation), 6)
     return Pose(rotation_from_ypr(*angles), np.round(pose.translation, 3))
 
@@ -125,17 +125,17 @@ def reported_pose(pose: Pose) -> Pose:
 def sent(
     quantised: tuple[Content, Rows, int], mtu: int, site_SE3_content: Pose, stamp_s: float
 ) -> Sent[Content]:
-    """Return a frame in packets.
+    """Return a frame divided into packets.
 
     Args:
-        quantised: the content as it is restored, its integers (N,) and the bytes that each packet
-            needs beside them: what `quantised_cloud` and its like return.
+        quantised: the restored content, its integers (N,), and the additional bytes of each packet,
+            as from `quantised_cloud`.
         mtu: largest size of a packet, bytes.
         site_SE3_content: reported pose of the frame of the content.
-        stamp_s: the node's clock; sent in microseconds.
+        stamp_s: time by the node's clock, seconds; sent in microseconds.
 
     Raises:
-        InputError: not even one row fits into a packet.
+        InputError: a single row does not fit into a packet.
     """
     content, rows, about = quantised
     room = mtu - HEADER_BYTES - about
@@ -160,9 +160,9 @@ def sent(
 
 
 def _packed_size(rows: Rows) -> int:
-    """Return the bytes of rows (N,): packed, or plain where that is shorter.
+    """Return the size of rows (N,), bytes: compressed, or raw if smaller.
 
-    Of levels, which are mostly zero, it is packed which are not, and then these.
+    For feature levels, which are mostly zero, a bit mask of non-zero levels is followed by these.
     """
     names, parts = rows.dtype.names or (), []
     if "key" in names:
@@ -187,11 +187,11 @@ def _packer() -> zstandard.ZstdCompressor:
 
 
 def quantised_cloud(points: Points, edge_m: float) -> tuple[Points, Rows, int]:
-    """Return the middles of the occupied cells with mean intensities, and their integers.
+    """Return the centres of occupied cells with mean intensities, and their integers.
 
     Args:
-        points: in the frame of the message.
-        edge_m: of a cell; no point is farther from its middle than half the diagonal.
+        points: points in the message's frame.
+        edge_m: edge of a cell, metres; no point is farther from its centre than half the diagonal.
     """
     form = [("key", "<u8")] + ([] if points.intensity is None else [("intensity", "u1")])
     about = 4 * 8  # the edge, the lowest cell, the number of blocks along each axis, the count
@@ -218,14 +218,14 @@ def quantised_cloud(points: Points, edge_m: float) -> tuple[Points, Rows, int]:
 def quantised_features(
     features: FeatureMap, bits: int, channels: int
 ) -> tuple[FeatureMap, Rows, int]:
-    """Return a map with the values that its levels stand for, and its integers.
+    """Return a map with quantised values, and its integers.
 
-    A level is at most half a step off; channels that are not sent are zero.
+    The quantisation error is at most half a step; channels that are not sent are zero.
 
     Args:
-        features: in the frame of the message.
-        bits: of a level, 1 to 8.
-        channels: number that is sent: those with most energy (sum of squares) in this frame.
+        features: map in the message's frame.
+        bits: bits per level, 1 to 8.
+        channels: number of channels to send: those with most energy (sum of squares) in this frame.
     """
     values = features.values
     energy = (values.astype(np.float64) ** 2).sum(axis=0)
@@ -240,7 +240,7 @@ def quantised_features(
     rows["level"] = np.rint(np.clip(share, 0, 2**bits - 1))
     restored = np.zeros_like(values)
     restored[:, which] = rows["level"] * step
-    # The grid, and of each channel its greatest value, and its number where some are left out.
+    # The grid, each channel's maximum, and channel numbers if some are omitted.
     about = 20 + len(which) * (1 if len(which) == values.shape[1] else 3)
     grid = features.x, features.y, features.cell_m, features.cells
     return FeatureMap(*grid, features.cell, restored), rows, about
@@ -249,15 +249,15 @@ def quantised_features(
 def quantised_boxes(
     boxes: Boxes, *, motion: bool = True, covariance: bool = True
 ) -> tuple[Boxes, Rows, int]:
-    """Return boxes as their integers have them, and these: 16 bytes a box, up to 34.
+    """Return quantised boxes and their integers, 16 to 34 bytes per box.
 
-    Places and sizes are in centimetres, yaw in 2 pi / 65536, scores in 255ths. Where motion is not
-    sent, boxes are at rest; where covariance is not sent, it is a usual one.
+    Positions and sizes are in centimetres, yaw in 2 pi / 65536, scores in 1/255. Without motion,
+    boxes are at rest; without covariance, a default is assumed.
 
     Args:
-        boxes: in the frame of the message, at most 327 m from its origin.
-        motion: send the rates: cm/s, of a rate of turn mrad/s.
-        covariance: send of x and y the covariance, of z, yaw and rates the variances (float16).
+        boxes: boxes in the message's frame, at most 327 m from its origin.
+        motion: send rates: cm/s, yaw rates in mrad/s.
+        covariance: send the covariance of x and y, and the variances of z, yaw and rates (float16).
     """
     form: list[Any] = [("kind", "u1"), ("score", "u1"), ("place", "<i2", 3), ("size", "<u2", 3),
                        ("yaw", "<i2")]  # fmt: skip

@@ -1,7 +1,7 @@
-"""The nodes of a study: when and from where each looked, and the common labels.
+"""Nodes of a fusion study: times and poses of their frames, and the common labels.
 
-They come from a fleet (``urbantwin record --nodes``), or from datasets of one motion: one for each
-node, or the datasets of each sensor that ``urbantwin record --separate`` writes.
+They come from a fleet (``urbantwin record --nodes``), or from datasets of one motion: one per node,
+or the datasets of each sensor written by ``urbantwin record --separate``.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from urbantwin.geometry import Pose
 __all__ = ["Labelled", "Look", "Node", "Nodes", "open_nodes"]
 
 _EXPECTED = "a fleet, datasets of one motion, or what `urbantwin record --separate` wrote"
-#: Decimals of a second to which the times of frames of one moment agree.
+#: Decimals to which times of simultaneous frames agree, seconds.
 _SAME = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """One frame of one node.
+    """A frame of a node.
 
     Attributes:
-        name: of the frame in its recording.
-        time_s: when it was taken, seconds of the motion.
-        clock_s: what the node's clock said then.
-        done_s: when the node had all of it.
-        arrival_s: when the others have it, by the radio that was recorded; None: it was lost.
-        true: where the frame of its points was in the site.
-        reported: the same as the node believes.
+        name: name of the frame in its recording.
+        time_s: time of the frame, seconds of the motion.
+        clock_s: time by the node's clock, seconds.
+        done_s: time when the frame is complete, seconds.
+        arrival_s: time of arrival by the recorded radio, seconds; None if lost.
+        true: true pose of the points' frame in the site.
+        reported: reported pose of the points' frame in the site.
     """
 
     name: str
@@ -55,14 +55,14 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One node.
+    """A node.
 
     Attributes:
-        name: of it.
-        number: in messages; its place in the list.
-        folder: of its dataset.
-        looks: its frames by the number of the moment.
-        track: of the actor that carries it; None where it stands.
+        name: name of the node.
+        number: number in messages, its index in the list.
+        folder: folder of its dataset.
+        looks: its frames, by number of the moment.
+        track: track of its carrier; None if static.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Node:
 
     @cached_property
     def rate_hz(self) -> float:
-        """How many frames a second it takes."""
+        """Frames per second."""
         times = sorted(look.time_s for look in self.looks.values())
         return 1.0 / float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
@@ -87,10 +87,10 @@ class Node:
         return {name: number for number, name in enumerate(self.recording.names)}
 
     def frame(self, moment: int) -> Frame:
-        """Read the points of a moment, in the node's own frame.
+        """Return the frame of a moment, in the node's own frame of reference.
 
         Raises:
-            InputError: its file is missing or bad.
+            InputError: its file is missing or damaged.
         """
         name = self.looks[moment].name
         if name not in self._numbers:
@@ -100,14 +100,14 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled road users at one moment, in the site.
+    """Labelled road users at one moment, in the site frame.
 
     Attributes:
-        box: (L, 7).
+        box: (L, 7) boxes.
         class_names: (L,) classes of actors.
-        track: (L,) int64.
+        track: (L,) int64 tracks.
         num_points: (L,) int64 points of all nodes together.
-        ignored: (L,) why each neither helps nor hurts; empty where it counts.
+        ignored: (L,) reason why a box does not count, or empty.
     """
 
     box: NDArray[np.float64]
@@ -122,10 +122,10 @@ class Nodes:
     """The nodes of a study.
 
     Attributes:
-        nodes: the receiver first.
-        times_s: (K,) of all moments, seconds of the motion.
-        names: (K,) of them.
-        labels: returns the labels of a moment, with the points of some nodes.
+        nodes: the nodes; the receiver first.
+        times_s: (K,) times of all moments, seconds of the motion.
+        names: (K,) names of the moments.
+        labels: function that returns the labels of a moment, with the points of given nodes.
     """
 
     nodes: tuple[Node, ...]
@@ -139,10 +139,10 @@ class Nodes:
         return self.nodes[0]
 
     def labelled(self, moment: int) -> Labelled:
-        """Return the labels of a moment, with the points that all nodes have on each.
+        """Return the labels of a moment, with the points of all nodes on each.
 
         Raises:
-            InputError: a table of labels is missing or bad.
+            InputError: a table of labels is missing or damaged.
         """
         found, ego = self.labels(moment, self.nodes), self.ego
         ignored = tuple(
@@ -158,12 +158,12 @@ def open_nodes(
     """Open the nodes of a study.
 
     Args:
-        paths: a fleet, a folder of datasets, or a dataset for each node.
-        ego: name of the receiver; the first node when None.
-        only: names of the nodes that take part, in the order in which they are added; all if None.
+        paths: a fleet, a folder of datasets, or one dataset per node.
+        ego: name of the receiver; the first node if None.
+        only: names of the participating nodes, in the order of adding; all if None.
 
     Raises:
-        InputError: there are not two nodes of one motion, or one is unknown.
+        InputError: fewer than two nodes of one motion, or an unknown node.
     """
     if len(paths) == 1 and (paths[0] / "fleet.json").is_file():
         every = _of_fleet(paths[0])
@@ -238,7 +238,7 @@ def _of_datasets(folders: Mapping[str, Path]) -> Nodes:
 
 
 def _true_poses(dataset: Dataset) -> dict[str, Pose]:
-    """Return the true poses of frames on a vehicle, by name: that of the vehicle gives them."""
+    """Return the true poses of frames on a vehicle, by name, from those of the vehicle."""
     poses, found = frame_poses(dataset.manifest), {}
     for row in dataset.poses.to_pylist():
         name = str(row["frame"])
@@ -249,9 +249,9 @@ def _true_poses(dataset: Dataset) -> dict[str, Pose]:
 
 
 def _labels_of_datasets(moment: int, nodes: Sequence[Node]) -> Labelled:
-    """Return the labels of all datasets together: of each object the box with most points.
+    """Return the labels of all datasets together: the box with most points of each object.
 
-    An object that counts for one node counts.
+    An object counts if it counts for one node.
     """
     rows: dict[int, tuple[int, int, NDArray[np.float64], str, str]] = {}
     for node in nodes:

@@ -1,4 +1,4 @@
-"""What a study compares: how nodes share what they see, over which channel, and how many do."""
+"""Settings of a fusion study: shared data, channel, and number of nodes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from urbantwin.studies.fusion.channel import Channel
 
 __all__ = ["STUDIES", "Alone", "Early", "How", "Late", "Middle", "Setting", "settings_of"]
 
-#: What may be studied, in the order of the report.
+#: Studies, in the order of the report.
 STUDIES = ("bitrate", "latency", "clock", "pose", "loss", "nodes", "failure")
 
 
 @dataclass(frozen=True)
 class Alone:
-    """The receiver's own points and nothing else."""
+    """No sharing: the receiver's own points only."""
 
     name: str = "alone"
     told: str = "alone"
@@ -25,7 +25,7 @@ class Alone:
 
 @dataclass(frozen=True)
 class Early:
-    """Clouds are sent, as cubic cells with an edge of ``edge_m`` metres."""
+    """Early fusion: clouds are sent, as cubic cells with an edge of ``edge_m`` metres."""
 
     edge_m: float = 0.1
     name: str = "early"
@@ -38,14 +38,14 @@ class Early:
 
 @dataclass(frozen=True)
 class Middle:
-    """The encoder's features of pillars are sent.
+    """Middle fusion: the encoder's features of pillars are sent.
 
     Attributes:
         cells: largest number of cells; all if None.
-        bits: of a value.
+        bits: bits per value.
         channels: number of channels, those with most energy; all if None.
-        stride: cells along an edge of what is sent.
-        along_site: cells lie along the site's axes; else along the node's.
+        stride: cells per edge of a sent cell.
+        along_site: whether cells are aligned with the site's axes, otherwise with the node's.
     """
 
     cells: int | None = 4000
@@ -68,13 +68,13 @@ class Middle:
 
 @dataclass(frozen=True)
 class Late:
-    """Boxes are sent.
+    """Late fusion: boxes are sent.
 
     Attributes:
-        least: least score of a box.
-        motion: send speeds and rates of turn.
+        least: lowest score of a box.
+        motion: send speeds and yaw rates.
         covariance: send the covariance.
-        rule: how two boxes become one.
+        rule: rule to fuse two boxes.
         every: send every n-th frame.
     """
 
@@ -105,12 +105,12 @@ class Setting:
 
     Attributes:
         study: one of `STUDIES`.
-        how: what is shared.
-        value: along the study's axis; None where the axis is what is measured (bits, time).
-        unit: of the value.
-        channel: between the nodes.
-        nodes: how many take part, the receiver included; all if None.
-        aligned: what is old is moved to where it would be now.
+        how: shared data.
+        value: value on the study's axis; None if the axis is measured (bits, time).
+        unit: unit of the value.
+        channel: channel between the nodes.
+        nodes: number of nodes, including the receiver; all if None.
+        aligned: whether old data are predicted to the present time.
     """
 
     study: str
@@ -123,14 +123,14 @@ class Setting:
 
     @property
     def work(self) -> tuple[object, ...]:
-        """What decides the detections: settings with the same work are computed once."""
+        """Parameters that determine the detections: settings with equal ones are computed once."""
         return (self.how, self.channel, self.nodes, self.aligned)
 
 
-#: What each way shares where something else than bits is studied.
+#: Shared data of each way in studies other than of bit rate.
 _WAYS: tuple[How, ...] = (Early(), Middle(), Late())
-#: What is studied by a field of the channel: study, unit, field, values from 0 on, whether with
-#: temporal alignment, too.
+#: Studies of a field of the channel: study, unit, field, values after 0, and whether temporal
+#: alignment is also tested.
 _SWEPT = (
     ("latency", "s", "latency_s", (0.1, 0.2, 0.5, 1.0), True),
     ("clock", "s", "clock_error_s", (0.05, 0.1, 0.2, 0.5), True),
@@ -138,7 +138,7 @@ _SWEPT = (
     ("pose", "deg", "yaw_error_deg", (0.2, 0.5, 1.0, 2.0), False),
     ("loss", "share", "loss", (0.01, 0.05, 0.1, 0.2, 0.5), False),
 )
-#: Latency at which clocks are studied: without one, nothing is moved by its stamp.
+#: Latency in the study of clocks, seconds: without latency, time stamps have no effect.
 _CLOCK_LATENCY_S = 0.2
 _BITRATE: tuple[How, ...] = (
     *(Early(edge) for edge in (0.05, 0.1, 0.2, 0.4, 0.8)),
@@ -159,13 +159,13 @@ _BITRATE: tuple[How, ...] = (
 def settings_of(
     studies: Sequence[str], nodes: int, *, fails_from_s: float, last: int
 ) -> list[Setting]:
-    """Return the settings of studies, those of every study with the receiver alone first.
+    """Return the settings of studies; for each study the receiver alone comes first.
 
     Args:
-        studies: of `STUDIES`.
-        nodes: how many there are.
-        fails_from_s: when a node falls silent, where that is studied.
-        last: number of the node that does.
+        studies: names in `STUDIES`.
+        nodes: number of nodes.
+        fails_from_s: time of a node's failure, if studied, seconds.
+        last: number of the failing node.
 
     Raises:
         InputError: a study is unknown.

@@ -1,7 +1,7 @@
-"""The course of a study: what nodes detect alone, then every setting at every moment.
+"""Course of a fusion study: detections of nodes alone, then every setting at every moment.
 
-Moments are independent of each other, so any number of processes works at them. Files of what is
-done stay in a folder, from which an interrupted study goes on.
+Moments are independent, so any number of processes can work on them. Results stay in a folder, from
+which an interrupted study continues.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from urbantwin.studies.fusion.trial import Outcome, Trial
 
 __all__ = ["Plan", "chosen_moments", "outcomes_of", "places_of", "seconds_needed"]
 
-#: Time after the first frame from which on detections are judged: messages may be late.
+#: Time after the first frame before detections are evaluated, since messages may be late, seconds.
 _WARM_UP_S = 1.0
-#: Least score of a box.
+#: Lowest score of a box.
 _LEAST = 0.05
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done.
+    """Plan of a study.
 
     Attributes:
         model: folder of the detector.
-        paths: of the nodes, see `open_nodes`.
-        ego: the receiver's name.
-        only: names of the nodes that take part.
-        settings: to compare.
-        moments: at which.
+        paths: paths of the nodes, see `open_nodes`.
+        ego: name of the receiver.
+        only: names of the participating nodes.
+        settings: settings to compare.
+        moments: moments to evaluate.
         mtu: largest size of a packet, bytes.
-        seed: of all random numbers.
+        seed: random seed.
     """
 
     model: Path
@@ -65,14 +65,14 @@ class Plan:
 
 
 def chosen_moments(nodes: Nodes, frames: int) -> tuple[int, ...]:
-    """Return moments at which the receiver has a frame, evenly spaced, as many as there are to be.
+    """Return evenly spaced moments with a frame of the receiver, at most ``frames``.
 
     Args:
-        nodes: the receiver first.
+        nodes: the nodes; the receiver first.
         frames: largest number of moments.
 
     Raises:
-        InputError: the receiver has none.
+        InputError: the receiver has no such frame.
     """
     begin = min(look.time_s for node in nodes.nodes for look in node.looks.values())
     there = [
@@ -93,16 +93,16 @@ def chosen_moments(nodes: Nodes, frames: int) -> tuple[int, ...]:
 def outcomes_of(
     plan: Plan, folder: Path, workers: int, tell: Progress = untold
 ) -> list[list[Outcome]]:
-    """Return what became of every setting (outer) at every moment (inner).
+    """Return the result of every setting (outer) at every moment (inner).
 
     Args:
-        plan: what is to be done.
-        folder: that keeps what is done.
-        workers: processes.
-        tell: how far it is.
+        plan: plan of the study.
+        folder: folder of stored results.
+        workers: number of processes.
+        tell: called with the fraction done and a description.
 
     Raises:
-        InputError: a file is bad.
+        InputError: a file is damaged.
         StageError: a worker was killed.
     """
     desk = _Desk(plan, folder)
@@ -121,31 +121,31 @@ def outcomes_of(
 
 
 def seconds_needed(plan: Plan, workers: int) -> float:
-    """Return about how long a study takes on this machine: a few of its steps are done and timed.
+    """Return the estimated time of a study on this machine, seconds, by timing a few steps.
 
     Args:
-        plan: what is to be done.
-        workers: processes.
+        plan: plan of the study.
+        workers: number of processes.
     """
     desk = _Desk(plan, Path())
     ego = desk.nodes.ego
     frame = ego.frame(plan.moments[0])
     times = []
     with _one_thread():
-        for _ in range(3):  # in the first one code is compiled
+        for _ in range(3):  # the first call compiles code
             began = time.monotonic()
             detected_by(desk.model, frame, _LEAST)
             times.append(time.monotonic() - began)
     each = min(times)
     works = {one.work for one in plan.settings if one.how.name in ("early", "middle")}
     looks = sum(len(node.looks) for node in desk.nodes.nodes)
-    # A moment also encodes one frame of every node, and two more that are late.
+    # A moment also encodes one frame of every node, and two late ones.
     moment = 1.15 * len(works) + 3 * len(desk.nodes.nodes)
     return each * (looks + moment * len(plan.moments)) / workers
 
 
 class _Desk:
-    """What a process works with."""
+    """Working data of a process."""
 
     def __init__(self, plan: Plan, folder: Path) -> None:
         self.plan, self.folder = plan, folder
@@ -160,7 +160,7 @@ class _Desk:
 
     @cached_property
     def trial(self) -> Trial:
-        """Settings at moments; what every node detects alone must be written before."""
+        """Trials of settings; the detections of every node alone must have been written."""
         seen = {node.number: self._going(node) for node in self.nodes.nodes}
         plan = self.plan
         return Trial(self.model, self.nodes, seen, mtu=plan.mtu, seed=plan.seed, least=_LEAST)
@@ -206,7 +206,7 @@ def _write(path: Path, **arrays: NDArray[Any]) -> None:
 
 
 def _read(path: Path) -> list[Outcome]:
-    """Read the outcomes of one moment."""
+    """Return the results of a moment from a file."""
     with np.load(path) as arrays:
         ends = np.cumsum(arrays["count"])[:-1]
         parts = [np.split(arrays[name], ends) for name in ("box", "kind", "score")]
@@ -221,9 +221,9 @@ _Work = Callable[..., None]
 def _workers(
     plan: Plan, folder: Path, workers: int
 ) -> Iterator[Callable[[_Work, Sequence[tuple[int, ...]]], Iterator[None]]]:
-    """Yield what does tasks and yields after each, in this process or in several.
+    """Yield a function that runs tasks and yields after each, in this process or in several.
 
-    Every process calculates with one thread: so the same bytes come whatever their number.
+    Every process uses one thread, so the bytes do not depend on their number.
     """
     if workers == 1:
         with _one_thread():
@@ -282,11 +282,11 @@ def _try(moment: int) -> None:
 
 
 def places_of(nodes: Nodes, moments: Sequence[int]) -> NDArray[np.float64]:
-    """Return the receiver's true place (M, 2) at moments: the middle of its sensors.
+    """Return the receiver's true positions (M, 2) at moments: the mean of its sensors, metres.
 
     Args:
-        nodes: the receiver first.
-        moments: of its frames.
+        nodes: the nodes; the receiver first.
+        moments: moments of its frames.
     """
     ego = nodes.ego
     found = [

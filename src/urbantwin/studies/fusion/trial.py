@@ -1,4 +1,4 @@
-"""One moment under every setting: what is sent, what comes, and what the receiver then detects."""
+"""Trial of one moment under every setting: transmission, reception, and detection."""
 
 from __future__ import annotations
 
@@ -50,22 +50,22 @@ from urbantwin.studies.fusion.setting import Alone, Early, How, Late, Middle, Se
 __all__ = ["Outcome", "Trial"]
 
 _Made = TypeVar("_Made")
-#: Road users that move, in the site: when their node looked, and now.
+#: Moving road users in the site frame: at the node's frame time, and now.
 _Moved = tuple[Boxes, Boxes] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a setting at one moment.
+    """Result of a setting at one moment.
 
     Attributes:
-        box: (N, 7) detected, in the site.
+        box: (N, 7) detected boxes, in the site frame.
         kind: (N,) numbers in ``DETECTED_CLASSES``.
         score: (N,) 0..1.
-        bits: of all messages that the receiver used, as they were sent.
-        bits_s: of them a second, as every node sends at its own rate.
+        bits: bits of all messages used by the receiver, as sent.
+        bits_s: bits per second, with each node at its own rate.
         packets: number of their packets.
-        age_s: of the frames that were used, the mean of the nodes; NaN where there was none.
+        age_s: mean age of the used frames over the nodes, seconds; NaN without any.
     """
 
     box: NDArray[np.float64]
@@ -78,15 +78,15 @@ class Outcome:
 
 
 class Trial:
-    """Settings at moments.
+    """Trials of settings at moments.
 
     Args:
         model: the detector.
-        nodes: the receiver first.
-        seen: what each node detects alone, by its number and the moment, in its local frame.
+        nodes: the nodes; the receiver first.
+        seen: detections of each node alone, by its number and the moment, in its local frame.
         mtu: largest size of a packet, bytes.
-        seed: of all random numbers.
-        least: least score of a box.
+        seed: random seed.
+        least: lowest score of a box.
     """
 
     def __init__(
@@ -104,10 +104,10 @@ class Trial:
         self._made: dict[tuple[object, ...], Any] = {}
 
     def outcomes(self, moment: int, settings: Sequence[Setting]) -> list[Outcome]:
-        """Return what becomes of each setting at a moment at which the receiver has a frame.
+        """Return the result of each setting at a moment with a frame of the receiver.
 
         Raises:
-            InputError: a file of a frame is bad, or packets are too small.
+            InputError: a file of a frame is damaged, or packets are too small.
         """
         self._made.clear()
         done: dict[tuple[object, ...], Outcome] = {}
@@ -128,7 +128,7 @@ class Trial:
             found = self._middle(moment, came)
         else:
             found = fused_boxes([self._own(moment), *self._late(moment, came, setting)], how.rule)
-        # Judged where the receiver is, not where it believes to be.
+        # Evaluated at the receiver's true pose, not at the reported one.
         boxes = moved_boxes(found, look.true @ look.reported.inverse())
         every = how.every if isinstance(how, Late) else 1
         return Outcome(
@@ -144,9 +144,9 @@ class Trial:
     def _received(
         self, moment: int, setting: Setting, used: list[tuple[Node, Sent[Any], float]]
     ) -> Iterator[tuple[Sent[Any], _Moved]]:
-        """Yield what comes of every other node, and the road users that it says move.
+        """Yield the received message of every other node, and its moving road users.
 
-        Messages, their nodes and ages are added to ``used``, whether their packets come or not.
+        All messages, with nodes and ages, are added to ``used``, whether received or not.
         """
         how, ego, channel = setting.how, self._nodes.ego, setting.channel
         for node in () if isinstance(how, Alone) else self._nodes.nodes[1 : setting.nodes]:
@@ -232,7 +232,7 @@ class Trial:
         return self._kept(("sent", node.number, at, how), make)
 
     def _cloud(self, node: Node, at: int) -> Points:
-        """Return the points of a node, in its local frame, that the detector looks at."""
+        """Return a node's points within the detector's range, in its local frame."""
         frame, design = self._frame(node, at), self._model.design
         local_SE3_frame = local_pose(frame, node.looks[at])[0].inverse()
         kept = levelled(frame, design.range_m).kept
@@ -263,13 +263,13 @@ class Trial:
         return local_pose(self._frame(node, at), node.looks[at])[1]
 
     def _of_model(self, found: Found) -> Boxes:
-        """Return what a model detects with the numbers of ``DETECTED_CLASSES``."""
+        """Return a model's detections, with class numbers of ``DETECTED_CLASSES``."""
         names = self._model.design.classes
         number = np.array([DETECTED_CLASSES.index(one) for one in names], np.int64)
         return standing_boxes(found.box, number[found.number], found.score)
 
     def _kept(self, key: tuple[object, ...], make: Callable[[], _Made]) -> _Made:
-        """Return what was made for a key at this moment, or make it."""
+        """Return the cached value of a key at this moment, or compute it."""
         if key not in self._made:
             self._made[key] = make()
         kept: _Made = self._made[key]

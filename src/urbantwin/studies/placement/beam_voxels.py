@@ -1,9 +1,9 @@
-"""Voxels where traffic may be, and which of them the beams of a sensor pass.
+"""Voxels of the traffic, and which of them a sensor's beams cross.
 
 The probabilistic occupancy grid of Hu et al. 2022 (CVPR, "Investigating the Impact of Multi-LiDAR
-Placement on Object Detection for Autonomous Driving"): how often each voxel is occupied in the
-course of the traffic. What beams tell of a voxel that they pass is the entropy of that. Here beams
-end where they meet the static world, as roadside sensors' do.
+Placement on Object Detection for Autonomous Driving"): the frequency of occupation of each voxel by
+traffic, whose entropy is the information gained by a beam that crosses it. Here beams end at the
+static world, as those of roadside sensors do.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ __all__ = ["Voxels", "occupied_voxels", "passed_voxels"]
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """V voxels whose occupancy is not certain.
+    """V voxels with uncertain occupancy.
 
     Attributes:
-        low: (3,) corner of the grid, site frame.
-        edge_m: of a voxel.
-        number: (nx, ny, nz) int32, number of each voxel; -1 where it is never occupied, or always.
+        low: (3,) corner of the grid, site frame, metres.
+        edge_m: edge of a voxel, metres.
+        number: (nx, ny, nz) int32, number of each voxel; -1 if never or always occupied.
         entropy: (V,) float64, nats.
     """
 
@@ -37,14 +37,14 @@ class Voxels:
 
 
 def occupied_voxels(targets: Targets, moments: int, edge_m: float) -> Voxels:
-    """Return the voxels that the boxes of actors occupy now and then.
+    """Return the voxels that the boxes of actors occupy at times.
 
-    A voxel is occupied when its middle lies in a box.
+    A voxel is occupied if its centre is in a box.
 
     Args:
         targets: boxes of actors.
         moments: number of moments.
-        edge_m: of a voxel.
+        edge_m: edge of a voxel, metres.
     """
     reach = np.hypot(targets.size[:, 0], targets.size[:, 1])[:, None] / 2
     half = np.column_stack([reach, reach, targets.size[:, 2] / 2])
@@ -82,13 +82,13 @@ def passed_voxels(
     directions: NDArray[np.float64],
     reach_m: NDArray[np.floating],
 ) -> NDArray[np.bool_]:
-    """Return which voxels (V,) beams pass (Amanatides and Woo 1987, Eurographics).
+    """Return which voxels (V,) beams cross (Amanatides and Woo 1987, Eurographics).
 
     Args:
-        voxels: of the traffic.
-        origin: (3,) of the beams, site frame.
+        voxels: voxels of the traffic.
+        origin: (3,) origin of the beams, site frame.
         directions: (N, 3) unit vectors, site frame.
-        reach_m: (N,) where each ends.
+        reach_m: (N,) length of each beam, metres.
     """
     passed = np.zeros(len(voxels.entropy), np.bool_)
     start = (np.asarray(origin, np.float64) - voxels.low) / voxels.edge_m
@@ -99,7 +99,7 @@ def passed_voxels(
 
 @per_block
 def _pass(number, start, directions, reach, passed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0912
-    """Mark what rays pass; everything is counted in voxels."""
+    """Mark the voxels crossed by rays; all lengths are in voxels."""
     shape = number.shape
     cell = np.empty(3, np.int64)
     edge, per_cell = np.empty(3), np.empty(3)

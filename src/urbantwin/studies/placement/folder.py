@@ -1,4 +1,4 @@
-"""The folder of a placement: tables, rigs and manifest, written and read again."""
+"""Folder of a placement: tables, rigs and manifest, written and read."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 __all__ = ["check_placement", "layout_name", "read_layouts", "write_placement", "write_rig"]
 
-#: Types of columns; all others hold real numbers.
+#: Columns of text and of integers; all others are real numbers.
 _TEXT = ("behind", "candidate", "class", "heights_m", "kind", "model", "sensor")
 _WHOLE = ("behind_track", "layout", "track")
-#: Columns of what is known of layouts that detectors were trained for.
+#: Columns of the table of trained layouts.
 _TRAINED = "layout ap ap_low ap_high hota mota idf1"
 
 
 def layout_name(number: int) -> str:
-    """Return the name of a layout, which is that of its rig's file, too."""
+    """Return the name of a layout, also of its rig's file."""
     return f"layout-{number:04d}"
 
 
@@ -40,14 +40,14 @@ def write_placement(
     about: Mapping[str, Any],
     trained: Sequence[Mapping[str, Any]] | None = None,
 ) -> None:
-    """Write everything that a search found.
+    """Write all results of a search.
 
     Args:
-        folder: of the artefact.
-        placed: what was found.
+        folder: folder of the artefact.
+        placed: the results.
         about: versions and inputs, for the manifest.
-        trained: layouts that detectors were trained for, a row each: ``layout``, ``ap``,
-            ``ap_low``, ``ap_high``, ``hota``, ``mota``, ``idf1``.
+        trained: layouts with trained detectors, a row each: ``layout``, ``ap``, ``ap_low``,
+            ``ap_high``, ``hota``, ``mota``, ``idf1``.
     """
     from urbantwin.studies.placement.report import write_report
 
@@ -76,7 +76,7 @@ def write_placement(
 
 
 def write_rig(placed: Placed, layout: Layout, path: Path) -> None:
-    """Write the rig of a layout, as ``urbantwin record --rig`` takes it."""
+    """Write the rig of a layout, for ``urbantwin record --rig``."""
     from urbantwin.twin.sensor_files import copy_sensor_files
 
     views = placed.question.views
@@ -97,7 +97,7 @@ def _in_words(views: Views, number: int) -> str:
 
 
 def _table(names: str, rows: Iterable[Sequence[Any]]) -> pa.Table:
-    """Return a table of rows, whose columns have names with spaces between."""
+    """Return a table of rows, with column names separated by blanks."""
     given = list(rows)
     columns = {}
     for number, name in enumerate(names.split()):
@@ -107,7 +107,7 @@ def _table(names: str, rows: Iterable[Sequence[Any]]) -> pa.Table:
 
 
 def _layouts(placed: Placed) -> pa.Table:
-    """Return all layouts with their measures and the intervals of those that have one."""
+    """Return all layouts with their measures and intervals."""
     views, front = placed.question.views, set(placed.front)
     columns: dict[str, list[Any]] = {
         "layout": list(range(len(placed.found))),
@@ -127,7 +127,7 @@ def _layouts(placed: Placed) -> pa.Table:
 
 
 def _sensors(placed: Placed) -> pa.Table:
-    """Return the sensors of all layouts, one a row."""
+    """Return the sensors of all layouts, one per row."""
     views = placed.question.views
     rows = []
     for number, one in enumerate(placed.found):
@@ -141,7 +141,7 @@ def _sensors(placed: Placed) -> pa.Table:
 
 
 def _points(placed: Placed) -> pa.Table:
-    """Return the points on actors of the layouts of the front, by class and range."""
+    """Return the points on actors for the layouts of the front, by class and range."""
     seen = " ".join(f"seen_{level}" for level in LEVELS)
     return _table(
         f"layout class from_m to_m actor_seconds points {seen}",
@@ -154,7 +154,7 @@ def _points(placed: Placed) -> pa.Table:
 
 
 def _hidden(placed: Placed) -> pa.Table:
-    """Return the actors that layouts of the front miss, and what hides them from each sensor."""
+    """Return the actors missed by layouts of the front, with the occluder of each sensor."""
     views = placed.question.views
     rows = []
     for one in placed.explained:
@@ -169,7 +169,7 @@ def _hidden(placed: Placed) -> pa.Table:
 
 
 def _candidates(views: Views) -> pa.Table:
-    """Return the places where sensors may hang."""
+    """Return the candidate places of sensors."""
     return _table(
         "candidate kind east_m north_m ground_m heights_m",
         (
@@ -181,7 +181,7 @@ def _candidates(views: Views) -> pa.Table:
 
 
 def _manifest(placed: Placed, about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what ``placement.json`` holds."""
+    """Return the content of ``placement.json``."""
     from urbantwin.lidar.sight import CELL_M
 
     question = placed.question
@@ -217,7 +217,7 @@ def _manifest(placed: Placed, about: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _warnings(placed: Placed) -> list[ResultWarning]:
-    """Return what is wrong with a search."""
+    """Return the warnings of a search."""
     found, question = [], placed.question
     if len(placed.found) < question.layouts:
         found.append(
@@ -260,10 +260,10 @@ class _Manifest(Part):
 
 
 def check_placement(manifest: dict[str, Any], file: Path) -> None:
-    """Refuse a manifest that is not a placement's.
+    """Check that a manifest is a placement's.
 
     Raises:
-        InputError: a field is missing or wrong; the first one is named.
+        InputError: a field is missing or wrong; names the first.
     """
     known = validated(manifest, _Manifest, file=file, expected="a placement's manifest")
     for name in known.objectives:

@@ -1,4 +1,4 @@
-"""Judging layouts by what their views see: figures with intervals, and what hides actors."""
+"""Evaluation of layouts from their views: figures with intervals, and occluded actors."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["RANGES_M", "ClassPoints", "Hidden", "Judge", "Verdict", "hidden_acto
 
 #: Borders of the ranges by which points are summed up, metres from the nearest sensor.
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, np.inf)
-#: Sets of actors that are drawn again, with replacement, for an interval of 95 %.
+#: Number of bootstrap samples of actors for 95 % intervals, and their seed.
 _DRAWS, _SEED = 200, 19
-#: Fewer points than this on an actor in a frame, and it is not seen.
+#: Fewest points on an actor in a frame for it to count as seen.
 _SEEN = least_expected(LEVELS[0])
 
-#: The ground and what lies on it does not hide: a beam that ends there was too low.
+#: The ground and flat objects on it do not occlude: a beam that ends there was too low.
 _WORDS = {
     "building": "a building",
     "vegetation": "a tree or a hedge",
@@ -46,13 +46,12 @@ _FEW = "few beams"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is found of a layout.
+    """Evaluation of a layout.
 
     Attributes:
-        values: of each of `measure.MEASURES`.
-        intervals: 95 %, of those that are means over actors: bootstrap over actors, each drawn
-            with all its seconds. They say how other actors in the same traffic might come out,
-            and nothing of other hours.
+        values: value of each of `measure.MEASURES`.
+        intervals: 95 % intervals of those that are means over actors, by bootstrap over actors with
+            all their seconds. They cover other actors in the same traffic, but not other hours.
     """
 
     values: dict[str, float]
@@ -60,15 +59,15 @@ class Verdict:
 
 
 class ClassPoints(NamedTuple):
-    """Points on actors of a class, so far from the nearest sensor.
+    """Points on actors of a class in a range interval.
 
     Attributes:
         kind: the class.
-        from_m: nearest.
-        to_m: farthest.
-        seconds: that actors are there, all together.
-        points: mean in a frame.
-        seen: share of these seconds with at least 5, 20 and 50 points.
+        from_m: start of the interval, metres.
+        to_m: end of the interval, metres.
+        seconds: total time of actors in it, seconds.
+        points: mean points per frame.
+        seen: fraction of this time with at least 5, 20 and 50 points.
     """
 
     kind: str
@@ -80,12 +79,12 @@ class ClassPoints(NamedTuple):
 
 
 class Judge:
-    """Judges layouts of one motion.
+    """Evaluates layouts on one motion.
 
     Args:
-        moments: of the motion.
-        squares: of the ground.
-        voxels: of the traffic.
+        moments: moments of the motion.
+        squares: squares of the ground.
+        voxels: voxels of the traffic.
     """
 
     def __init__(self, moments: Moments, squares: Squares, voxels: Voxels) -> None:
@@ -105,11 +104,11 @@ class Judge:
         self._begins[1:] = (np.diff(track) != 0) | (np.diff(moment) != 1)
 
     def verdict(self, sightings: Sequence[Sighting], cost: float) -> Verdict:
-        """Judge a layout.
+        """Return the evaluation of a layout.
 
         Args:
-            sightings: of its views, at least one.
-            cost: what it costs.
+            sightings: results of its views, at least one.
+            cost: cost of the layout.
         """
         each = np.stack([one.points for one in sightings])
         total = each.sum(axis=0)
@@ -143,7 +142,7 @@ class Judge:
         )
 
     def longest_unseen_s(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the longest time (T,) that each actor has fewer than 5 points (P,), seconds."""
+        """Return the longest time (T,) with fewer than 5 points (P,) on each actor, seconds."""
         unseen = points[self._order] < _SEEN
         begins = self._begins | ~unseen
         run = np.cumsum(begins | np.append(False, ~unseen[:-1])) - 1
@@ -188,9 +187,10 @@ def _interval(drawn: NDArray[np.float64]) -> tuple[float, float]:
 def _spread(points: NDArray[np.float64], cell_m2: float) -> tuple[float, float]:
     """Return points per area, and their normalised uniformity coefficient.
 
-    That of Yu et al. 2018 (PU-Net, CVPR), which Cai et al. 2023 (ICRA) take for roadside LiDARs:
-    the standard deviation over D equal areas of ``n / (N p)``, with n points of N in an area that
-    is the share p of all. Here the areas are the squares of the junction's ground, not discs.
+    The coefficient of Yu et al. 2018 (PU-Net, CVPR), used by Cai et al. 2023 (ICRA) for roadside
+    LiDARs: the standard deviation over D equal areas of ``n / (N p)``, with n of N points in an
+    area that is the fraction p of the total. Here the areas are squares of the junction's ground,
+    not discs.
     """
     total = float(points.sum())
     if not len(points) or total <= 0:
@@ -200,16 +200,16 @@ def _spread(points: NDArray[np.float64], cell_m2: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An actor that a layout does not see for a while.
+    """An actor that a layout does not see for some time.
 
     Attributes:
-        track: the actor.
+        track: track of the actor.
         kind: its class.
-        from_s: when it is first not seen, of the motion.
-        seconds: for how long it is not, all together.
-        middle: (x, y) where it is in the middle of that, site frame, metres.
-        behind: of each sensor, by its number in the layout, what hid it for the longest: in words.
-        tracks: of each sensor, the actor that is; ``None``: none.
+        from_s: first time when it is not seen, seconds of the motion.
+        seconds: total time when it is not seen, seconds.
+        middle: (x, y) position in the middle of that time, site frame, metres.
+        behind: description of the main occluder of each sensor, in the layout's order.
+        tracks: track of that occluder, if it is an actor.
     """
 
     track: int
@@ -224,11 +224,11 @@ class Hidden:
 def hidden_actors(
     moments: Moments, sightings: Sequence[Sighting], most: int | None = None
 ) -> list[Hidden]:
-    """Return the actors that a layout does not see, those first that it misses for longest.
+    """Return the actors that a layout does not see, in descending order of time.
 
     Args:
-        moments: of the motion.
-        sightings: of the layout's views.
+        moments: moments of the motion.
+        sightings: results of the layout's views.
         most: largest number of actors to return.
     """
     targets = moments.targets
@@ -259,7 +259,7 @@ def hidden_actors(
 
 
 def _why(sighting: Sighting, rows: np.ndarray, moments: Moments) -> tuple[str, int | None]:
-    """Return what hides a target in some rows from one sensor: for most of them."""
+    """Return what most often occludes a target from a sensor, in some rows."""
     reasons: Counter[tuple[str, int | None]] = Counter()
     kind_of, names = _kinds(moments), _semantic_names()
     for row in rows.tolist():
@@ -282,5 +282,5 @@ def _semantic_names() -> dict[int, str]:
 
 
 def _kinds(moments: Moments) -> dict[int, str]:
-    """Return the class of every actor, those that are parked, too."""
+    """Return the class of every actor, including parked ones."""
     return {actor.track: actor.actor_class for moment in moments.every for actor in moment.actors}

@@ -1,4 +1,4 @@
-"""Mounts: the places where sensors may hang on a twin, and at which heights."""
+"""Mounts: candidate places of sensors on a twin, with heights."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ from urbantwin.twin import Twin
 
 __all__ = ["BRACKET_M", "Mount", "Mounts", "find_mounts"]
 
-#: A sensor hangs so far from the axis of a pole or from a wall, metres.
+#: Distance of a sensor from the axis of a pole or from a wall, metres.
 BRACKET_M = 0.5
-#: A pole or mast whose top is lower bears no sensor: vans and hands reach it, metres.
+#: Lowest top of a usable pole or mast, out of reach of vans and hands, metres.
 _LOWEST_M = 2.8
-#: A sensor on top of a pole stands so much above it, metres.
+#: Height of a sensor above the top of a pole, metres.
 _ON_TOP_M = 0.3
-#: What covers nothing so near in plan does not enclose a place, metres.
+#: Margin around objects in plan within which they are tested for enclosing a place, metres.
 _NEAR_M = 0.1
-#: What sees less of the lanes and crossings than this share is no candidate.
+#: Smallest visible fraction of lanes and crossings for a candidate.
 _BLIND = 0.02
 
 
 @dataclass(frozen=True)
 class Mount:
-    """A place where sensors may hang, one at each height.
+    """A candidate place of sensors, one at each height.
 
     Attributes:
-        name: unique among them.
-        kind: what it hangs on.
-        east_m: of the sensor, metres east of the anchor.
-        north_m: metres north of it.
+        name: unique name.
+        kind: kind of support.
+        east_m: position of the sensor, metres east of the anchor.
+        north_m: metres north of the anchor.
         ground_m: z of the ground there, site frame.
-        heights_m: above it.
-        toward: heading to the middle of the junction, radians.
+        heights_m: heights above the ground.
+        toward: heading to the centre of the junction, radians.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Mount:
     toward: float
 
     def place(self, height_m: float) -> NDArray[np.float64]:
-        """Return where a sensor hangs (3,), site frame."""
+        """Return the position (3,) of a sensor, site frame."""
         return np.array([self.east_m, self.north_m, self.ground_m + height_m])
 
 
@@ -70,8 +70,8 @@ class Mounts:
     """All mounts of a search.
 
     Attributes:
-        every: the mounts, a person's own first.
-        left_out: how many places were found that cannot bear a sensor, by reason.
+        every: the mounts, the user's own first.
+        left_out: number of rejected places, by reason.
     """
 
     every: tuple[Mount, ...]
@@ -81,17 +81,17 @@ class Mounts:
 def find_mounts(
     spec: PlaceSpec, twin: Twin, junction: Junction, file: Path | None = None
 ) -> Mounts:
-    """Find where sensors may hang.
+    """Find candidate places of sensors.
 
     Args:
-        spec: what is asked for.
+        spec: the requested placement.
         twin: the twin.
-        junction: that the sensors are to see.
+        junction: junction to cover.
         file: ``place.yaml``, for errors.
 
     Raises:
-        InputError: a person's own place is outside the ground or inside something, or there is no
-            candidate at all.
+        InputError: a place given by the user is outside the ground or inside an object, or there is
+            no candidate.
     """
     finder = _Finder(spec, twin, junction, file)
     own = [finder.own(number, one) for number, one in enumerate(spec.candidates.places)]
@@ -126,7 +126,7 @@ class _Finder:
         self.left_out: Counter[str] = Counter()
 
     def own(self, number: int, one: OwnPlace) -> Mount:
-        """Return the mount of a person's own place."""
+        """Return the mount of a place given by the user."""
         place = f"candidates.places[{number}]"
         ground = self._ground(one.east_m, one.north_m)
         where = f"{one.east_m:g} m east, {one.north_m:g} m north"
@@ -154,7 +154,7 @@ class _Finder:
         )  # fmt: skip
 
     def of(self, kind: MountKind) -> list[Mount]:
-        """Return the mounts of a kind that see most, in the order of their bearing."""
+        """Return the mounts of a kind with the best view, in order of bearing."""
         around, within = self._spec.candidates, self._spec.candidates.within_m
         middle, sight = self._middle, self._junction.around
         if kind in ("pole", "signal"):
@@ -187,7 +187,7 @@ class _Finder:
         return [replace(mount, name=name) for mount, name in zip(kept, names, strict=False)]
 
     def _area(self) -> shapely.Polygon | None:
-        """Return where new poles may stand; ``None``: wherever there is room for them."""
+        """Return the area for new poles; ``None`` for no restriction."""
         around = self._spec.candidates
         if around.area is None:
             return None
@@ -203,7 +203,7 @@ class _Finder:
         return area
 
     def _mount(self, kind: MountKind, at: NDArray[np.float64], top_z_m: float) -> Mount | None:
-        # As a rig's file will have it.
+        # Rounded as in a rig's file.
         at = np.round(at, 2)
         ground = self._ground(*at.tolist())
         if np.isnan(ground) or not shapely.contains_xy(self._twin.region, *at):
@@ -220,7 +220,7 @@ class _Finder:
         return Mount("", kind, east, north, ground, tuple(heights), self._toward(at))
 
     def _outside(self, mount: Mount) -> Mount | None:
-        """Return a mount with the heights that are inside nothing; ``None``: there are none."""
+        """Return a mount with only the heights outside of objects; ``None`` if none is left."""
         low, high = self._bounds
         at = np.array([mount.east_m, mount.north_m])
         here = np.asarray(((low - _NEAR_M <= at) & (at <= high + _NEAR_M)).all(axis=1))
@@ -232,7 +232,7 @@ class _Finder:
 
     @cached_property
     def _bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Corners in plan of what each part of the scene covers."""
+        """Bounds in plan of each part of the scene."""
         corners = self._mesh.triangles()[:, :, :2]
         parts = int(self._part.max()) + 1
         low, high = np.full((parts, 2), np.inf), np.full((parts, 2), -np.inf)

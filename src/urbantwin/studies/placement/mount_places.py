@@ -1,4 +1,4 @@
-"""Places on a twin where a sensor may be mounted: mapped poles, facades, and new poles."""
+"""Possible mounting places of sensors on a twin: mapped poles, facades, and new poles."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from urbantwin.twin import Twin
 
 __all__ = ["MountPlace", "facade_places", "mapped_poles", "new_pole_places"]
 
-#: The foot of a mapped pole is the middle of what is within this of its lowest point, metres.
+#: Height above a pole's lowest point within which its foot is measured, metres.
 _FOOT_M = 0.3
-#: Poles nearer to each other than this are one place, metres.
+#: Poles closer than this are one place, metres.
 _SAME_M = 1.0
 #: Class of the lights of a signal.
 _LIGHTS = "other-object"
-#: Walls are upright to this (sine of the angle), and face the middle to this (cosine).
+#: Largest deviation of walls from vertical (sine), and smallest alignment with the centre (cosine).
 _UPRIGHT, _FACES = 0.1, 0.3
-#: Narrower pieces of a wall, and lower ones, bear no bracket, metres.
+#: Smallest width of a wall piece, and lowest height, for a bracket, metres.
 _NARROWEST_M, _LOWEST_M = 0.6, 3.0
-#: Distance between the places that are tried along a wall, metres.
+#: Spacing of tested places along a wall, metres.
 _STEP_M = 2.0
 #: Free space in front of a wall, and the distance from it at which that begins, metres.
 _FREE_M, _OFF_WALL_M = 2.0, 0.02
@@ -34,12 +34,12 @@ _FREE_M, _OFF_WALL_M = 2.0, 0.02
 
 @dataclass(frozen=True, eq=False)
 class MountPlace:
-    """A place that may bear a sensor, which hangs a bracket's length off it.
+    """A possible place of a sensor, which is mounted at a bracket's length from it.
 
     Attributes:
         foot: (2,) site frame, metres.
         outward: (2,) unit vector of the bracket.
-        top_m: z of the highest point, site frame.
+        top_m: z of the highest point, site frame, metres.
     """
 
     foot: NDArray[np.float64]
@@ -54,9 +54,9 @@ def mapped_poles(
 
     Args:
         mesh: the static world, site frame.
-        middle: (2,) of the junction.
-        within_m: of it.
-        signals: those that carry signals, or all others.
+        middle: (2,) centre of the junction.
+        within_m: largest distance from it, metres.
+        signals: return poles with signals, otherwise all others.
     """
     steel = np.flatnonzero(mesh.semantic == semantic_id("pole"))
     with_lights = set(mesh.part[mesh.semantic == semantic_id(_LIGHTS)].tolist())
@@ -82,13 +82,13 @@ def facade_places(
     spacing_m: float,
     around: LineOfSight,
 ) -> list[MountPlace]:
-    """Return places on walls that face a point, the nearest to it first.
+    """Return places on walls that face a point, the nearest first.
 
     Args:
         mesh: the static world, site frame.
-        middle: (2,) of the junction.
-        within_m: of it.
-        spacing_m: between places at least.
+        middle: (2,) centre of the junction.
+        within_m: largest distance from it, metres.
+        spacing_m: smallest distance between places, metres.
         around: lines of sight there.
     """
     face = np.flatnonzero(mesh.semantic == semantic_id("building"))
@@ -111,7 +111,7 @@ def facade_places(
         away = middle - feet
         distance = np.linalg.norm(away, axis=1)
         fits = (distance <= within_m) & (away @ normals[one] >= _FACES * distance)
-        # The wall here: triangles of the same plane around each station.
+        # Triangles in the plane of the wall around each station.
         same = (np.abs(offset - offset[one]) < 0.05) & (normals @ normals[one] > 0.999)
         for k in np.flatnonzero(fits).tolist():
             here = same & (low <= at[k]) & (high >= at[k])
@@ -128,7 +128,7 @@ def facade_places(
 
 
 def _is_free(place: MountPlace, base_m: float, around: LineOfSight) -> bool:
-    """Return whether nothing stands right in front of a place, from its base to its top."""
+    """Return whether the space in front of a place is free, from its base to its top."""
     out = np.array([*place.outward, 0.0])
     heights = np.linspace(base_m + _LOWEST_M, max(place.top_m, base_m + _LOWEST_M), 3)
     starts = np.column_stack([np.tile(place.foot, (3, 1)), heights]) + _OFF_WALL_M * out
@@ -142,15 +142,15 @@ def new_pole_places(
     spacing_m: float,
     area: shapely.Polygon | None = None,
 ) -> list[MountPlace]:
-    """Return places for new poles, no two nearer than ``spacing_m``, the nearest first.
+    """Return places for new poles, at least ``spacing_m`` apart, the nearest first.
 
     Args:
         twin: the twin.
-        middle: (2,) of the junction.
-        within_m: of it.
-        spacing_m: between places.
-        area: where they may stand, whatever is there; beside the carriageways on firm ground
-            (`lidar.sight.ground`) when not given.
+        middle: (2,) centre of the junction.
+        within_m: largest distance from it, metres.
+        spacing_m: distance between places, metres.
+        area: area of the places, whatever is there; beside the carriageways on firm ground
+            (`lidar.sight.ground`) if not given.
     """
     if area is None:
         feet, _ = pole_places(twin.roads, twin.region, twin.mesh, middle)
@@ -167,7 +167,7 @@ def new_pole_places(
 
 
 def _grid(area: shapely.Polygon, spacing_m: float) -> NDArray[np.float64]:
-    """Return a grid of places in an area; its middle where the grid misses it."""
+    """Return a grid of places in an area, or a point inside if the grid misses it."""
     area = shapely.make_valid(area)
     west, south, east, north = area.bounds
     x = np.arange(west + spacing_m / 2, east, spacing_m)

@@ -1,4 +1,4 @@
-"""Placement, as its algorithm: mounts, views cast once, layouts combined, judged and searched."""
+"""Placement algorithm: mounts, views traced once, layouts combined, evaluated and searched."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from urbantwin.twin import Twin
 
 __all__ = ["Explained", "Placed", "Question", "ask", "place"]
 
-#: Number of moments that are cast to measure how long one takes.
+#: Number of moments traced to measure the time.
 _TRIAL_MOMENTS = 6
-#: Share of the views of layouts that are new, in a search that finds good ones: the others recur.
+#: Estimated fraction of new views among those of a search's layouts; the others recur.
 _NEW_VIEWS = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is searched, checked before anything is cast.
+    """A search, checked before any ray is traced.
 
     Attributes:
         spec: ``place.yaml`` with its defaults.
         twin: the twin.
-        motion: that all layouts see.
-        mounts: where sensors may hang.
-        views: every view.
-        recipe: what all casts share: the motion's moments, the ground, the sensors' models.
+        motion: motion for the evaluation of all layouts.
+        mounts: candidate places of sensors.
+        views: all views.
+        recipe: common data: the motion's moments, the ground, the sensors' models.
         models: a rig with a sensor of each model.
-        layouts: number of layouts to judge.
+        layouts: number of layouts to evaluate.
     """
 
     spec: PlaceSpec
@@ -62,12 +62,12 @@ class Question:
 
 @dataclass(frozen=True)
 class Explained:
-    """A layout of the front, looked at closely.
+    """Details of a layout of the front.
 
     Attributes:
-        number: among all layouts.
+        number: number of the layout.
         by_class: points on actors by class and range.
-        hidden: actors that are not seen, and why.
+        hidden: actors that are not seen, with occluders.
     """
 
     number: int
@@ -77,14 +77,14 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        question: what was searched.
-        found: every layout that was judged, in the order in which it was.
-        front: numbers of those that no other is better than, the cheapest first.
-        explained: each of the front, looked at closely.
-        views_cast: how many views it took.
+        question: the search.
+        found: all evaluated layouts, in order of evaluation.
+        front: numbers of the Pareto-optimal layouts, in order of ascending cost.
+        explained: details of each layout of the front.
+        views_cast: number of traced views.
     """
 
     question: Question
@@ -103,20 +103,20 @@ def ask(
     seed: int,
     file: Path | None = None,
 ) -> Question:
-    """Check a question, and find where sensors may hang.
+    """Check a search, and find candidate places.
 
     Args:
         twin: the twin.
-        motion: on it.
-        spec: what is searched.
-        layouts: number of layouts to judge.
-        seed: of the search.
+        motion: motion on the twin.
+        spec: settings of the search.
+        layouts: number of layouts to evaluate.
+        seed: random seed of the search.
         file: ``place.yaml``, for errors.
 
     Raises:
-        InputError: an unknown model, no place to hang a sensor, one inside something, a budget
-            that no layout meets, a motion without actors or of another twin, or the extra
-            ``tune`` is not installed.
+        InputError: an unknown model, no candidate place, one inside an object, a budget below every
+            layout, a motion without actors or of another twin, or the extra ``tune`` is not
+            installed.
     """
     check_extra("tune", "a search for layouts")
     if motion.manifest["twin_sha256"] != twin.sha256:
@@ -168,15 +168,15 @@ def place(
     tell: Progress | None = None,
     say: Progress | None = None,
 ) -> Placed:
-    """Search.
+    """Search for layouts.
 
     Args:
-        question: what is searched.
-        scratch: folder for what is cast; an interrupted search goes on from there.
-        workers: processes that cast; every number finds the same.
-        first: layouts to begin with.
-        tell: called with the share that is done and what is being done.
-        say: called with the expected seconds, and these in words, once they are known.
+        question: the search.
+        scratch: folder of traced views, from which an interrupted search continues.
+        workers: number of processes; every number gives the same result.
+        first: initial layouts.
+        tell: called with the fraction done and a description.
+        say: called with the expected time, seconds, and its description, once known.
 
     Raises:
         StageError: a worker was killed.
@@ -217,13 +217,13 @@ def place(
 
 
 def _forecast(question: Question, casts: Casts, workers: int) -> tuple[float, str]:
-    """Return how many seconds a search takes, from one view of each model, and that in words."""
+    """Return the estimated time of a search, seconds, from one view of each model, and in words."""
     views, moments = question.views, question.recipe.moments
     few, seconds = min(_TRIAL_MOMENTS, len(moments.every)), []
     for model in range(len(question.spec.models)):
         number = next(n for n, one in enumerate(views.every) if one.model == model)
         mounted = views.hung(number, question.recipe.models)
-        # What is made once, in the first cast, does not count.
+        # The first call includes one-time work and is not counted.
         _, first, several = (_seconds(casts, mounted, model, count) for count in (1, 1, few))
         per_moment = max(several - first, 0.0) / max(few - 1, 1)
         seconds.append(first + per_moment * (len(moments.every) - 1))
@@ -240,7 +240,7 @@ def _forecast(question: Question, casts: Casts, workers: int) -> tuple[float, st
 
 
 def _seconds(casts: Casts, mounted: MountedSensor, model: int, moments: int) -> float:
-    """Return how long a cast of some moments takes, seconds."""
+    """Return the time to trace some moments, seconds."""
     began = time.perf_counter()
     casts.here.cast(mounted, model, moments)
     return time.perf_counter() - began

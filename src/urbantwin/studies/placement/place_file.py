@@ -1,4 +1,4 @@
-"""``place.yaml``: where sensors may hang, which models may be bought, and the objectives."""
+"""``place.yaml``: candidate places, sensor models with prices, and objectives."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from urbantwin.studies.placement.measure import MEASURES
 
 __all__ = ["CandidateSpec", "MountKind", "OwnPlace", "PlaceSpec", "load_place_spec"]
 
-#: What a sensor hangs on: a mapped pole, lamp or mast; a pole that carries signals; the facade of a
-#: building; a pole that is set for it.
+#: Supports of a sensor: a mapped pole, lamp or mast; a signal pole; a facade; a new pole.
 MountKind = Literal["pole", "signal", "facade", "new-pole"]
 
 _Offset = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
@@ -42,14 +41,14 @@ _Heights = Annotated[
 
 
 class OwnPlace(Strict):
-    """A place that a person names.
+    """A place given by the user.
 
     Attributes:
-        name: unique among them.
+        name: unique name.
         east_m: metres east of the anchor.
-        north_m: metres north of it.
-        kind: what is there already; a ``new-pole`` has to be set.
-        heights_m: above the ground there; those of all places where none are given.
+        north_m: metres north of the anchor.
+        kind: existing support; ``new-pole`` if a pole has to be set.
+        heights_m: heights above the ground, metres; the common heights if not given.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
@@ -60,15 +59,15 @@ class OwnPlace(Strict):
 
 
 class CandidateSpec(Strict):
-    """Where sensors may hang.
+    """Candidate places of sensors.
 
     Attributes:
-        kinds: of places that are looked for in the twin; none where only ``places`` count.
-        within_m: of the middle.
-        most: places of each kind: those that see most of the lanes and crossings.
-        spacing_m: between new poles, and along facades.
-        area: corners of a polygon where new poles may stand; beside the carriageways without it.
-        places: of a person's own.
+        kinds: kinds searched in the twin; empty for ``places`` only.
+        within_m: largest distance from the centre, metres.
+        most: number of places of each kind, with the best view of lanes and crossings.
+        spacing_m: spacing of new poles, and along facades, metres.
+        area: corners of a polygon for new poles; beside the carriageways if not given.
+        places: places given by the user.
     """
 
     kinds: list[MountKind] = Field(
@@ -107,12 +106,12 @@ class CandidateSpec(Strict):
 
 
 class ModelSpec(Strict):
-    """A sensor that may be bought.
+    """A sensor model with its price.
 
     Attributes:
-        model: of the catalogue, or a sensor's file.
-        price: of one.
-        columns: firings per turn; the model's own where not given.
+        model: name in the catalogue, or a sensor's file.
+        price: price of one sensor.
+        columns: firings per turn; the model's default if not given.
     """
 
     model: Annotated[str, Field(min_length=1)]
@@ -121,11 +120,11 @@ class ModelSpec(Strict):
 
 
 class CostSpec(Strict):
-    """What comes to the price of a sensor, in the same currency.
+    """Costs besides the sensors' prices, in the same currency.
 
     Attributes:
-        new_pole: a pole with its foundation and its power, once for all sensors on it.
-        bracket: on a pole, a mast or a facade, for each sensor.
+        new_pole: a pole with foundation and power, once for all sensors on it.
+        bracket: a bracket on a pole, mast or facade, per sensor.
     """
 
     new_pole: _Price = 6000.0
@@ -133,11 +132,11 @@ class CostSpec(Strict):
 
 
 class CountSpec(Strict):
-    """How many sensors a layout has.
+    """Number of sensors of a layout.
 
     Attributes:
-        least: as few as that.
-        most: as many.
+        least: smallest number.
+        most: largest number.
     """
 
     least: Annotated[int, Field(ge=1, le=16)] = 1
@@ -151,7 +150,7 @@ class CountSpec(Strict):
 
 
 def _usual_models() -> list[ModelSpec]:
-    # Round figures, no quotes, so that cost has a meaning without a file.
+    # Rough prices, not quotes, so that cost is meaningful without a file.
     return [
         ModelSpec(model="VLP-16", price=4000.0),
         ModelSpec(model="OS1-32", price=6000.0),
@@ -160,24 +159,25 @@ def _usual_models() -> list[ModelSpec]:
 
 
 class PlaceSpec(Strict):
-    """What is searched, and for what.
+    """Settings of a search for layouts.
 
     Attributes:
-        middle_m: of the junction, east and north of the anchor.
-        candidates: where sensors may hang.
-        heights_m: above the ground; a pole or a wall that is lower bears none above its top.
-        yaw_deg: headings, from the one to the middle of the junction, counter-clockwise.
-        tilt_deg: how far the nose looks down.
-        models: that may be bought.
-        costs: besides.
-        sensors: how many.
-        budget: that no layout may cost more than.
-        objectives: names of `measure.MEASURES` that layouts are better or worse by.
+        middle_m: centre of the junction, east and north of the anchor, metres.
+        candidates: candidate places of sensors.
+        heights_m: heights above the ground, metres; on lower poles and walls only those below the
+            top.
+        yaw_deg: headings relative to the centre of the junction, degrees counter-clockwise.
+        tilt_deg: downward pitches, degrees.
+        models: available models.
+        costs: further costs.
+        sensors: number of sensors.
+        budget: largest cost of a layout.
+        objectives: names of `measure.MEASURES` to optimise.
         rate_hz: frames per second.
-        reach_m: actors count, and their voxels, within this of the middle.
-        step_s: between the moments of the motion that are looked at.
-        voxel_m: edge of the voxels of published surrogates.
-        conditions: the weather and the sun.
+        reach_m: largest distance from the centre of actors that count, and of their voxels, metres.
+        step_s: time between the evaluated moments of the motion, seconds.
+        voxel_m: edge of the voxels of published surrogates, metres.
+        conditions: weather and sun.
     """
 
     middle_m: _Place = Field(default_factory=lambda: [0.0, 0.0])
@@ -215,17 +215,17 @@ class PlaceSpec(Strict):
         return value
 
     def written(self) -> dict[str, Any]:
-        """Return it as a file holds it, defaults filled in; it loads as the same."""
+        """Return the settings as stored in a file, defaults filled in."""
         return self.model_dump(exclude_none=True, by_alias=True)
 
     def sensors_of_models(self, file: Path | None = None) -> tuple[Sensor, ...]:
         """Return the catalogue's entry of each model.
 
         Args:
-            file: ``place.yaml``, beside which a sensor's own file may stand.
+            file: ``place.yaml``; sensor files are relative to its folder.
 
         Raises:
-            InputError: there is no such model; names its field.
+            InputError: a model is unknown; names its field.
         """
         found = []
         for number, one in enumerate(self.models):
@@ -245,6 +245,6 @@ def load_place_spec(path: Path) -> PlaceSpec:
     """Read a ``place.yaml``.
 
     Raises:
-        InputError: the file is missing or wrong; it names the file, the field and the line.
+        InputError: the file is missing or wrong; names file, field and line.
     """
     return read_document(path, kind="a placement").validated(PlaceSpec)

@@ -21,14 +21,14 @@ from urbantwin.twin import Twin
 
 __all__ = ["write_report"]
 
-#: Colours of models, distinct for people who see no red or no green (Okabe and Ito 2008).
+#: Colours of models, distinguishable with colour blindness (Okabe and Ito 2008).
 _MODELS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 _ROAD, _CROSSING, _BUILDING = "#e9edf1", "#cfd8e3", "#b9c1ca"
 #: Number of layouts drawn from above, evenly spread over the front.
 _DRAWN = 8
-#: Number of unseen actors that the page lists for each layout; the table lists all.
+#: Most unseen actors listed on the page per layout; the table lists all.
 _HIDDEN_LISTED = 40
-#: Least half edge of a plan, and its margin around the places of sensors, metres.
+#: Smallest half edge of a plan, and its margin around the sensors, metres.
 _REACH_M, _AROUND_M = 45.0, 20.0
 
 
@@ -36,9 +36,9 @@ def write_report(folder: Path, placed: Placed, manifest: Mapping[str, Any]) -> N
     """Write ``report.html`` and ``pictures/``; the same placement gives the same bytes.
 
     Args:
-        folder: of the placement.
-        placed: what was found.
-        manifest: ``placement.json``.
+        folder: folder of the placement.
+        placed: result of the search.
+        manifest: content of ``placement.json``.
     """
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
@@ -59,7 +59,7 @@ def write_report(folder: Path, placed: Placed, manifest: Mapping[str, Any]) -> N
 
 
 def _draw_front(placed: Placed, path: Path) -> None:
-    """Draw all layouts by cost and each other objective, the front above them."""
+    """Draw all layouts by cost and each other objective, with the front on top."""
     names = [name for name in placed.question.spec.objectives if name != "cost"] or ["seen_20"]
     figure = blank(5.2 * len(names), 4.2)
     front = list(placed.front)

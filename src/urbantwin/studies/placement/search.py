@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Found", "pareto_front", "possible_layouts", "search"]
 
-#: Number of layouts in a generation, so that results do not depend on the number of workers.
+#: Number of layouts per generation; fixed, so that results do not depend on the workers.
 TOGETHER = 40
 #: The search ends after this number of trials in a row without a new layout that may be judged.
 _PATIENCE = 40 * TOGETHER
@@ -28,11 +28,11 @@ _PATIENCE = 40 * TOGETHER
 
 @dataclass(frozen=True)
 class Found:
-    """A layout that was judged.
+    """An evaluated layout.
 
     Attributes:
         layout: its views.
-        verdict: what was found.
+        verdict: its evaluation.
     """
 
     layout: Layout
@@ -48,21 +48,21 @@ def search(
     first: Sequence[Layout] = (),
     tell: Callable[[int], None] | None = None,
 ) -> list[Found]:
-    """Return layouts in the order in which they were judged, no two the same.
+    """Return distinct layouts in order of evaluation.
 
     NSGA-II (Deb et al. 2002, IEEE Transactions on Evolutionary Computation 6:182) in optuna. The
-    budget, and that two sensors do not hang at one place, are constraints: layouts that break them
-    are never judged. With a budget the first is a cheapest one, so that one at least keeps to it.
-    Where there are at most ``layouts``, all are judged. The same arguments give the
-    same layouts.
+    budget, and distinct places of sensors, are constraints: layouts that break them are never
+    evaluated. With a budget the first layout is a cheapest one, so that at least one is feasible.
+    If there are at most ``layouts`` layouts, all are evaluated. The same arguments give the same
+    layouts.
 
     Args:
-        views: that layouts are made of.
-        judge: judges several layouts together.
-        layouts: number of layouts to judge; fewer where there are fewer.
-        seed: of the sampler.
-        first: layouts to begin with.
-        tell: called with the number of layouts that are judged.
+        views: views that layouts consist of.
+        judge: evaluates several layouts together.
+        layouts: number of layouts to evaluate, or fewer if there are fewer.
+        seed: random seed of the sampler.
+        first: initial layouts.
+        tell: called with the number of evaluated layouts.
     """
     import optuna
 
@@ -71,7 +71,7 @@ def search(
     known: dict[Layout, Verdict] = {}
     found: list[Found] = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # What optuna calls experimental.
+        warnings.simplefilter("ignore")  # warnings about experimental features
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         sampler = optuna.samplers.NSGAIISampler(
             population_size=TOGETHER,
@@ -122,7 +122,7 @@ def _every_layout(views: Views) -> Iterator[Layout]:
 
 
 def _suggested(trial: optuna.Trial, views: Views) -> Layout:
-    """Return the layout of a trial; every slot is drawn, so that crossing has a meaning."""
+    """Return the layout of a trial; all slots are sampled, so that crossover is meaningful."""
     spec = views.spec
     count = trial.suggest_int("sensors", spec.sensors.least, spec.sensors.most)
     chosen = []
@@ -142,14 +142,14 @@ def _suggested(trial: optuna.Trial, views: Views) -> Layout:
 
 
 def _too_much(views: Views, layout: Layout) -> float:
-    """Return by how much a layout breaks what it must keep to; 0 where it does not."""
+    """Return by how much a layout violates the constraints; 0 if it does not."""
     budget = views.spec.budget
     over = 0.0 if budget is None else max(0.0, views.cost(layout) / max(budget, 1e-9) - 1.0)
     return over + (0.0 if views.fits(layout) else 1.0)
 
 
 def possible_layouts(views: Views) -> int:
-    """Return how many layouts there are at most, whatever they cost."""
+    """Return an upper bound of the number of layouts, regardless of cost."""
     places = sum(len(one.heights_m) for one in views.mounts)
     per_place = len(views.every) / max(places, 1)
     counts = range(views.spec.sensors.least, views.spec.sensors.most + 1)
@@ -157,11 +157,11 @@ def possible_layouts(views: Views) -> int:
 
 
 def pareto_front(found: Sequence[Found], objectives: Sequence[str]) -> list[int]:
-    """Return the numbers of the layouts that no other is as good as in all and better in one.
+    """Return the numbers of the Pareto-optimal layouts.
 
     Args:
         found: the layouts.
-        objectives: what they are better by.
+        objectives: names of the objectives.
     """
     signs = np.array([1.0 if MEASURES[name].more else -1.0 for name in objectives])
     values = np.array([[one.verdict.values[name] for name in objectives] for one in found])

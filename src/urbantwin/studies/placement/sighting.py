@@ -1,7 +1,7 @@
-"""What one view sees of a motion: its beams are cast once, and combined into any layout.
+"""What a view sees of a motion: each view is ray-traced once, and combined into layouts.
 
-Points are those of `lidar.sight.expected_points`. Sensors take no points from each other, so what a
-layout returns from an actor is the sum of its views, and it costs no casting of its own.
+Points are those of `lidar.sight.expected_points`. Sensors do not interfere, so a layout's returns
+from an actor are the sum over its views, without further ray tracing.
 """
 
 from __future__ import annotations
@@ -55,18 +55,17 @@ _ON_GROUND_M = 1.2
 
 
 class Sighting(NamedTuple):
-    """What one view sees.
+    """What a view sees.
 
     Attributes:
-        points: (P,) float32, points expected on each target.
-        alone: (P,) float32, points that it would give if nothing stood before it.
-        blocker: (P,) int32, what takes most of the others: a track, or -1 less a semantic class;
-            `NOBODY` where nothing does.
-        taken: (P,) float32, how many that takes.
-        range_m: (P,) float32, from the sensor to the middle of its box.
-        sees: (M,) bool, squares of the ground in sight.
-        ground: (M,) float32, points expected on each square.
-        passed: (V,) bool, voxels that beams pass.
+        points: (P,) float32, expected points on each target.
+        alone: (P,) float32, expected points without occlusion.
+        blocker: (P,) int32, main occluder: a track, or -1 minus a semantic class; `NOBODY` if none.
+        taken: (P,) float32, number of points lost to it.
+        range_m: (P,) float32, distance from the sensor to the centre of the box, metres.
+        sees: (M,) bool, visible squares of the ground.
+        ground: (M,) float32, expected points on each square.
+        passed: (V,) bool, voxels crossed by beams.
     """
 
     points: NDArray[np.float32]
@@ -81,18 +80,18 @@ class Sighting(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """What all views share.
+    """Data common to all views.
 
     Attributes:
         mesh: the static world, site frame.
-        surface: materials of the ground that are finer than it.
-        meshes: of actors, by asset and phase.
-        moments: of the motion.
-        squares: of the ground.
-        voxels: of the traffic.
+        surface: fine materials of the ground.
+        meshes: meshes of actors, by asset and phase.
+        moments: moments of the motion.
+        squares: squares of the ground.
+        voxels: voxels of the traffic.
         models: a sensor of each model.
         conditions: weather and sun.
-        seed: of the turns' timing.
+        seed: random seed of the turns' timing.
     """
 
     mesh: LabelledMesh
@@ -107,10 +106,10 @@ class Recipe:
 
 
 class Caster:
-    """Casts views, one after the other; the world and the actors' shapes are made once.
+    """Ray-traces views one after the other; world and actors' shapes are built once.
 
     Args:
-        recipe: what all views share.
+        recipe: data common to all views.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -136,10 +135,9 @@ class Caster:
         """Return what a sensor sees.
 
         Args:
-            mounted: the sensor, where it hangs.
-            model: number of its model.
-            moments: number of moments that are cast, to measure how long one takes; all if not
-                given.
+            mounted: the sensor with its pose.
+            model: index of its model.
+            moments: number of moments to trace, to measure the time; all if not given.
         """
         recipe = self._recipe
         if model not in self._models:
@@ -180,13 +178,13 @@ class Caster:
         return Sighting(points, alone, blocker, taken, away, sees, ground, passed)
 
     def written(self, mounted: MountedSensor, model: int, path: Path) -> Sighting:
-        """Return what a sensor sees, and write it."""
+        """Return what a sensor sees, and write it to a file."""
         sighting = self.cast(mounted, model)
         write_sighting(path, sighting)
         return sighting
 
     def _ground(self, empty: Turn) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return points on each square without traffic, and the voxels that beams pass."""
+        """Return points on each square without traffic, and the voxels crossed by beams."""
         squares, found = self._recipe.squares.ground, empty.points
         number = squares.numbers(found.place[:, :2])
         on = np.flatnonzero(found.is_ground & (number >= 0))
@@ -201,7 +199,7 @@ class Caster:
 
 
 def write_sighting(path: Path, sighting: Sighting) -> None:
-    """Write what a view sees; the file is whole or not there."""
+    """Write what a view sees, atomically."""
     part = path.with_name(f".{path.name}.part")
     with part.open("wb") as stream:
         np.savez(stream, **sighting._asdict())
@@ -209,7 +207,7 @@ def write_sighting(path: Path, sighting: Sighting) -> None:
 
 
 def read_sighting(path: Path) -> Sighting | None:
-    """Read what a view sees; ``None`` where an interrupted run did not come so far."""
+    """Return what a view sees from a file; ``None`` if missing or incomplete."""
     try:
         with path.open("rb") as stream, np.load(stream) as found:
             return Sighting(*(found[name] for name in Sighting._fields))
@@ -219,15 +217,15 @@ def read_sighting(path: Path) -> Sighting | None:
 
 @dataclass(eq=False)
 class Casts:
-    """What views see, cast when it is first asked for.
+    """What views see, ray-traced on first request.
 
     Attributes:
-        views: every view.
-        recipe: what they share.
-        folder: where they are kept.
-        here: casts in this process.
-        pool: processes that cast; ``None``: this one does.
-        made: how many were cast by this run.
+        views: all views.
+        recipe: data common to all views.
+        folder: folder of the stored results.
+        here: caster of this process.
+        pool: casting processes; ``None`` to cast in this process.
+        made: number of views traced by this run.
     """
 
     views: Views
@@ -246,11 +244,11 @@ class Casts:
     def ensure(
         self, numbers: Sequence[int], tell: Callable[[int, int], None] | None = None
     ) -> None:
-        """Cast the views that are not known yet.
+        """Trace the views that are not known yet.
 
         Args:
-            numbers: of the views.
-            tell: called with how many are cast, and how many have to be.
+            numbers: indices of the views.
+            tell: called with the numbers of traced views and of all views to trace.
 
         Raises:
             StageError: a worker was killed.
@@ -300,7 +298,7 @@ class Casts:
 
 @contextmanager
 def casts_in(folder: Path, views: Views, recipe: Recipe, workers: int) -> Iterator[Casts]:
-    """Yield the casts of views, with processes that make them."""
+    """Yield the results of views, with the processes that trace them."""
     folder.mkdir(parents=True, exist_ok=True)
     here = Caster(recipe)
     if workers == 1:

@@ -1,4 +1,4 @@
-"""Views: a sensor of a model at a mount's height, turned and tilted; what layouts of them cost."""
+"""Views: a model at a mount's height with yaw and tilt; and costs of layouts."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Layout = tuple[int, ...]
 
 @dataclass(frozen=True)
 class View:
-    """A sensor as it may hang.
+    """A possible sensor.
 
     Attributes:
-        mount: number of its mount.
-        height_m: above the ground.
-        yaw_deg: from the heading to the junction's middle, counter-clockwise.
-        tilt_deg: of the nose, down.
-        model: number of its model.
+        mount: index of its mount.
+        height_m: height above the ground, metres.
+        yaw_deg: yaw relative to the junction's centre, degrees counter-clockwise.
+        tilt_deg: downward pitch, degrees.
+        model: index of its model.
     """
 
     mount: int
@@ -45,12 +45,12 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Every view that can be chosen.
+    """All views that can be chosen.
 
     Attributes:
-        spec: what is searched.
-        mounts: where sensors may hang.
-        file: ``place.yaml``, beside which sensors' own files may stand; ``None``: there is none.
+        spec: settings of the search.
+        mounts: candidate places of sensors.
+        file: ``place.yaml``, whose folder may contain sensor files; ``None`` without one.
     """
 
     spec: PlaceSpec
@@ -59,9 +59,9 @@ class Views:
 
     @cached_property
     def every(self) -> tuple[View, ...]:
-        """All of them, in the order of mounts, heights, models, tilts and yaws.
+        """All views, in the order of mounts, heights, models, tilts and yaws.
 
-        A sensor that turns all around and is not tilted sees the same with any yaw: it has one.
+        A rotating sensor without tilt has a single yaw, since all are equivalent.
         """
         return tuple(
             View(number, height_m, yaw_deg, tilt_deg, model)
@@ -79,7 +79,7 @@ class Views:
 
     @cached_property
     def _turning(self) -> tuple[bool, ...]:
-        """Whether each model turns all around."""
+        """Whether each model has a full rotation."""
         return tuple(one.pattern is None for one in self.spec.sensors_of_models(self.file))
 
     def yaws(self, tilt_deg: float, model: int) -> tuple[float, ...]:
@@ -89,7 +89,7 @@ class Views:
         return tuple(dict.fromkeys(self.spec.yaw_deg))
 
     def chosen(self, mount: int, height: int, model: int, tilt: int, yaw: int) -> int:
-        """Return the number of the view of choices, each taken round the ones that there are."""
+        """Return the index of a view given by choices, each modulo the number of options."""
         heights = self.mounts[mount].heights_m
         tilt_deg = self.spec.tilt_deg[tilt]
         yaws = self.yaws(tilt_deg, model)
@@ -98,7 +98,7 @@ class Views:
         ]
 
     def cost(self, layout: Layout) -> float:
-        """Return what a layout costs."""
+        """Return the cost of a layout."""
         views = [self.every[number] for number in layout]
         poles = {one.mount for one in views if self.mounts[one.mount].kind == "new-pole"}
         costs = self.spec.costs
@@ -106,9 +106,9 @@ class Views:
         return sensors + len(views) * costs.bracket + len(poles) * costs.new_pole
 
     def cheapest(self) -> Layout:
-        """Return a layout that costs least; several sensors may hang on a pole that is set.
+        """Return a layout with the least cost; a new pole may carry several sensors.
 
-        There has to be room for ``sensors.least`` sensors.
+        There must be room for ``sensors.least`` sensors.
         """
         model = min(range(len(self.spec.models)), key=lambda k: self.spec.models[k].price)
         tilt_deg = self.spec.tilt_deg[0]
@@ -128,12 +128,12 @@ class Views:
         )
 
     def fits(self, layout: Sequence[int]) -> bool:
-        """Return whether no two sensors hang at the same height of a mount."""
+        """Return whether no two sensors have the same height at a mount."""
         hung = [(self.every[n].mount, self.every[n].height_m) for n in layout]
         return len(set(hung)) == len(hung)
 
     def sensor_spec(self, number: int, name: str) -> SensorSpec:
-        """Return a view as a rig's file has it."""
+        """Return a view as a sensor of a rig's file."""
         view = self.every[number]
         mount, model = self.mounts[view.mount], self.spec.models[view.model]
         yaw = (np.degrees(mount.toward) + view.yaw_deg + 180.0) % 360.0 - 180.0
@@ -159,10 +159,10 @@ class Views:
         )
 
     def models(self, mesh: LabelledMesh, reflectivity: dict[str, float]) -> Rig:
-        """Return a rig with a sensor of each model, as it hangs somewhere on the twin.
+        """Return a rig with a sensor of each model, mounted somewhere on the twin.
 
         Raises:
-            InputError: a model does not offer the columns that are asked for.
+            InputError: a model does not offer the requested columns.
         """
         models = range(len(self.spec.models))
         first = [next(n for n, one in enumerate(self.every) if one.model == k) for k in models]
@@ -178,7 +178,7 @@ class Views:
             ) from None
 
     def hung(self, number: int, models: Sequence[MountedSensor]) -> MountedSensor:
-        """Return a view's sensor where it hangs, made from the one of its model."""
+        """Return a view's sensor at its pose, derived from the sensor of its model."""
         view = self.every[number]
         spec = self.sensor_spec(number, f"view-{number}")
         place = self.mounts[view.mount].place(view.height_m)
