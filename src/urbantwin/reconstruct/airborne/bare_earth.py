@@ -1,4 +1,4 @@
-"""The bare earth of a survey as a grid of heights."""
+"""Bare earth of a survey as a height grid."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from urbantwin.reconstruct.airborne.tin import tin_heights
 
 __all__ = ["GRID_M", "bare_earth", "levelled_water"]
 
-#: Between nodes of the grid, metres.
+#: Spacing of the grid, metres.
 GRID_M = 0.5
-#: Further than this from any ground point nothing is known, metres: half a block.
+#: Maximum distance from ground points with known height, metres: half a block.
 _REACH_M = 40.0
-#: Beyond the region, metres.
+#: Margin around the region, metres.
 _MARGIN_M = 25.0
 
 
 def levelled_water(points: NDArray[np.float64], water: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the points with each sheet of water at one height: the median of its points.
+    """Return the points with each body of water at one height: the median of its points.
 
-    A sheet is connected within 6 m: few pulses come back from water.
+    Points of water within 6 m are connected, as few pulses return from water.
     """
     if not water.any():
         return points
@@ -41,18 +41,18 @@ def levelled_water(points: NDArray[np.float64], water: NDArray[np.bool_]) -> NDA
 def bare_earth(
     ground: NDArray[np.float64], region: shapely.Polygon, *, name: str, detail_m: float | None
 ) -> ElevationPatch:
-    """Triangulate ground points and read the heights at the nodes of a grid.
+    """Return the heights of triangulated ground points at the nodes of a grid.
 
-    Points are first averaged over cells of the grid's size, which keeps planes and halves the
-    noise. Gaps (under buildings, cars, trees) are bridged by the triangles across them: linear
-    between the ground on their sides. Beyond the hull of the points, and further than 40 m from
-    any, heights are nan.
+    Points are first averaged over cells of the grid's size, which preserves planes and halves the
+    noise. Gaps (under buildings, cars, trees) are bridged by triangles: heights are linear between
+    the ground on their sides. Beyond the hull of the points, and more than 40 m from any, heights
+    are nan.
 
     Args:
         ground: (N, 3) points of the bare earth, site frame.
-        region: what the grid must cover.
-        name: of the source.
-        detail_m: size of the smallest things shown; ``None``: the spacing of the points.
+        region: area that the grid must cover.
+        name: name of the source.
+        detail_m: size of the smallest detail; ``None``: the spacing of the points.
     """
     west, south, east, north = region.buffer(_MARGIN_M).bounds
     near = (
@@ -88,7 +88,7 @@ def _averaged(points: NDArray[np.float64], size: float) -> NDArray[np.float64]:
 
 
 def _spacing(points: NDArray[np.float64]) -> float:
-    """Return the mean distance between points where there are any, metres."""
+    """Return the mean point spacing in occupied cells, metres."""
     grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
     count = grid.count(points[:, :2])
     return float(round(2.0 / np.sqrt(np.median(count[count > 0])), 3))

@@ -1,4 +1,4 @@
-"""Cleaning of imported geometry: cropped, without shards and traffic, decimated; and a report."""
+"""Cleaning of imported geometry: cropping, removal of shards and traffic, decimation; a report."""
 
 from urbantwin.reconstruct.cleaning.clean import Cleaned, cleaned
 from urbantwin.reconstruct.cleaning.cloud import CleanedCloud, cleaned_cloud

@@ -21,9 +21,10 @@ from urbantwin.site.geometry import CleanSpec
 
 __all__ = ["Cleaned", "cleaned"]
 
-#: What lies this far beyond the region is looked at too, so that a car at its border is whole.
+#: Margin around the region that is processed, too, so that cars at its border are complete, metres.
 _MARGIN_M = 8.0
-#: A piece wider than this is the ground or a block of houses: no override takes it, metres.
+#: Maximum width of pieces that overrides can remove, metres: wider ones are ground or blocks of
+#: houses.
 _WIDEST_PIECE_M = 40.0
 
 
@@ -33,10 +34,10 @@ class Cleaned:
 
     Attributes:
         mesh: site frame, metres; welded.
-        report: what was done, for ``geometry.json``: ``before`` and ``after`` (triangles, area,
-            bounds, pieces), ``removed`` and ``kept`` (what, why, where, size), ``left_out``,
-            ``decimation``, ``notes``.
-        picture: what ``view.cleaning`` draws.
+        report: for ``geometry.json``: ``before`` and ``after`` (triangles, area, bounds, pieces),
+            ``removed`` and ``kept`` (kind, reason, position, size), ``left_out``, ``decimation``,
+            ``notes``.
+        picture: data for ``view.cleaning``.
     """
 
     mesh: TriangleMesh
@@ -54,15 +55,15 @@ def cleaned(
     name: str = "",
     frame: SiteFrame | None = None,
 ) -> Cleaned:
-    """Crop a mesh, drop its shards, take traffic out of it, and decimate it.
+    """Crop a mesh, remove its shards and traffic, and decimate it.
 
     Args:
         mesh: in the site frame, metres, z up.
-        spec: which steps, and overrides.
-        region: what is kept, in plan; triangles are cut at its border.
-        roads: carriageways and parking in plan; without any, only single cars are looked for.
-        sensors: (S, 3) places of the sensors, for the error of decimation.
-        name: of the source, for the report.
+        spec: enabled steps, and overrides.
+        region: region to keep, in plan; triangles are cut at its border.
+        roads: carriageways and parking in plan; without them, only single cars are detected.
+        sensors: (S, 3) sensor positions, for the error of decimation.
+        name: name of the source, for the report.
         frame: for latitudes and longitudes in the report and in overrides.
     """
     roads = shapely.MultiPolygon() if roads is None else roads
@@ -119,7 +120,7 @@ def cleaned(
 
 
 def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
-    """Return the triangles that come near the region's bounds."""
+    """Return the triangles near the region's bounds."""
     if not len(mesh.faces):
         return mesh
     west, south, east, north = region.bounds
@@ -135,14 +136,14 @@ def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
 
 
 def _apart(mesh: TriangleMesh) -> NDArray[np.int64]:
-    """Return numbers (F,) of things whose borders decimation keeps: objects and their classes."""
+    """Return numbers (F,) of objects and classes whose borders decimation keeps."""
     if mesh.semantic is None:
         return mesh.object.astype(np.int64)
     return mesh.object.astype(np.int64) * 256 + mesh.semantic
 
 
 def _named(mesh: TriangleMesh, remove: Spots) -> tuple[TriangleMesh, list[Removal]]:
-    """Return a mesh without what overrides name: whole pieces, or what stands on the surface."""
+    """Return a mesh without the pieces, or objects on the surface, that overrides name."""
     pieces = pieces_of(mesh)
     middle, size = pieces.middle, pieces.size
     gone = remove.near(middle) & (size[:, :2].max(axis=1) < _WIDEST_PIECE_M)

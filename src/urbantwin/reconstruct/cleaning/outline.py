@@ -1,4 +1,4 @@
-"""Where a vehicle meets the ground, and the ground under it."""
+"""Outline of a vehicle on the ground, and the ground under it."""
 
 from __future__ import annotations
 
@@ -16,41 +16,42 @@ from urbantwin.reconstruct.cleaning.rays import Rays
 
 __all__ = ["Ground", "Outline", "outline_of"]
 
-#: Cells of the close look at one vehicle, metres.
+#: Cell size of the detailed measurement of a vehicle, metres.
 _FINE_M = 0.1
-#: How far around a vehicle's cells its skirt and the ground beside it are looked at, metres.
+#: Margin around a vehicle for its skirt and the ground beside it, metres.
 _AROUND_M = 2.6
-#: Cells from one to the next height whose difference gives a slope.
+#: Distance in cells over which slopes are measured.
 _RUN = 4
-#: Width of the strip around it that gives the street's slope, metres, and its fewest cells.
+#: Width of the surrounding strip that gives the street's slope, metres, and its minimum number of
+#: cells.
 _STRIP_M, _FEWEST = 2.0, 30
-#: What is higher over the ground is a vehicle's for certain, metres.
+#: Height above the ground from which a cell certainly belongs to a vehicle, metres.
 _SURE_M = 0.25
-#: Where a scan melts a flank into the street the surface still falls outwards by this per cell.
+#: Minimum outward drop per cell of a flank that a scan blends into the street, metres.
 _FALLS_M = 0.02
-#: What is lower over the street than this is the street's roughness, metres.
+#: Height below which deviations are the street's roughness, metres.
 _SKIRT_M = 0.08
-#: A skirt lower than this is lost in it in any case, metres.
+#: Height below which a skirt is always indistinguishable, metres.
 _LOST_M = 0.015
-#: Farthest that a skirt reaches, cells.
+#: Maximum extent of a skirt, cells.
 _SKIRT = 8
-#: What lies farther off the surface than this is beyond a step: a curb, metres.
+#: Deviation from the surface beyond which points are across a step (a curb), metres.
 _STEP_M = 0.08
-#: And than this, or three times the surface's own roughness, metres.
+#: Tolerance of the surface, at least three times its own roughness, metres.
 _ROUGH_M = 0.02
-#: Share of the rim that lies on one surface if there is no step. A tilted plane through a street on
-#: one side and a sidewalk on the other leaves the short ends off.
+#: Share of the rim on one surface from which there is no step. A tilted plane through a street on
+#: one side and a sidewalk on the other misses the short ends.
 _ONE_SURFACE = 0.97
-#: Most rim points that an interpolation takes.
+#: Maximum number of rim points of an interpolation.
 _MOST = 250
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The ground under a vehicle, from the ground around it.
+    """The ground under a vehicle, interpolated from the ground around it.
 
-    A thin-plate spline (Duchon 1977): the smoothest surface through given heights; it repeats a
-    plane of any slope exactly. It is kept within the heights that it was made from.
+    A thin-plate spline (Duchon 1977): the smoothest surface through given heights, exact for planes
+    of any slope. It is clipped to the range of its heights.
     """
 
     spline: RBFInterpolator
@@ -59,7 +60,7 @@ class Ground:
 
     @classmethod
     def through(cls, points: NDArray[np.float64]) -> Ground | None:
-        """Return the surface through points (N, 3), or ``None`` where they are too few."""
+        """Return the surface through points (N, 3), or ``None`` if there are too few."""
         if len(points) > _MOST:
             points = points[np.linspace(0, len(points) - 1, _MOST).round().astype(int)]
         _, once = np.unique(np.round(points[:, :2], 4), axis=0, return_index=True)
@@ -67,14 +68,14 @@ class Ground:
         spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
         if len(points) < 4 or spread[-1] < 0.05:
             return None
-        # Smoothed: a scan's noise at the rim must not swing up in the middle. Planes stay exact.
+        # Smoothing prevents noise at the rim from overshooting in the middle; planes remain exact.
         spline = RBFInterpolator(
             points[:, :2], points[:, 2], kernel="thin_plate_spline", degree=1, smoothing=10.0
         )
         return cls(spline, float(points[:, 2].min()), float(points[:, 2].max()))
 
     def at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return heights (N,) at places (N, 2)."""
+        """Return heights (N,) at positions (N, 2)."""
         if not len(xy):
             return np.zeros(0)
         return np.asarray(np.clip(self.spline(xy), self.low, self.high))
@@ -86,7 +87,7 @@ def _to_the_foot(
     top: NDArray[np.float64],
     height: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Grow a vehicle's cells down its melted skirt until that is lost in the street's roughness."""
+    """Grow a vehicle's cells down its blended skirt into the street's roughness."""
     known = ~np.isnan(top) & (np.abs(height) < _SURE_M + 0.1) & ~foreign
     strip = known & ~binary_dilation(mask, iterations=5)
     strip &= binary_dilation(mask, iterations=16)
@@ -115,20 +116,20 @@ def _to_the_foot(
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The slope of the street about a vehicle: rise along x and along y."""
+    """Slope of the street around a vehicle: rise along x and along y."""
 
     slope: NDArray[np.float64]
 
     @classmethod
     def around(cls, top: NDArray[np.float64], known: NDArray[np.bool_]) -> Plane:
-        """Return the slope that most of the ground around has.
+        """Return the slope of most of the surrounding ground.
 
-        The median of differences over a few cells: street and sidewalk slope alike, and a curb
-        between them is in few of the differences.
+        It is the median of differences over a few cells: street and sidewalk have similar slopes,
+        and few differences cross the curb between them.
 
         Args:
             top: (rows, columns) heights, cells of ``_FINE_M``.
-            known: which of them are ground.
+            known: mask of the ground cells.
         """
         values = np.where(known, top, np.nan)
         slope = np.zeros(2)
@@ -140,9 +141,9 @@ class Plane:
         return cls(slope)
 
     def even(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which of points (N, 3) around a vehicle are of the surface it stands on.
+        """Return the mask of points (N, 3) around a vehicle on the surface under it.
 
-        A sidewalk on one side is a curb higher. Of two surfaces a vehicle stands on the lower.
+        A sidewalk on one side is higher by a curb. Of two surfaces the vehicle is on the lower one.
         """
         if len(points) < 12:
             return np.ones(len(points), bool)
@@ -152,27 +153,27 @@ class Plane:
             return np.asarray(good)
         over = points[:, 2] - points[:, :2] @ self.slope
         even = np.abs(over - np.percentile(over, 30)) < _STEP_M
-        # Of those, what most agree on: the face of a curb lies between street and sidewalk.
+        # The surface of the majority: the face of a curb is between street and sidewalk.
         off = _off_most(points, even)
         return np.asarray(even & (off < max(_ROUGH_M, 3.0 * float(np.median(off[even])))))
 
 
 def _off_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return how far points (N, 3) are off the quadratic of least absolute deviations of some."""
+    """Return the absolute deviation of points (N, 3) from an L1 quadratic through some of them."""
     return np.asarray(np.abs(_over_most(points, some)))
 
 
 def _over_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return how far points (N, 3) are over the quadratic of least absolute deviations of some."""
+    """Return the height of points (N, 3) above an L1 quadratic through some of them."""
     x, y = (points[:, :2] - points[some, :2].mean(axis=0)).T
     terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
     own, height = terms[some], points[some, 2]
     weight = np.ones(len(own))
     best = np.zeros(0)
-    for degree in [3] * 10 + [6] * 10:  # a plane first: a quadratic could bend to a curb
+    for degree in [3] * 10 + [6] * 10:  # a plane first, as a quadratic could bend towards a curb
         used = own[:, :degree]
         weighted = (used * weight[:, None]).T
-        # Normal equations: a few metres of street are far from ill-conditioned, and they are fast.
+        # Normal equations are fast, and well conditioned for a few metres of street.
         best = np.linalg.solve(weighted @ used + 1e-8 * np.eye(degree), weighted @ height)
         weight = 1.0 / np.maximum(np.abs(height - used @ best), 1e-3)
     return np.asarray(points[:, 2] - terms @ best)
@@ -180,13 +181,13 @@ def _over_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Where a vehicle meets the ground.
+    """The outline of a vehicle on the ground.
 
     Attributes:
-        area: in plan: everything of it lies inside.
+        area: in plan, contains the whole vehicle.
         ground: the ground under it.
-        top: greatest height of it, metres.
-        covered: the surface goes on under it, so that nothing is to be closed.
+        top: its maximum height, metres.
+        covered: the surface continues under it, so that no gap has to be closed.
     """
 
     area: shapely.Polygon
@@ -202,17 +203,17 @@ def outline_of(
     places: NDArray[np.float64],
     reach_m: float,
 ) -> Outline | None:
-    """Measure a vehicle closely: its outline on the ground, and the ground around it.
+    """Return the outline of a vehicle on the ground, and the ground around it.
 
     Args:
-        rays: into the mesh.
-        seed: where it surely is, in plan.
-        bare: (N,) rough heights of the street about it.
-        places: (N, 2) where those are.
-        reach_m: how far over the street to begin.
+        rays: ray caster of the mesh.
+        seed: area certainly covered by the vehicle, in plan.
+        bare: (N,) approximate heights of the street around it.
+        places: (N, 2) positions of these heights.
+        reach_m: start height of rays above the street, metres.
 
     Returns:
-        ``None`` where too little of the ground around it is to be seen.
+        ``None`` if too little of the surrounding ground is visible.
     """
     west, south, east, north = shapely.buffer(seed, _AROUND_M).bounds
     grid = Grid.over((west, south, east, north), _FINE_M)
@@ -227,13 +228,13 @@ def outline_of(
     mask = np.isin(number, own[own > 0]) & grid.inside(shapely.buffer(seed, 0.6))
     if not mask.any():
         return None
-    # Poles beside it stay: a cell far above the rest of it is not its own.
+    # Poles beside it are excluded: their cells are far higher.
     level = float(np.percentile(height[mask], 95))
     foreign = binary_dilation(height > level + 0.8, np.ones((3, 3), bool))
     mask &= ~foreign
     seen = np.where(np.isnan(top), np.inf, top)
     for _ in range(_SKIRT):
-        # From what is still over the street: its own roughness is no skirt.
+        # Growth starts above the street's roughness.
         edge = maximum_filter(np.where(mask & (height > _SKIRT_M), top, -np.inf), 3)
         more = ~mask & ~foreign & (seen < edge - _FALLS_M) & binary_dilation(mask)
         if not more.any():

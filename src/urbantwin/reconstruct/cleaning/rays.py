@@ -1,4 +1,4 @@
-"""Rays into a mesh without labels, on all processors."""
+"""Ray casting into an unlabelled mesh, on all processors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _AT_ONCE = 1 << 17
 class Rays:
     """Casts rays at triangles.
 
-    Coordinates are moved to the mesh's middle before they become float32, so that a model that
-    is 100 m wide is exact to 10 micrometres wherever it stands.
+    Coordinates are relative to the mesh's centre before the conversion to float32, so that a model
+    100 m wide is exact to 10 micrometres at any position.
 
     Args:
         vertices: (V, 3) metres.
@@ -57,12 +57,12 @@ class Rays:
     def heights(
         self, xy: NDArray[np.float64], start: ArrayLike, *, up: bool = False
     ) -> NDArray[np.float64]:
-        """Return the height (N,) of what a vertical ray meets first, nan where nothing.
+        """Return the height (N,) of the first hit of a vertical ray, nan without a hit.
 
         Args:
-            xy: (N, 2) places, metres.
-            start: (N,) or one height to start from.
-            up: upwards, not down.
+            xy: (N, 2) positions, metres.
+            start: (N,) heights, or one height, to start from.
+            up: cast upwards instead of down.
         """
         z = np.broadcast_to(np.asarray(start, np.float64), (len(xy),))
         way = 1.0 if up else -1.0

@@ -1,4 +1,4 @@
-"""What cleaning removed and kept: lines of its report, and the data of its picture."""
+"""Removed and kept parts of cleaning: lines of its report, and data of its picture."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["CleaningPicture", "Removal", "Spots", "measures"]
 
 @dataclass(frozen=True, eq=False)
 class Removal:
-    """A piece that was taken out, or that an override kept.
+    """A piece that was removed, or that an override kept.
 
     Attributes:
         what: ``shard``, ``car``, ``truck or bus``, ``row of cars``, ``smear``, ``piece``,
             ``points``.
-        why: the rule that took it, in words.
-        at: (3,) its middle, site frame, metres.
+        why: the rule that applied, in words.
+        at: (3,) its centre, site frame, metres.
         size: (3,) length, width and height, metres.
-        area: of its triangles, square metres; 0 for points.
-        count: of its triangles or points.
+        area: area of its triangles, square metres; 0 for points.
+        count: number of its triangles or points.
         outline: in plan, for pictures; ``None`` for shards.
-        closed: of the surface made where it stood, square metres.
+        closed: area of the surface made in its place, square metres.
     """
 
     what: str
@@ -63,7 +63,7 @@ class Removal:
 
 
 class Spots:
-    """Places that a person named; each remembers what it met."""
+    """Positions of overrides, with a record of which had an effect."""
 
     def __init__(self, spots: list[Spot], frame: SiteFrame | None) -> None:
         self._spots = spots
@@ -84,7 +84,7 @@ class Spots:
         return len(self._spots)
 
     def near(self, middles: ArrayLike) -> NDArray[np.bool_]:
-        """Return which of middles (N, 3) lie within a spot, and remember which spots they met."""
+        """Return the mask of centres (N, 3) within a spot, and record the spots with matches."""
         points = np.asarray(middles, np.float64).reshape(-1, 3)
         out = np.zeros(len(points), bool)
         for k, place in enumerate(self._place):
@@ -95,11 +95,11 @@ class Spots:
         return out
 
     def widest(self, least: float) -> float:
-        """Return how wide what has its middle in a spot may be, metres: twice the radius."""
+        """Return the maximum width of objects centred in a spot, metres: twice the radius."""
         return max(least, 2.0 * float(self._radius.max(initial=0.0)) + 1.0)
 
     def areas(self) -> list[shapely.Polygon]:
-        """Return the spots in plan, with room for what has its middle in them."""
+        """Return the spots in plan, with a margin for objects with their centre in them."""
         return [
             shapely.Point(*place[:2]).buffer(radius + 3.0)
             for place, radius in zip(self._place, self._radius, strict=True)
@@ -107,7 +107,7 @@ class Spots:
         ]
 
     def unmet(self, word: str) -> list[str]:
-        """Return a line for every spot at which nothing was found."""
+        """Return a line for every spot without an effect."""
         return [
             f"nothing to {word} within {radius:g} m of ({place[0]:.1f}, {place[1]:.1f})"
             for place, radius, met in zip(self._place, self._radius, self.met, strict=True)
@@ -120,7 +120,7 @@ def measures(mesh: TriangleMesh, pieces: Pieces | None = None) -> dict[str, Any]
 
     Args:
         mesh: every vertex used.
-        pieces: of the mesh, where they are known.
+        pieces: pieces of the mesh, if known.
     """
     if not len(mesh.faces):
         return {"triangles": 0, "vertices": 0, "area_m2": 0.0, "bounds_m": None, "pieces": 0}
@@ -136,15 +136,15 @@ def measures(mesh: TriangleMesh, pieces: Pieces | None = None) -> dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class CleaningPicture:
-    """What a picture of cleaning shows, before and after.
+    """Data of a picture of cleaning, before and after.
 
     Attributes:
-        before: the mesh (or points) as it came, in the region and a little around.
-        after: as it is now.
-        removed: what was taken out.
-        kept: what an override kept.
+        before: the input mesh (or points), in the region and around it.
+        after: the result.
+        removed: removed pieces.
+        kept: pieces that an override kept.
         passed: objects on the carriageway that do not qualify as vehicles.
-        region: of interest.
+        region: region of interest.
         roads: carriageways, may be empty.
     """
 

@@ -1,4 +1,4 @@
-"""Shards: pieces of a mesh that float, or that are too small to be anything."""
+"""Shards: pieces of a mesh that float, or that are too small."""
 
 from __future__ import annotations
 
@@ -19,28 +19,29 @@ from urbantwin.reconstruct.cleaning.weld import Pieces
 
 __all__ = ["Shards", "find_shards"]
 
-#: Pieces nearer than this hold each other, metres: gaps of models and of scans.
+#: Maximum gap of pieces that support each other, metres: gaps of models and of scans.
 _TOUCH_M = 0.12
-#: A piece whose foot is at most this far over what is below stands on it, metres.
+#: Maximum height of a piece's foot above its support, metres.
 _FOOT_M = 0.3
-#: Pieces with a side of this length or more may be the ground, metres.
+#: Minimum length of a ground piece, metres.
 _GROUND_SIDE_M = 4.0
-#: A crown without its trunk: at least this thick and this long, at most this high up, metres.
+#: A crown without its trunk: minimum thickness, minimum length, and maximum height above ground,
+#: metres.
 _CROWN_M = (1.0, 2.5, 6.0)
-#: A wire: at least this long, sagging less than this, and not this wide, metres.
+#: A wire: minimum length, maximum sag, and maximum width, metres.
 _WIRE_M = (8.0, 6.0, 0.5)
-#: Cells of the grid of the ground, metres.
+#: Cell size of the ground grid, metres.
 _CELL_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Shards:
-    """What is to go and what an override kept.
+    """Shards to remove, and pieces that an override kept.
 
     Attributes:
         faces: (F,) bool, triangles of shards.
         removed: the shards.
-        kept: pieces that the rules would have taken and an override kept.
+        kept: pieces that an override kept against the rules.
     """
 
     faces: NDArray[np.bool_]
@@ -51,17 +52,17 @@ class Shards:
 def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spots) -> Shards:
     """Return the pieces of a mesh that float or are too small.
 
-    Pieces hold each other where they touch. A piece stands if its foot is on the ground or on a
-    piece that stands, or if a piece that stands holds it: a lamp post, a roof on walls, a sign
-    on its pole, the leaves of a tree. Everything else floats, and is a shard; so is what is
-    smaller than ``smallest_m`` and held by the ground alone. Two things float and stay: the crown
-    of a tree whose trunk no scan saw, and wires.
+    Touching pieces support each other. A piece is supported if its foot is on the ground or on a
+    supported piece, or if it touches one: a lamp post, a roof on walls, a sign on its pole, the
+    leaves of a tree. All other pieces float, and are shards; so are pieces smaller than
+    ``smallest_m`` that only touch the ground. Two kinds of floating objects are kept: crowns of
+    trees whose trunk was not scanned, and wires.
 
     Args:
         mesh: welded, site frame, metres.
-        pieces: of the mesh.
-        smallest_m: pieces whose longest side is below this are too small, metres.
-        keep: pieces that stay whatever the rules say.
+        pieces: pieces of the mesh.
+        smallest_m: minimum length of a piece's longest side, metres.
+        keep: overrides that keep pieces.
     """
     none = np.zeros(len(mesh.faces), bool)
     if len(pieces) < 2:
@@ -73,7 +74,7 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
     loose = ~on_ground | (small & ~ground)
     touching = Contacts(mesh, pieces, loose, standing.wide, standing.rays)
     pairs = np.concatenate([touching.within(_TOUCH_M), touching.resting(_FOOT_M)])
-    # A small piece is carried by a thing, not by the ground that it happens to lie on.
+    # A small piece is supported by objects, not by the ground it lies on.
     lies = (small[pairs[:, 0]] & ground[pairs[:, 1]]) | (small[pairs[:, 1]] & ground[pairs[:, 0]])
     pairs = pairs[~lies]
     stands = _reached(pairs, ground | (on_ground & ~small))
@@ -108,7 +109,7 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
 
 @dataclass(frozen=True, eq=False)
 class _Standing:
-    """Of K pieces: which are ground, which stand on it, its height there; the wide ones' rays."""
+    """Of K pieces: ground, supported by ground, ground height; the wide pieces and their rays."""
 
     ground: NDArray[np.bool_]
     on_ground: NDArray[np.bool_]
@@ -118,7 +119,7 @@ class _Standing:
 
 
 def _standing(mesh: TriangleMesh, pieces: Pieces) -> _Standing:
-    """Return which pieces are ground, which stand on it, and the ground's height there."""
+    """Return the pieces that are ground or on the ground, and the ground's height there."""
     wide = pieces.size[:, :2].max(axis=1) >= _GROUND_SIDE_M
     if not wide.any():
         wide = pieces.area >= 0.2 * pieces.area.max()
@@ -131,16 +132,16 @@ def _standing(mesh: TriangleMesh, pieces: Pieces) -> _Standing:
     lowest = rays.heights(grid.centres(), below, up=True).reshape(grid.shape)
     earth = filled(np.where(bare_earth(lowest, grid.step), lowest, np.nan))
     foot = mesh.vertices[pieces.foot]
-    # On a slope the foot's cell may be higher than the foot: its own height there decides.
+    # On a slope the foot's cell may be higher than the foot, so its own height there counts.
     row, column = grid.cells(foot[:, :2])
     base = earth[row, column]
     slack = _FOOT_M + 0.1 * grid.step
     on_ground = foot[:, 2] <= base + slack
-    # A house of a model without ground: nothing is under it that it could float over.
+    # a house in a model without ground, with nothing below
     nothing = np.isnan(rays.heights(foot[:, :2], foot[:, 2] - 1e-3))
     nothing &= np.isnan(rays.heights(pieces.middle[:, :2], pieces.low[:, 2] - 1e-3))
     on_ground |= wide & nothing
-    # Ground itself: wide, and most of its vertices are at the ground's height.
+    # Ground is wide, with most vertices at ground height.
     at = earth[grid.cells(mesh.vertices[:, :2])]
     low = np.abs(mesh.vertices[:, 2] - at) < slack
     of_vertex = np.zeros(len(mesh.vertices), np.int32)
@@ -150,7 +151,7 @@ def _standing(mesh: TriangleMesh, pieces: Pieces) -> _Standing:
     )
     flat = pieces.size[:, 2] < np.maximum(0.3 * pieces.size[:, :2].max(axis=1), 0.05)
     ground = on_ground & wide & (share > 0.3)
-    # Slabs of which a pavement may be made: flat, and nothing is under them.
+    # Slabs of a pavement are flat, with nothing below.
     under = rays.heights(pieces.middle[:, :2], pieces.low[:, 2] - 1e-3)
     ground |= on_ground & flat & np.isnan(under) & ~wide & (share > 0.5)
     return _Standing(ground, on_ground, base, wide, rays)
@@ -167,7 +168,7 @@ def _crowns_and_wires(
     stands: NDArray[np.bool_],
     base: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return which pieces (K,) are of floating groups that have a crown's or a wire's shape."""
+    """Return the mask of pieces (K,) in floating groups with the shape of a crown or a wire."""
     floats = ~stands
     count = len(pieces)
     pairs = pairs[floats[pairs].all(axis=1)]
@@ -187,9 +188,9 @@ def _crowns_and_wires(
 
 
 def _reached(pairs: NDArray[np.int64], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of K things are connected to one of ``start`` (K,) by pairs."""
+    """Return the mask of K items connected to one of ``start`` (K,) by pairs."""
     count = len(start)
-    # One more thing that all of the start are tied to.
+    # an additional item connected to all of the start
     rows = np.concatenate([pairs[:, 0], np.flatnonzero(start)])
     columns = np.concatenate([pairs[:, 1], np.full(int(start.sum()), count)])
     graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count + 1, count + 1))

@@ -1,4 +1,4 @@
-"""The top surface of a street and the bare surface under it, on a grid."""
+"""Top surface of a street and the bare surface under it, on a grid."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ __all__ = [
 
 
 def bare_street(lowest: NDArray[np.float64], step: float, widest_m: float) -> NDArray[np.float64]:
-    """Return the surface without anything narrower than ``widest_m``.
+    """Return the surface without objects narrower than ``widest_m``.
 
-    A morphological opening: what a square of that size cannot enter from below is cut off. A
-    plane of any slope stays what it is, and so does a step between two surfaces that are wider.
+    A morphological opening removes what a square of that size cannot enter from below. Planes of
+    any slope are unchanged, and so are steps between two wider surfaces.
 
     Args:
-        lowest: (rows, columns) heights of the lowest surface, metres; nan where none is.
-        step: side of a cell, metres.
-        widest_m: what is narrower is removed, metres.
+        lowest: (rows, columns) heights of the lowest surface, metres; nan if unknown.
+        step: cell size, metres.
+        widest_m: maximum width of removed objects, metres.
     """
     size = 2 * int(np.ceil(widest_m / step / 2)) + 1
-    # A pit of one cell (a scan's noise) would drag the whole window down.
+    # the filter removes single-cell pits (noise), which would lower the whole window
     return np.asarray(grey_opening(median_filter(filled(lowest), 3), size, mode="nearest"))
 
 
@@ -47,21 +47,21 @@ def bare_earth(
     widest_m: float = 60.0,
     least_m: float = 0.3,
 ) -> NDArray[np.bool_]:
-    """Return which cells (rows, columns) show the bare earth.
+    """Return the mask of cells (rows, columns) that show the bare earth.
 
     The simple morphological filter of Pingel, Clarke and McBride (2013, ISPRS J. 77, 21-30): the
-    surface is opened with wider and wider windows; what an opening lowers by more than the
-    terrain could rise over that window stands on the ground.
+    surface is opened with increasing windows; cells that an opening lowers by more than the terrain
+    can rise over that window are objects.
 
     Args:
-        lowest: heights of the lowest surface, metres; nan where none is.
-        step: side of a cell, metres.
+        lowest: heights of the lowest surface, metres; nan if unknown.
+        step: cell size, metres.
         slope: steepest terrain, rise over run.
         widest_m: widest building, metres.
-        least_m: what is lower than this over its surroundings is ground.
+        least_m: height above the surroundings below which cells are ground.
     """
     surface = filled(lowest)
-    # Pits below the ground are noise: closed as in the paper's first step.
+    # Pits are noise, closed as in the paper's first step.
     pit = -(grey_opening(-surface, 3, mode="nearest")) - surface > 1.0
     surface = np.where(pit, median_filter(surface, 5), surface)
     stands = pit
@@ -72,30 +72,30 @@ def bare_earth(
         stands |= last - opened > max(least_m, slope * reach * step)
         last = opened
         before, reach = reach, max(reach + 1, int(reach * 1.5))
-    # Cells above the opened terrain that a slow rise of windows let through: slopes of roofs.
+    # Exclude cells without a surface.
     return np.asarray(~(stands | np.isnan(lowest)))
 
 
-#: Cells: fine enough for a gap between two cars, metres.
+#: Cell size, fine enough for a gap between two cars, metres.
 STREET_CELL_M = 0.25
-#: What is narrower stands on the street: two rows of parked cars nose to nose are 10 m, a lane
-#: full of vehicles 3 m; rows three abreast always have gaps.
+#: Maximum width of objects on the street, metres: two rows of parked cars nose to nose are 10 m, a
+#: lane of vehicles 3 m; rows three abreast always have gaps.
 WIDEST_M = 8.0
-#: The highest vehicle is 4 m by law (EU 96/53/EC), 4.3 m in North America.
+#: Maximum height of vehicles with margin, metres: 4 m by law (EU 96/53/EC), 4.3 m in North America.
 REACH_M = 4.6
 
 
 @dataclass(frozen=True, eq=False)
 class Street:
-    """Heights over the roads and around them.
+    """Heights of the roads and their surroundings.
 
     Attributes:
         grid: its cells.
-        bare: (rows, columns) the surface without what is narrower than a street, metres.
-        top: (rows, columns) the highest surface within reach of a vehicle over ``bare``; nan
-            where there is none.
-        asked: (rows, columns) where vehicles are looked for.
-        shape: of ``asked``; ``None`` where no roads are known.
+        bare: (rows, columns) the surface without objects narrower than a street, metres.
+        top: (rows, columns) the highest surface within the height of a vehicle above ``bare``; nan
+            if there is none.
+        asked: (rows, columns) mask of the cells to search for vehicles.
+        shape: outline of the roads; ``None`` if unknown.
     """
 
     grid: Grid
@@ -106,7 +106,7 @@ class Street:
 
     @property
     def height(self) -> NDArray[np.float64]:
-        """Return heights (rows, columns) over the bare surface, 0 where nothing is known."""
+        """Return heights (rows, columns) above the bare surface, 0 if unknown."""
         return np.nan_to_num(self.top - self.bare, nan=0.0)
 
 
@@ -118,15 +118,15 @@ def street_of_mesh(
     widest_m: float = WIDEST_M,
     reach_m: float = REACH_M,
 ) -> Street:
-    """Return the street as a mesh shows it.
+    """Return the street surface of a mesh.
 
     Args:
-        rays: into the mesh.
-        bounds: (2, 3) of the mesh.
-        region: where to look, site frame, metres.
-        roads: carriageways; ``None`` or empty looks everywhere.
-        widest_m: what is narrower stands on the street, metres.
-        reach_m: how far over the street its top is looked for, metres.
+        rays: ray caster of the mesh.
+        bounds: (2, 3) bounds of the mesh.
+        region: search region, site frame, metres.
+        roads: carriageways; ``None`` or empty searches everywhere.
+        widest_m: maximum width of objects on the street, metres.
+        reach_m: maximum height of their top above the street, metres.
     """
     grid, asked, around, shape = _asked(bounds, region, roads, beside=widest_m)
     lowest = np.full(grid.shape, np.nan)
@@ -144,13 +144,13 @@ def street_of_points(
     roads: shapely.Geometry | None,
     step: float = STREET_CELL_M,
 ) -> Street:
-    """Return the street as points (N, 3) of a survey show it.
+    """Return the street surface of survey points (N, 3).
 
     Args:
         points: site frame, metres.
-        region: where to look.
-        roads: carriageways; ``None`` or empty looks everywhere.
-        step: side of a cell, metres: somewhat more than the distance between points.
+        region: search region.
+        roads: carriageways; ``None`` or empty searches everywhere.
+        step: cell size, metres, larger than the distance between points.
     """
     bounds = np.array([points.min(axis=0), points.max(axis=0)])
     grid, asked, _, shape = _asked(bounds, region, roads, step)
@@ -158,7 +158,7 @@ def street_of_points(
     bare = bare_street(lowest, grid.step, WIDEST_M)
     over = points[:, 2] - bare[grid.cells(points[:, :2])]
     top = grid.highest(points[over < REACH_M])
-    # A cell that no point fell into between cells of a roof is the roof's.
+    # Empty cells between cells of a roof belong to the roof.
     gap = np.isnan(top)
     top[gap] = median_filter(filled(top), 3)[gap]
     return Street(grid, bare, top, asked, shape)

@@ -1,4 +1,4 @@
-"""Vehicles baked into a mesh: detected, and taken out of it."""
+"""Detection and removal of vehicles that are part of a mesh."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from urbantwin.reconstruct.cleaning.weld import areas_of_faces, pieces_of, selec
 
 __all__ = ["Untrafficked", "without_traffic"]
 
-#: What is higher than this over the ground under a vehicle is the vehicle's, metres.
+#: Height above the ground from which triangles belong to the vehicle, metres.
 _OVER_M = 0.05
-#: Share of the rays from half a metre around a vehicle that meet it within a reach, metres.
+#: Minimum share of horizontal rays, starting half a metre outside, that hit the vehicle within the
+#: given distance, metres.
 _CLOSED, _SIDE_REACH_M = 0.6, 1.4
-#: Lowered triangles with less area are dropped: upright flanks, square metres.
+#: Lowered triangles with less area (upright flanks) are dropped, square metres.
 _NO_AREA_M2 = 1e-9
-#: What an override names may be this high, metres.
+#: Maximum height of objects that overrides name, metres.
 _HIGHEST_M = 100.0
 
 
@@ -35,9 +36,9 @@ class Untrafficked:
 
     Attributes:
         mesh: the mesh, its surface closed.
-        removed: what was taken out.
+        removed: removed vehicles.
         kept: vehicles that an override kept.
-        passed: objects on the carriageway that do not qualify as vehicles, and why.
+        passed: objects on the carriageway that do not qualify as vehicles, with the reason.
     """
 
     mesh: TriangleMesh
@@ -53,14 +54,14 @@ def without_traffic(
     keep: Spots,
     remove: Spots | None = None,
 ) -> Untrafficked:
-    """Return a mesh without the vehicles that are baked into it.
+    """Return a mesh without the vehicles that are part of it.
 
     Args:
         mesh: welded, site frame, metres.
-        region: where to look.
-        roads: carriageways and parking; ``None`` or empty looks everywhere, for cars only.
-        keep: vehicles that stay.
-        remove: if given, what stands there goes whatever it is, and nothing else does.
+        region: search region.
+        roads: carriageways and parking; ``None`` or empty searches everywhere, for cars only.
+        keep: overrides that keep vehicles.
+        remove: if given, only objects at these positions are removed, of any kind.
     """
     if not len(mesh.faces):
         return Untrafficked(mesh, [], [], [])
@@ -98,7 +99,7 @@ def without_traffic(
 
 
 def _look(rays: Rays, street: Street, blob: Blob, reach: float) -> Outline | None:
-    """Return the outline of a blob as a close look shows it."""
+    """Return the detailed outline of a blob."""
     grid = street.grid
     mask = np.zeros(grid.shape, bool)
     rows, columns = blob.mask.shape
@@ -111,7 +112,7 @@ def _removal(blob: Blob, kind: str, why: str) -> Removal:
 
 
 def _closed_sides(rays: Rays, outline: Outline, blob: Blob) -> bool:
-    """Return whether rays from around meet a vehicle's sides: a shelter or a gantry is open."""
+    """Return whether horizontal rays hit a vehicle's sides: a shelter or a gantry is open."""
     around = shapely.buffer(blob.outline, 0.5, join_style="mitre")
     ring = shapely.segmentize(around.exterior, 0.4)
     line = shapely.get_coordinates(ring)
@@ -135,10 +136,11 @@ def _closed_sides(rays: Rays, outline: Outline, blob: Blob) -> bool:
 def _without(
     mesh: TriangleMesh, chosen: list[tuple[Blob, str, str, Outline]]
 ) -> tuple[TriangleMesh, list[Removal]]:
-    """Take vehicles out of a mesh.
+    """Remove vehicles from a mesh.
 
-    A vehicle on a surface that goes on under it is dropped. The vertices of one that is part of the
-    surface are lowered onto the ground around it: nothing is cut, so the surface stays closed.
+    A vehicle on a surface that continues under it is deleted. The vertices of one that is part of
+    the surface are lowered onto the surrounding ground: nothing is cut, so the surface stays
+    closed.
     """
     removed: list[Removal] = []
     vertices = mesh.vertices.copy()
@@ -178,7 +180,7 @@ def _without(
 
 
 def _raised(vertices: NDArray[np.float64], outline: Outline) -> NDArray[np.bool_]:
-    """Return which vertices (V,) belong to a vehicle that is part of the surface."""
+    """Return the mask of vertices (V,) of a vehicle that is part of the surface."""
     west, south, east, north = outline.area.bounds
     x, y, z = vertices.T
     near = np.flatnonzero(
@@ -193,7 +195,7 @@ def _raised(vertices: NDArray[np.float64], outline: Outline) -> NDArray[np.bool_
 def _looks(
     middle: NDArray[np.float64], new: NDArray[np.bool_], rest: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Return for each triangle (F,) the one whose colour and class it has: new ones the nearest."""
+    """Return the triangle (F,) whose colour and class each takes: for new ones the nearest."""
     like = np.arange(len(middle))
     if new.any() and rest.any():
         beside = np.flatnonzero(rest)
@@ -202,7 +204,7 @@ def _looks(
 
 
 def _standing_inside(work: TriangleMesh, outline: Outline) -> NDArray[np.bool_]:
-    """Return which triangles are a vehicle's that stands on a surface that goes on under it."""
+    """Return the mask of a vehicle's triangles on a surface that continues under it."""
     west, south, east, north = outline.area.bounds
     corners = work.vertices[work.faces]
     able = (corners[:, :, 0].min(axis=1) >= west) & (corners[:, :, 0].max(axis=1) <= east)
@@ -217,7 +219,7 @@ def _standing_inside(work: TriangleMesh, outline: Outline) -> NDArray[np.bool_]:
     gone[some] = (middle[:, 2] > outline.ground.at(middle[:, :2]) + _OVER_M) & (
         corners[some, :, 2].max(axis=1) < outline.top + 0.3
     )
-    # Tyres and sills lie on the ground: whole pieces of it go with it.
+    # Tyres and sills touch the ground: whole pieces are removed.
     pieces = pieces_of(work)
     inner = np.bincount(pieces.of_face[some], minlength=len(pieces)) == pieces.triangles
     high = np.bincount(pieces.of_face[gone], minlength=len(pieces)) > 0

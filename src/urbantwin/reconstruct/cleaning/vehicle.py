@@ -1,4 +1,4 @@
-"""Vehicles among the objects on a street, recognised by size, shape and place."""
+"""Recognition of vehicles among the objects on a street, by size, shape and position."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from urbantwin.reconstruct.cleaning.street_surface import REACH_M, Street
 
 __all__ = ["Blob", "find_blobs", "vehicle_kind"]
 
-#: What rises less over the street is the street: curbs 0.15 m, humps 0.12 m.
+#: Minimum height of objects on the street: curbs are 0.15 m high, humps 0.12 m.
 _SEED_M = 0.3
-#: A wall stands this much over its surroundings within a cell: buildings, not vehicles.
+#: Height above which a cell belongs to a building, metres.
 _TALLER_M = REACH_M - 0.3
-#: Cells wider than this are too coarse to take thin things away, metres.
+#: Cell size above which thin objects cannot be separated, metres.
 _COARSE_M = 0.35
-#: Share of a vehicle that is on the carriageway: many park with two wheels on the sidewalk.
+#: Minimum share of a vehicle on the carriageway: many park with two wheels on the sidewalk.
 _ON_ROAD = 0.4
 
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """Something that stands on the street.
+    """An object on the street.
 
     Attributes:
-        mask: (rows, columns) bool of its cells, in a window of the street's grid.
-        row, column: of the window.
-        outline: least rectangle around it in plan, metres.
-        length, width, height: metres; the height is that of nearly all of it.
-        middle: (3,) metres.
-        on_road: share of its area on the carriageway; 1 where no roads are known.
+        mask: (rows, columns) bool mask of its cells, in a window of the street's grid.
+        row, column: origin of the window.
+        outline: smallest rectangle around it in plan, metres.
+        length, width, height: metres; the height is the 95th percentile.
+        middle: (3,) centre, metres.
+        on_road: share of its area on the carriageway; 1 if no roads are known.
         full: share of the rectangle that it fills.
         boxy: share of its cells that are nearly as high as its highest.
-        relief: how much its ridge goes up and down along it, metres.
-        tall: it goes on above the reach of vehicles: a tree, a building, a pole.
+        relief: height variation of its ridge along it, metres.
+        tall: it continues above the height of vehicles: a tree, a building, a pole.
     """
 
     mask: NDArray[np.bool_]
@@ -61,15 +61,15 @@ class Blob:
 
 
 def find_blobs(street: Street, least_m: float = _SEED_M) -> list[Blob]:
-    """Return what stands on a street and is apart from everything else.
+    """Return the separate objects on a street.
 
     Args:
         street: heights on a grid.
-        least_m: what rises less is the street, metres.
+        least_m: minimum height of an object, metres.
     """
     height = street.height
     above = height > least_m
-    # A pole or a mirror's width does not tie a vehicle to what is beside it.
+    # Poles or mirrors do not connect a vehicle to its neighbours.
     if street.grid.step < _COARSE_M:
         above = binary_opening(above, np.ones((3, 3), bool))
     taller = np.pad(height > _TALLER_M, 1)
@@ -101,7 +101,7 @@ def _blob(
         ]
     )
     h = street.top[window][mask] - street.bare[window][mask]
-    # The body reaches on average half a cell beyond the outermost middles.
+    # The body extends on average half a cell beyond the outermost centres.
     hull = shapely.oriented_envelope(shapely.convex_hull(shapely.multipoints(xy)))
     outline = shapely.buffer(hull, step / 2, join_style="mitre")
     outline = shapely.oriented_envelope(outline)
@@ -111,14 +111,14 @@ def _blob(
     length, width = float(sides.max()), float(sides.min())
     way = way / max(float(np.hypot(*way)), 1e-9)
     high = float(np.percentile(h, 95))
-    # The ridge: the height of each metre along the length.
+    # The ridge is the height of each 0.75 m section along the length.
     along = np.floor((xy - ring[0]) @ way / 0.75).astype(np.int64)
     along -= along.min()
     ridge = np.zeros(along.max() + 1)
     np.maximum.at(ridge, along, h)
     inner = ridge[1:-1] if len(ridge) > 4 else ridge
     on_road = float(street.asked[window][mask].mean()) if street.shape is not None else 1.0
-    # A cell beyond reach beside it: it goes on upwards.
+    # Tall neighbouring cells: the object continues upwards.
     beside = taller[row : row + mask.shape[0] + 2, column : column + mask.shape[1] + 2]
     tall = bool(beside[maximum_filter(np.pad(mask, 1), 3)].sum() > 2)
     base = float(np.median(street.bare[window][mask]))
@@ -141,7 +141,7 @@ def _blob(
 
 @dataclass(frozen=True)
 class _Kind:
-    """Bounds of a kind of vehicle: length, width and height (least, most), metres, and shape."""
+    """Bounds of a kind of vehicle: length, width and height (min, max), metres, and shape."""
 
     name: str
     length: tuple[float, float]
@@ -161,11 +161,12 @@ class _Kind:
         )
 
 
-#: A row of cars has bonnets between its roofs; a wall or a hedge is level, metres.
+#: Minimum relief of a row of cars, which has bonnets between roofs, unlike walls and hedges,
+#: metres.
 _RELIEF_M = 0.3
-#: Cars 3.5-5.3 x 1.6-2.1 x 1.3-2.0 m, vans to 7 x 2.5 x 3 m; lorries and buses at most 18.75 x 2.55
-#: x 4 m (EU 96/53/EC). A scan's melted edges and a grid's cells add up to half a metre; cells
-#: that lie lower than the seed take off as much. A smear is what a moving car leaves.
+#: Cars 3.5-5.3 x 1.6-2.1 x 1.3-2.0 m, vans to 7 x 2.5 x 3 m; trucks and buses at most 18.75 x 2.55
+#: x 4 m (EU 96/53/EC). A scan's blended edges and the grid's cells add up to half a metre; cells
+#: lower than the seed height subtract as much. A smear is the trace of a moving car.
 _KINDS = (
     _Kind("car", (2.6, 7.2), (1.3, 2.7), (1.0, 3.1)),
     _Kind("truck or bus", (5.5, 20.0), (1.8, 3.5), (1.9, REACH_M - 0.2)),
@@ -173,15 +174,15 @@ _KINDS = (
     _Kind("row of cars", (5.0, 80.0), (3.2, 6.2), (1.0, 2.3), uneven=True),
     _Kind("smear", (2.0, 20.0), (1.2, 3.2), (0.3, 1.6), full=0.4, rough=True),
 )
-#: Where roads are not known, only what cannot be much else.
+#: Strict bounds for places without known roads.
 _ANYWHERE = (_Kind("car", (3.0, 5.8), (1.4, 2.5), (1.1, 2.2), full=0.7),)
 
 
 def vehicle_kind(blob: Blob, *, roads_known: bool) -> tuple[str, str]:
-    """Return what vehicle a blob is and why, or an empty kind and why it is not one.
+    """Return the kind of vehicle of a blob with its measures, or an empty kind with the reason.
 
     Args:
-        blob: what stands there.
+        blob: the object.
         roads_known: whether the carriageways are known; if not, only cars are recognised.
     """
     said = f"{blob.length:.1f} x {blob.width:.1f} x {blob.height:.1f} m"

@@ -27,7 +27,7 @@ __all__ = [
 def bounds_of_faces(
     vertices: NDArray[np.float64], faces: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the greatest coordinates (F, D) of triangles.
+    """Return the minimum and the maximum coordinates (F, D) of triangles.
 
     Args:
         vertices: (V, D) metres.
@@ -38,18 +38,19 @@ def bounds_of_faces(
 
 
 def every_corner(flag: NDArray[np.bool_], faces: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) have the flag (V,) at all their corners."""
+    """Return the mask of triangles (F,) with the flag (V,) at all corners."""
     return np.asarray(flag[faces[:, 0]] & flag[faces[:, 1]] & flag[faces[:, 2]])
 
 
 def some_corner(flag: NDArray[np.bool_], faces: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) have the flag (V,) at one of their corners."""
+    """Return the mask of triangles (F,) with the flag (V,) at any corner."""
     return np.asarray(flag[faces[:, 0]] | flag[faces[:, 1]] | flag[faces[:, 2]])
 
 
-#: Vertices nearer than this are one, metres: below what float32 keeps within 1 km of the origin.
+#: Distance below which vertices are merged, metres: the resolution of float32 within 1 km of the
+#: origin.
 WELD_M = 1e-4
-#: Triangles with less area have none, square metres.
+#: Minimum area of a valid triangle, square metres.
 _NO_AREA_M2 = 1e-9
 
 
@@ -69,7 +70,7 @@ def welded(mesh: TriangleMesh) -> TriangleMesh:
         _, first, place = np.unique(keys, return_index=True, return_inverse=True)
     else:
         _, first, place = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    # In the order in which the file has them, so that neighbours stay near in memory.
+    # Keep the order of the file, so that neighbours stay near in memory.
     order = np.argsort(first, kind="stable")
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
@@ -78,14 +79,14 @@ def welded(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
-    """Return the mesh welded without invalid triangles, and how many of each kind were removed.
+    """Return the welded mesh without invalid triangles, and the numbers of removed ones by reason.
 
     Args:
         mesh: site frame, metres.
 
     Returns:
         The mesh, and counts: ``not_finite`` (a corner is nan or infinite), ``degenerate`` (no
-        area), ``duplicate`` (the same three corners again, facing either way).
+            area), ``duplicate`` (the same three corners in any orientation).
     """
     finite = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
     good = every_corner(finite, mesh.faces)
@@ -109,9 +110,9 @@ def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
 def selected(
     mesh: TriangleMesh, keep: NDArray[np.bool_] | NDArray[np.int64] | None = None
 ) -> TriangleMesh:
-    """Return some triangles (a mask or numbers; ``None``: all) without unused vertices.
+    """Return the triangles of a mask or of indices (``None``: all) without unused vertices.
 
-    As ``TriangleMesh.select``, in the time that it takes to mark the vertices once.
+    As ``TriangleMesh.select``, but faster.
     """
     part = slice(None) if keep is None else keep
     faces = mesh.faces[part]
@@ -156,15 +157,15 @@ def _repeated(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The connected components of a mesh, K of them.
+    """The K connected components of a mesh.
 
     Attributes:
-        of_face: (F,) int32 number of each triangle's piece.
-        low: (K, 3) least x, y, z, metres.
-        high: (K, 3) greatest.
+        of_face: (F,) int32 index of each triangle's piece.
+        low: (K, 3) minimum x, y, z, metres.
+        high: (K, 3) maximum.
         area: (K,) square metres.
-        triangles: (K,) how many.
-        foot: (K,) int32 vertex that lies lowest.
+        triangles: (K,) number of triangles.
+        foot: (K,) int32 index of the lowest vertex.
     """
 
     of_face: NDArray[np.int32]
@@ -184,7 +185,7 @@ class Pieces:
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Middle (K, 3) of the bounds."""
+        """Centre (K, 3) of the bounds."""
         return (self.low + self.high) / 2
 
 

@@ -1,4 +1,4 @@
-"""A model's up axis and unit: as stated, or estimated."""
+"""Up axis and unit of a model, as stated or estimated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["UNITS", "Axes", "axes_of"]
 
-#: Lengths of units in metres; the US survey foot as it was until 2022 (NIST SP 811, B.6).
+#: Length of units in metres; the US survey foot as before 2022 (NIST SP 811, B.6).
 UNITS = {
     "m": 1.0,
     "cm": 0.01,
@@ -27,15 +27,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Axes:
-    """A model's upward axis and unit.
+    """Up axis and unit of a model.
 
     Attributes:
         up: ``"y"`` or ``"z"``.
-        up_why: who says so.
-        up_known: whether it is said, and not found.
+        up_why: source of the up axis, for reports.
+        up_known: whether it is stated instead of estimated.
         unit_m: length of the unit, metres.
-        unit_why: who says so.
-        unit_known: whether it is said, and not found.
+        unit_why: source of the unit, for reports.
+        unit_known: whether it is stated instead of estimated.
     """
 
     up: str
@@ -46,7 +46,7 @@ class Axes:
     unit_known: bool
 
     def transform(self) -> Similarity:
-        """Return what turns the model z-up and into metres."""
+        """Return the transform to z-up and metres."""
         return Similarity.of_axes(self.up, self.unit_m)
 
     def as_report(self) -> dict[str, object]:
@@ -60,7 +60,7 @@ class Axes:
 
 
 def axes_of(model: ImportedModel, source: GeometrySource) -> Axes:
-    """Return a model's upward axis and unit: site.yaml's word, the file's, or what is found."""
+    """Return a model's up axis and unit, from ``site.yaml``, the file, or an estimate."""
     spec = source.spec
     up: str = spec.up
     why, known = "site.yaml says so", True
@@ -81,7 +81,7 @@ def axes_of(model: ImportedModel, source: GeometrySource) -> Axes:
 
 
 def _found_up(model: ImportedModel) -> tuple[str, str]:
-    """Return the axis that level surfaces face, or else the one of the least extent."""
+    """Return the axis that most level surfaces face, otherwise the one of the smallest extent."""
     samples = samples_of(model)
     if len(samples.points) == 0:
         return "z", "nothing to tell it by: z is usual for surveys"
@@ -101,7 +101,7 @@ def _found_up(model: ImportedModel) -> tuple[str, str]:
 
 
 def _found_unit(model: ImportedModel, up: str) -> tuple[float, str]:
-    """Return the usual unit that makes a model as large as a place in a town."""
+    """Return the unit in which a model has the size of an urban place."""
     samples = samples_of(model)
     if len(samples.points) == 0:
         return 1.0, "nothing to tell it by: metres"
@@ -110,7 +110,7 @@ def _found_unit(model: ImportedModel, up: str) -> tuple[float, str]:
     extent = float((high - low).max())
     if extent <= 0 or 20.0 <= extent <= 5000.0:
         return 1.0, f"found: {extent:.4g} across are metres, as of a place in a town"
-    # An extent does not distinguish feet from metres: only what is far off is another unit.
+    # An extent cannot distinguish feet from metres: only clear deviations are other units.
     for unit, name in ((0.001, "millimetres"), (0.01, "centimetres"), (1000.0, "kilometres")):
         if 30.0 <= extent * unit <= 3000.0:
             return unit, f"found: {extent:.4g} across are taken for {name}"

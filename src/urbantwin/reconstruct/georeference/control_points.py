@@ -1,4 +1,4 @@
-"""Control points, known in a model and on site: read, checked, and a similarity fitted to them."""
+"""Control points, known in a model and on site: reading, checks, and the fit of a similarity."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from urbantwin.site.geometry import ControlPoint, GeometrySource
 __all__ = ["ControlPoints", "fit", "read_control_points"]
 
 _COLUMNS = "columns model_x, model_y, model_z and x, y, z (or latitude, longitude, height_m)"
-#: A point that far off the others' transform is refused by name, metres.
+#: Maximum deviation of a point from the others' transform, metres; larger ones are named in the
+#: error.
 _OUTLIER_M = 1.0
-#: Points that agree worse than this, or a fiftieth of their extent, are refused, metres.
+#: Maximum residual, metres, or a fiftieth of the points' extent if larger.
 _WORST_M = 2.0
 _MOST_POINTS = 10_000
 
@@ -33,12 +34,12 @@ class ControlPoints:
     """Points known on both sides.
 
     Attributes:
-        names: what they are called.
+        names: their names.
         model: (N, 3) in the model's own axes and units.
         site: (N, 3) site frame, metres.
-        file: what says so, for errors.
-        place: where in it.
-        notes: what was assumed.
+        file: file that defines them, for errors.
+        place: position in the file.
+        notes: assumptions made.
     """
 
     names: tuple[str, ...]
@@ -52,12 +53,12 @@ class ControlPoints:
 def read_control_points(
     source: GeometrySource, frame: SiteFrame, elevation: Elevation | None
 ) -> ControlPoints:
-    """Return a source's control points, from ``site.yaml`` or from the CSV file that it names.
+    """Return a source's control points, from ``site.yaml`` or the CSV file that it names.
 
-    A point without a height lies on the ground.
+    A point without a height is on the ground.
 
     Raises:
-        InputError: the file is missing or a row of it is wrong.
+        InputError: the file is missing or a row is invalid.
     """
     given = source.spec.control_points
     assert given is not None
@@ -91,12 +92,12 @@ def fit(points: ControlPoints, upright: Similarity | None) -> tuple[Similarity, 
     """Fit a similarity to control points, and return it with each point's residual in metres.
 
     Args:
-        points: three or more that are not on one line; or two, or several on a line, where the
-            model's upward axis is known.
-        upright: what turns the model z-up; ``None`` where that is not known.
+        points: three or more points that are not collinear; or two, or several collinear ones, if
+            the model's up axis is known.
+        upright: the transform of the model to z-up; ``None`` if unknown.
 
     Raises:
-        InputError: there are too few, two are the same, they lie on a line, or they disagree.
+        InputError: too few, coincident, collinear, or inconsistent points.
     """
     count = len(points.model)
     if count < 2:
@@ -147,7 +148,7 @@ def _check_apart(points: ControlPoints) -> None:
 
 
 def _check_outlier(points: ControlPoints, solve: object) -> None:
-    """Raise where one point is off and the others agree: it is left out, and the rest fitted."""
+    """Raise an error if a single point deviates from the fit of the others."""
     assert callable(solve)
     count = len(points.model)
     found: list[tuple[float, float, int]] = []
@@ -171,7 +172,7 @@ def _check_outlier(points: ControlPoints, solve: object) -> None:
 
 
 def _on_a_line(points: NDArray[np.float64]) -> bool:
-    """Whether points lie on a line, to a thousandth of its length."""
+    """Return whether points are collinear, to a thousandth of their extent."""
     if len(points) < 3:
         return True
     stretch = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)

@@ -1,4 +1,4 @@
-"""Where a model lies on a map: correlation over every shift, heading and scale.
+"""Search for a model's position on a map by correlation over shifts, headings and scales.
 
 Masked normalised cross-correlation by the fast Fourier transform: D. Padfield, "Masked object
 registration in the Fourier domain", IEEE Trans. Image Processing 21(5), 2012.
@@ -19,24 +19,24 @@ from urbantwin.reconstruct.surroundings import Surroundings
 
 __all__ = ["Candidate", "MapRaster", "candidates"]
 
-#: Of the most that model and map could share, this must be shared.
+#: Minimum overlap, as a share of the largest possible overlap of model and map.
 _LEAST_OVERLAP = 0.35
-#: Candidates that are nearer to each other than this are one: metres, degrees, share of scale.
+#: Differences below which candidates are the same: metres, degrees, share of scale.
 APART_M, APART_DEG, APART_SCALE = 6.0, 8.0, 0.06
 _PEAKS_PER_HEADING = 3
-#: What a road says of what stands high, beside a building: elsewhere may stand trees.
+#: Weight of roads against buildings as evidence against tall objects: trees may stand elsewhere.
 _ROAD = 0.35
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way to lay a model on the map: ``site = scale Rz(yaw) (model - pivot) + place``.
+    """One placement of a model on the map: ``site = scale Rz(yaw) (model - pivot) + place``.
 
     Attributes:
         score: correlation, -1 to 1.
         yaw: radians, counter-clockwise.
-        x, y: where the pivot comes to lie, site frame, metres.
-        scale: of the model.
+        x, y: position of the pivot, site frame, metres.
+        scale: scale of the model.
     """
 
     score: float
@@ -46,7 +46,7 @@ class Candidate:
     scale: float = 1.0
 
     def near(self, other: Candidate, reach_m: float = APART_M) -> bool:
-        """Whether both are the same way, roughly."""
+        """Return whether both placements are approximately the same."""
         turn = np.degrees(np.abs(np.angle(np.exp(1j * (self.yaw - other.yaw)))))
         return bool(
             np.hypot(self.x - other.x, self.y - other.y) < reach_m
@@ -56,7 +56,7 @@ class Candidate:
 
 
 class MapRaster:
-    """The map in plan: buildings high, roads low, the rest between; known in the region."""
+    """The map in plan: positive on buildings, negative on roads, known within the region."""
 
     def __init__(self, surroundings: Surroundings, cell: float) -> None:
         self.cell = cell
@@ -83,7 +83,7 @@ class MapRaster:
 
     @property
     def tells(self) -> bool:
-        """Whether there is anything to recognise."""
+        """Whether the map has any contrast."""
         return bool(self.known.any() and np.ptp(self.value[self.known > 0]) > 0)
 
 
@@ -98,17 +98,17 @@ def candidates(
     scales: NDArray[np.float64],
     most: int,
 ) -> list[Candidate]:
-    """Return the best ways to lay a model on the map, best first.
+    """Return the best placements of a model on the map, best first.
 
     Args:
         features: the model.
         raster: the map.
-        pivot: (2,) point of the model about which it is turned and scaled.
-        centre: (2,) where the pivot lies at first, site frame.
-        reach_m: how far from there it may be moved.
-        yaws: headings to try, radians.
-        scales: scales to try.
-        most: how many to return.
+        pivot: (2,) point of the model about which it is rotated and scaled.
+        centre: (2,) initial position of the pivot, site frame.
+        reach_m: maximum shift from there, metres.
+        yaws: headings to test, radians.
+        scales: scales to test.
+        most: maximum number of placements.
     """
     found: list[Candidate] = []
     for scale in scales:
@@ -141,7 +141,7 @@ class _Search:
         both = np.vstack([features.tall, features.low])
         self._points = (both - pivot) * scale
         self._is_tall = np.arange(len(both)) < len(features.tall)
-        # What lies farther from the pivot than any place of the map can never be on it.
+        # Points farther from the pivot than the map's extent can never be on it.
         size = np.array(raster.shape) * raster.cell
         far = float(np.hypot(*size)) + reach_m + float(np.hypot(*(centre - raster.corner)))
         near = np.hypot(*self._points.T) < far
@@ -152,7 +152,7 @@ class _Search:
         self._shape = (next_fast_len(full[0], real=True), next_fast_len(full[1], real=True))
         known, value = raster.known.astype(np.float32), raster.value.astype(np.float32)
         self._map = [rfft2(one, self._shape) for one in (known, value, value * value)]
-        # A cell of the model that is larger than the map's covers several.
+        # A model cell larger than the map's covers several.
         self._cover = features.cell_m * scale / raster.cell
 
     def peaks(self, yaw: float) -> list[Candidate]:
@@ -185,7 +185,7 @@ class _Search:
         score = np.where(below > floor * 1e-3, top / np.sqrt(np.maximum(below, 1e-12)), -1.0)
         score *= np.minimum(1.0, share_of_most / 0.7)
         score[share_of_most < _LEAST_OVERLAP] = -1.0
-        # Shift of the model's array within the map's, then where its pivot comes to lie.
+        # The shift of the model's array within the map's gives the position of its pivot.
         rows, columns = (
             np.where(np.arange(whole) < own, np.arange(whole), np.arange(whole) - whole)
             for whole, own in zip(self._shape, self._raster.shape, strict=True)

@@ -1,4 +1,4 @@
-"""Coordinates of a known reference system to the plan of the site frame, exactly."""
+"""Transformation from a known CRS to the plan of the site frame."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _WGS84 = CRS("EPSG:4326")
 
 @dataclass(frozen=True, eq=False)
 class InPlan:
-    """Points in plan, and how they came there.
+    """Points in plan, and their transformation.
 
     Attributes:
         xy: (N, 2) site frame, metres.
         lonlat: (N, 2) degrees, WGS84.
-        height: (N,) height above the ellipsoid where the system is geocentric, metres; else the
-            third coordinate as it was.
+        height: (N,) ellipsoidal height if the CRS is geocentric, metres; otherwise the unchanged
+            third coordinate.
         transformation: its name.
-        accuracy_m: as PROJ says; ``None`` where it does not.
+        accuracy_m: accuracy stated by PROJ; ``None`` if unknown.
         missing: grids that a better transformation needs.
     """
 
@@ -44,10 +44,10 @@ class InPlan:
 
 
 def crs_from_text(text: str, source: GeometrySource) -> CRS:
-    """Return the CRS that a person names.
+    """Return the CRS of a user's text.
 
     Raises:
-        InputError: it is not known.
+        InputError: it is unknown.
     """
     try:
         return CRS.from_user_input(text)
@@ -61,7 +61,7 @@ def crs_from_text(text: str, source: GeometrySource) -> CRS:
 
 
 def lengths_of(crs: CRS) -> float | None:
-    """Return metres per unit of the plan's axes; ``None`` where they are angles."""
+    """Return metres per unit of the plan's axes; ``None`` for angles."""
     plan = crs.sub_crs_list[0] if crs.is_compound else crs
     if plan.is_bound and plan.source_crs is not None:
         plan = plan.source_crs
@@ -73,17 +73,17 @@ def lengths_of(crs: CRS) -> float | None:
 def in_plan(
     points: NDArray[np.float64], crs: CRS, frame: SiteFrame, source: GeometrySource
 ) -> InPlan:
-    """Transform points to the site's plan, through the datum's own transformation.
+    """Transform points to the site's plan, with the datum transformation.
 
     Args:
         points: (N, 3) in the CRS, east before north.
-        crs: what they are in.
+        crs: their CRS.
         frame: the site frame.
-        source: what they are of, for errors.
+        source: their source, for errors.
 
     Raises:
-        InputError: the CRS has no known place on Earth, no transformation without a ballpark, or
-            does not hold where the points lie.
+        InputError: the CRS has no known location, only a ballpark transformation, or is not valid
+            at the points.
     """
     plan = crs
     if crs.is_compound:
@@ -100,11 +100,11 @@ def in_plan(
     target = CRS("EPSG:4979") if plan.is_geocentric else _WGS84
     here = area_of(frame.longitude, frame.latitude)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that the best is not at hand: told below
+        warnings.simplefilter("ignore")  # a missing best grid is reported below
         try:
             group = _group(plan, target, here)
             if not group.transformers and not group.unavailable_operations:
-                # Of another part of the world: the distance is reported in the end.
+                # in another part of the world: the distance is reported later
                 group = _group(plan, target, None)
         except (CRSError, ProjError) as error:
             raise source_error(

@@ -1,4 +1,4 @@
-"""The ground level of a model, and its offset from another's."""
+"""Ground level of a model, and its offset from another surface."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ __all__ = ["Samples", "above", "height_at_anchor", "samples_of"]
 
 #: ASPRS LAS 1.4, table 17.
 _GROUND, _NOISE = 2, (7, 18)
-#: Points that a model is looked at with.
+#: Maximum number of sample points of a model.
 MOST_SAMPLES = 400_000
-#: Within a block of this size some ground is to be seen, metres.
+#: Size of the blocks in which some ground is visible, metres.
 _BLOCK_M = 25.0
-#: Fewer points than this share lie below the ground by mistake; walls alone reach down to it.
+#: Quantile of heights that represents the ground, above outliers below it; only walls reach below.
 _LOW = 0.02
-#: Points this near to the plane of the lowest ones are of the ground, too, metres.
+#: Tolerance of ground points from the plane of the lowest ones, metres.
 _NEAR_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points all over a model's surface.
+    """Sample points of a model's surface.
 
     Attributes:
         points: (N, 3).
-        normals: (N, 3) unit normals of the triangles that they are on; ``None`` for a cloud.
-        ground: whether the points are of ground and nothing else, as a survey classified them.
+        normals: (N, 3) unit normals of their triangles; ``None`` for a cloud.
+        ground: whether the points are classified ground only.
     """
 
     points: NDArray[np.float64]
@@ -46,11 +46,11 @@ class Samples:
 
 
 def samples_of(model: ImportedModel, *, ground: bool = False) -> Samples:
-    """Return points all over a model, evenly by area; the same model gives the same points.
+    """Return sample points of a model, evenly by area and reproducible.
 
     Args:
-        model: with a mesh or a cloud; its mesh is looked at where it has both.
-        ground: only the points that are classified as ground, if there are such.
+        model: with a mesh or a cloud; the mesh is used if it has both.
+        ground: only the points classified as ground, if there are enough.
     """
     if model.mesh is not None and len(model.mesh.faces):
         a, b, c = np.moveaxis(model.mesh.triangles(), 1, 0)
@@ -80,14 +80,14 @@ def samples_of(model: ImportedModel, *, ground: bool = False) -> Samples:
 def above(
     samples: Samples, surface: Callable[[NDArray[np.float64]], NDArray[np.float64]]
 ) -> tuple[float, float] | None:
-    """Return how far a model's ground lies above a surface: the median, and half the spread.
+    """Return the median height of a model's ground above a surface, and half the spread.
 
-    In every block of 25 m the lowest points are taken for ground: what stands on the ground does
-    not count, nor do a few points below it. ``None`` where nothing is left.
+    The lowest points of every 25 m block are ground, which excludes objects and a few outliers
+    below. ``None`` if no points remain.
 
     Args:
         samples: points of the model, in metres.
-        surface: gives heights (N,) at (N, 2) points, nan where it has none.
+        surface: returns heights (N,) at (N, 2) positions, nan if unknown.
     """
     height = samples.points[:, 2] - surface(samples.points[:, :2])
     known = np.isfinite(height)
@@ -103,10 +103,10 @@ def above(
 
 
 def height_at_anchor(samples: Samples, farthest_m: float = np.inf) -> float | None:
-    """Return the height of a model's ground at the origin of the plan, or the nearest there is.
+    """Return the height of a model's ground at the origin of the plan, or the nearest available.
 
-    The lowest points of small cells around the anchor; a plane through them that lets go of what
-    stands above it. ``None`` where there is none within ``farthest_m``.
+    A robust plane is fitted to the lowest points of small cells around the anchor. ``None`` if
+    there is no ground within ``farthest_m``.
     """
     distance = np.hypot(samples.points[:, 0], samples.points[:, 1])
     if not len(distance) or distance.min() > farthest_m:
@@ -136,7 +136,7 @@ def height_at_anchor(samples: Samples, farthest_m: float = np.inf) -> float | No
 
 
 def _middle(height: NDArray[np.float64]) -> float:
-    """Return where the ground is in heights above its lowest points, which lie in its noise."""
+    """Return the ground's offset from its lowest points, which lie in its noise."""
     near = height[np.abs(height) < _NEAR_M]
     return float(np.median(near)) if len(near) else 0.0
 
@@ -144,7 +144,7 @@ def _middle(height: NDArray[np.float64]) -> float:
 def _lowest_of_groups(
     cell: NDArray[np.int64], value: NDArray[np.float64], least: int = 1
 ) -> NDArray[np.int64]:
-    """Return the place of a low value in each cell that holds enough of them."""
+    """Return the index of a low value in each cell with enough values."""
     _, group = np.unique(cell, axis=0, return_inverse=True)
     order = np.lexsort([value, group.ravel()])
     start = np.flatnonzero(np.diff(group.ravel()[order], prepend=-1))

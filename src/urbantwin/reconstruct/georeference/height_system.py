@@ -1,8 +1,8 @@
-"""Height systems: their datum, the site's z = 0 in them, and transformations between them.
+"""Height systems: datum, the site's z = 0, and transformations between systems.
 
-Ellipsoidal heights and heights above the sea differ by the geoid's: -106 to +85 m. A transform
-between them is made only with the grid of the geoid at hand: never a "ballpark" one, which leaves
-heights as they are.
+Ellipsoidal heights and heights above sea level differ by the geoid's: -106 to +85 m. A
+transformation between them requires the geoid grid; "ballpark" transformations, which leave heights
+unchanged, are never used.
 """
 
 from __future__ import annotations
@@ -33,23 +33,22 @@ __all__ = [
 
 
 class NoGridError(Exception):
-    """Heights cannot be transformed; its text names what is missing."""
+    """Heights cannot be transformed; the message names the missing grid."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeightSystem:
-    """What heights of a source are above.
+    """The reference surface of a source's heights.
 
     Attributes:
-        datum: a vertical CRS, or a three-dimensional geographic CRS for heights above its
-            ellipsoid.
+        datum: a vertical CRS, or a three-dimensional geographic CRS for ellipsoidal heights.
     """
 
     datum: CRS
 
     @classmethod
     def of(cls, crs: CRS | None) -> HeightSystem | None:
-        """Return the heights of a CRS, or ``None`` where it has none or does not say of what."""
+        """Return the height system of a CRS, or ``None`` if it has none or does not state it."""
         if crs is None:
             return None
         if crs.is_bound and crs.source_crs is not None:
@@ -59,7 +58,7 @@ class HeightSystem:
         plan = crs
         if crs.is_compound:
             plan, vertical = crs.sub_crs_list[0], crs.sub_crs_list[-1]
-            # As GeoTIFF keys and LAS files name heights above the ellipsoid.
+            # GeoTIFF keys and LAS files name ellipsoidal heights so.
             if "ellips" not in vertical.name.lower():
                 return cls(vertical)
         elif len(crs.axis_info) != 3:
@@ -69,12 +68,12 @@ class HeightSystem:
 
     @property
     def is_ellipsoidal(self) -> bool:
-        """Whether heights are above an ellipsoid, and not above a geoid or the sea."""
+        """Whether heights are above an ellipsoid instead of a geoid or sea level."""
         return not self.datum.is_vertical
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the system."""
         if self.is_ellipsoidal:
             return f"ellipsoidal heights ({self.datum.name})"
         return self.datum.name
@@ -86,7 +85,7 @@ class HeightSystem:
         return float(axis.unit_conversion_factor) * (-1.0 if axis.direction == "down" else 1.0)
 
     def same_datum(self, other: HeightSystem) -> bool:
-        """Whether heights of both are above the same surface, in whatever unit."""
+        """Return whether both systems refer to the same surface, in any unit."""
         if self.is_ellipsoidal != other.is_ellipsoidal:
             return False
         a, b = self.datum.datum, other.datum.datum
@@ -105,12 +104,12 @@ class HeightSystem:
 
 @dataclass(frozen=True, eq=False)
 class SiteHeights:
-    """The anchor's ground in the heights of the source that says what it is.
+    """The height of the anchor's ground, in the height system of the source that states it.
 
     Attributes:
         anchor_m: height of the anchor's ground, metres.
-        datum: of these heights; ``None`` where the source does not say.
-        name: of the source.
+        datum: height system; ``None`` if the source does not state it.
+        name: name of the source.
     """
 
     anchor_m: float
@@ -119,7 +118,7 @@ class SiteHeights:
 
     @classmethod
     def of_dem(cls, grid: DemGrid, name: str) -> SiteHeights:
-        """Return what a DEM says of the anchor's ground."""
+        """Return the height of the anchor's ground in a DEM."""
         crs = CRS.from_wkt(grid.vertical) if grid.vertical else None
         return cls(grid.anchor_height_m, HeightSystem.of(crs), name)
 
@@ -133,7 +132,7 @@ class SiteHeights:
 
 
 def area_of(longitude: float, latitude: float) -> AreaOfInterest:
-    """Return the surroundings of a place, for the choice of transformations."""
+    """Return the surroundings of a position, to select transformations."""
     return AreaOfInterest(
         max(-180.0, longitude - 0.02),
         max(-90.0, latitude - 0.02),
@@ -153,14 +152,14 @@ def heights_between(
     Args:
         lonlat: (N, 2) degrees, WGS84.
         heights: (N,) in the unit of ``a``.
-        a: what they are above.
-        b: what they are to be above.
+        a: the source system.
+        b: the target system.
 
     Returns:
-        Heights (N,) in metres above ``b``, and what was done, with its accuracy.
+        Heights (N,) in metres above ``b``, and a description with the accuracy.
 
     Raises:
-        NoGridError: there is no way, or the grid that it needs is not at hand.
+        NoGridError: there is no transformation, or its grid is missing.
     """
     if a.same_datum(b):
         return heights * a.metres, f"none: both are {b.name}"
@@ -178,7 +177,7 @@ def heights_between(
             _, _, out = operation.transform(lonlat[:, 0], lonlat[:, 1], heights)
             out = np.asarray(out, np.float64)
             if np.isfinite(out).all():
-                # PROJ says -1 where it does not know.
+                # PROJ returns -1 if unknown
                 stated = operation.accuracy or 0.0
                 accuracy = f"{stated:g} m" if stated > 0 else "not stated"
                 return out * b.metres, f"{operation.description} (accuracy {accuracy})"
@@ -195,9 +194,9 @@ def heights_between(
 
 
 def geoid_height(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how high (N,) the EGM96 geoid lies above the WGS84 ellipsoid, metres; nan: not known.
+    """Return the height (N,) of the EGM96 geoid above the WGS84 ellipsoid, metres; nan if unknown.
 
-    The grid of 15 minutes that SUMO brings along, in one of two packages; good to about a metre.
+    Uses the 15 minute grid of SUMO's packages, which is accurate to about a metre.
     """
     out = np.full(len(lonlat), np.nan)
     specs = [importlib.util.find_spec(name) for name in ("sumo", "sumo_data")]
@@ -217,7 +216,7 @@ def geoid_height(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _operations(a: CRS, b: CRS, area: AreaOfInterest) -> TransformerGroup | None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that the best is not at hand: looked at by the caller
+        warnings.simplefilter("ignore")  # a missing best grid is handled by the caller
         try:
             return TransformerGroup(
                 a, b, always_xy=True, area_of_interest=area, allow_ballpark=False
@@ -227,7 +226,7 @@ def _operations(a: CRS, b: CRS, area: AreaOfInterest) -> TransformerGroup | None
 
 
 def _geographic_3d(base: CRS) -> CRS:
-    """Return longitude, latitude and height of the datum of a geodetic CRS."""
+    """Return the geographic 3D CRS of a geodetic CRS's datum."""
     if not base.is_geocentric:
         return base.to_3d()
     if base == CRS("EPSG:4978"):

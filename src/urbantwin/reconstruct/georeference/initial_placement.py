@@ -1,4 +1,4 @@
-"""A model's initial placement, and what registration may still change of it."""
+"""A model's initial placement, and the freedom of registration."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from urbantwin.reconstruct.georeference.pose_search import Freedom
 
 __all__ = ["InitialPlacement"]
 
-#: What registration may change of a model whose place is said.
+#: No freedom, for models with a stated placement.
 _NONE = Freedom()
 
 
 @dataclass(frozen=True, eq=False)
 class InitialPlacement:
-    """A model on its first place.
+    """A model at its initial placement.
 
     Attributes:
         model: site frame, metres.
         report: what was done.
-        heights: what the site's zero is in the heights of a source.
-        how: the method's name.
-        said: the field of ``site.yaml`` that it comes from.
-        problems: what a person should look at.
-        freedom: what registration may still change.
+        heights: the site's zero in known heights.
+        how: name of the method.
+        said: field of ``site.yaml`` that defines it.
+        problems: warnings for the user.
+        freedom: what registration may change.
     """
 
     model: ImportedModel

@@ -1,4 +1,4 @@
-"""Georeferencing of models in a known coordinate reference system."""
+"""Georeferencing of models with a known CRS."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["by_crs"]
 
-#: A model that is placed by a CRS with the wrong axis up lies farther off than this, metres.
+#: Distance from the site beyond which the up axis is wrong, metres.
 _FAR_M = 10_000.0
 
 
@@ -47,11 +47,11 @@ def by_crs(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by its reference system, the vertical datum included.
+    """Place a model by its CRS, including the vertical datum.
 
     Raises:
-        InputError: the CRS is unknown or leads elsewhere, or the heights cannot be brought to the
-            site's without a guess.
+        InputError: the CRS is unknown or places it elsewhere, or its heights cannot be transformed
+            to the site's.
     """
     spec = source.spec
     problems: list[str] = []
@@ -87,7 +87,7 @@ def by_crs(
     first = InitialPlacement(out, report, heights, "its CRS", "crs")
     check_meets(out, surroundings.region, source, frame, how=f"its CRS {crs.name!r}", field="crs")
     if system is None:
-        # Heights without a datum of their own are in the unit of the plan.
+        # heights without a datum have the unit of the plan
         lengths = lengths_of(crs) or 1.0
         if lengths != 1.0:
             out = _with_points(out, lambda p: p * [1.0, 1.0, lengths])
@@ -106,7 +106,7 @@ def by_crs(
 def _in_units_of(
     model: ImportedModel, crs: CRS, source: GeometrySource, report: dict[str, object]
 ) -> ImportedModel:
-    """Scale a model whose unit ``site.yaml`` says to the unit of its CRS."""
+    """Scale a model with a unit in ``site.yaml`` to the unit of its CRS."""
     unit, lengths = source.spec.unit, lengths_of(crs)
     if unit == "auto" or lengths is None:
         return model
@@ -124,7 +124,7 @@ def _up_in_crs(
     frame: SiteFrame,
     surroundings: Surroundings,
 ) -> tuple[str, str]:
-    """Return the axis that is height: said, or else the one with which the model meets the site."""
+    """Return the height axis: as stated, otherwise the one with which the model is at the site."""
     if crs.is_geocentric:
         return "z", "geocentric: up is away from the Earth's middle"
     if source.spec.up != "auto":

@@ -19,16 +19,16 @@ _MOST_POINTS = 30_000
 
 
 def upright(samples: Samples) -> tuple[Similarity, float, bool]:
-    """Return the turn that makes the level surfaces of a model level, and how far it turns.
+    """Return the rotation that levels a model's level surfaces, its angle, and whether it flips.
 
-    The direction that most of the surface faces, ground and flat roofs, starting from z: the mean
-    of the normals about it, again and again. A model that stands on its head is turned over.
+    The direction that most of the surface faces, ground and flat roofs, is found iteratively from z
+    as the mean of the normals around it. A model that is upside down is flipped.
 
     Args:
-        samples: points all over the model, roughly z-up.
+        samples: points of the whole model, roughly z-up.
 
     Returns:
-        The turn, its angle in degrees, and whether the model was turned over.
+        The rotation, its angle in degrees, and whether the model was flipped.
     """
     points, normals = samples.points, samples.normals
     if normals is None:
@@ -50,7 +50,7 @@ def upright(samples: Samples) -> tuple[Similarity, float, bool]:
     else:
         height = points @ up
         low, middle, high = np.quantile(height, [0.02, 0.5, 0.98])
-        # A street's points are mostly low: few reach high.
+        # most points of a street are low
         over = bool(middle - low > 1.5 * (high - middle))
     if over:
         up = -up
@@ -59,13 +59,13 @@ def upright(samples: Samples) -> tuple[Similarity, float, bool]:
 
 @dataclass(frozen=True, eq=False)
 class GroundFit:
-    """How a model's ground was laid on the site's.
+    """Fit of a model's ground to the site's.
 
     Attributes:
-        transform: a shift upward and a slight tilt.
-        median_m, p95_m: what is left between the two, without sign.
-        tilt_deg: by how much it was tilted.
-        points: how many points of the ground were compared.
+        transform: a vertical shift and a slight tilt.
+        median_m, p95_m: absolute residuals.
+        tilt_deg: angle of the tilt.
+        points: number of ground points compared.
     """
 
     transform: Similarity
@@ -78,14 +78,14 @@ class GroundFit:
 def fit_ground(
     ground: NDArray[np.float64], elevation: Elevation, *, tilt: bool
 ) -> GroundFit | None:
-    """Lay ground points (G, 3), placed in plan, on the site's ground.
+    """Fit ground points (G, 3), placed in plan, to the site's ground.
 
     Robust least squares (Tukey's biweight).
 
     Args:
         ground: points of the model's ground, site frame in plan.
         elevation: the site's ground.
-        tilt: whether it may be tilted, too.
+        tilt: whether a tilt is fitted, too.
     """
     rows, columns = elevation.raw.shape
     low = np.array([elevation.west, elevation.south])
@@ -125,7 +125,7 @@ def fit_ground(
 
 
 def _turn_to_z(up: NDArray[np.float64]) -> Similarity:
-    """Return the shortest turn that takes a direction to z (Rodrigues)."""
+    """Return the shortest rotation of a direction to z (Rodrigues)."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine, cosine = float(np.linalg.norm(axis)), float(up[2])
     if sine < 1e-12:

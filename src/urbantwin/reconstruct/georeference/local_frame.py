@@ -45,10 +45,10 @@ def by_control_points(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by points that are known in it and on site.
+    """Place a model by control points known in it and on site.
 
     Raises:
-        InputError: the points cannot be read, do not determine the transform, or disagree.
+        InputError: the points cannot be read, do not determine the transform, or are inconsistent.
     """
     points = read_control_points(source, frame, elevation)
     axes = axes_of(model, source)
@@ -83,11 +83,11 @@ def by_similarity(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by the transform that site.yaml gives; without one it is in the site frame."""
+    """Place a model by the transform in ``site.yaml``; without one it is in the site frame."""
     spec = source.spec.similarity or SimilaritySpec()
     axes = axes_of(model, source)
     if not axes.unit_known:
-        # Its scale is given: no guess is put before it.
+        # the scale is given, so no unit is estimated
         axes = replace(axes, unit_m=1.0, unit_why="not said: the similarity's scale is all")
     yaw, pitch, roll = np.radians([spec.yaw_deg, spec.pitch_deg, spec.roll_deg])
     rotation = _about("z", yaw) @ _about("y", pitch) @ _about("x", roll)
@@ -107,7 +107,7 @@ def by_origin(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by its origin's location; on the site's ground where no height is given."""
+    """Place a model by its origin's location; on the site's ground if no height is given."""
     spec = source.spec.origin
     assert spec is not None
     axes = axes_of(model, source)
@@ -144,7 +144,7 @@ def by_geotag(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by its file's geotag; on the site's ground where its height cannot be used."""
+    """Place a model by its geotag; on the site's ground if its height is unusable."""
     tag = model.geotag
     assert tag is not None
     axes = axes_of(model, source)
@@ -221,14 +221,14 @@ def _at(
     latitude: float,
     heading_deg: float,
 ) -> ImportedModel:
-    """Put a model's origin at a place, its +y turned to a heading clockwise from north."""
+    """Move a model's origin to a location, with +y at a heading clockwise from north."""
     xy = frame.site_from_lonlat([[longitude, latitude]])[0]
     turn = Similarity.in_plan(-float(np.radians(heading_deg)), [xy[0], xy[1], 0.0])
     return moved(model, turn.after(axes.transform()))
 
 
 def _freedom(axes: Axes, pivot: tuple[float, float] | None = None, *, heading: bool) -> Freedom:
-    """Return what registration may change of a model whose heights are a guess."""
+    """Return the freedom of registration for a model with estimated heights."""
     return Freedom(
         heading=heading,
         scale=not axes.unit_known,
@@ -246,7 +246,7 @@ def _xy(frame: SiteFrame, longitude: float, latitude: float) -> tuple[float, flo
 def _with_offset(
     model: ImportedModel, source: GeometrySource, elevation: Elevation | None
 ) -> tuple[ImportedModel, tuple[dict[str, object], list[str]]]:
-    """Add height_offset_m where heights were given on site, and compare the grounds."""
+    """Add height_offset_m to heights given on site, and compare the grounds."""
     offset = source.spec.height_offset_m
     model = shifted(model, offset)
     report: dict[str, object] = {"height_offset_m": offset} if offset else {}

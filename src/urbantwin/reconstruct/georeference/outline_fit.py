@@ -1,4 +1,4 @@
-"""Refinement in plan: a model's walls fitted to the outlines of mapped buildings."""
+"""Refinement in plan: fit of a model's walls to the outlines of mapped buildings."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from urbantwin.reconstruct.surroundings import Surroundings
 __all__ = ["Agreement", "Outlines", "agreement", "fit_outlines"]
 
 _STEP_M = 0.25
-#: A wall is of an outline only if it runs along it: cosine of 25 degrees.
+#: Minimum alignment of a wall with an outline: cosine of 25 degrees.
 _ALONG = 0.906
-#: From how far walls are drawn to outlines, coarse to fine, metres.
+#: Maximum distance of matched walls and outlines per iteration, coarse to fine, metres.
 _REACHES_M = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 1.5, 1.5, 1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.5)
 _CLOSE_M = 1.0
 
@@ -30,7 +30,7 @@ class Outlines:
     Attributes:
         points: (P, 2) site frame, metres.
         normals: (P, 2) unit normals, outward.
-        tree: of the points.
+        tree: search tree of the points.
     """
 
     points: NDArray[np.float64]
@@ -39,7 +39,7 @@ class Outlines:
 
     @classmethod
     def of(cls, surroundings: Surroundings) -> Outlines | None:
-        """Return the outer outlines in the region; walls between two buildings are not seen."""
+        """Return the outer outlines in the region; walls between two buildings are invisible."""
         shape = shapely.union_all(list(surroundings.footprints))
         rings = [
             ring
@@ -75,15 +75,15 @@ class Outlines:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well walls and outlines meet.
+    """Agreement of walls and outlines.
 
     Attributes:
-        score: 0 to 1: the harmonic mean of how many walls have an outline and how many outlines
-            have a wall, each counted less the farther they are apart (one metre: 0.37).
-        median_m, p95_m: distance from outlines to the nearest wall, of those that have one within
-            three metres.
-        walled: share of the outlines, where the model was seen, that have a wall within a metre.
-        all_median_m: median over all outlines where the model was seen.
+        score: 0 to 1: the harmonic mean of the shares of walls with an outline and of outlines with
+            a wall, each weighted by distance (0.37 at one metre).
+        median_m, p95_m: distance from outlines to the nearest wall, for those with one within three
+            metres.
+        walled: share of the outlines, where the model has points, with a wall within a metre.
+        all_median_m: median over all outlines where the model has points.
     """
 
     score: float
@@ -103,7 +103,7 @@ def fit_outlines(
     most: int,
     patient: bool = False,
 ) -> Candidate:
-    """Refine a candidate: every wall to the line of the outline nearest to it, again and again.
+    """Refine a candidate by iteratively fitting walls to the nearest outlines.
 
     Point-to-line ICP (Y. Chen, G. Medioni, "Object modelling by registration of multiple range
     images", 1992) with robust weights (Geman-McClure).
@@ -111,12 +111,12 @@ def fit_outlines(
     Args:
         features: the model.
         outlines: the map.
-        first: where it lies roughly.
-        pivot: (2,) point of the model that ``first`` speaks of.
+        first: initial placement.
+        pivot: (2,) pivot of ``first``.
         with_scale: whether the scale is refined, too.
-        most: how many walls are looked at.
-        patient: whether walls are drawn from as far as they are off on the whole: right for a map
-            that is sloppy, where else some of its houses draw alone, and wrong among trees.
+        most: maximum number of walls used.
+        patient: adapt the reach to the overall deviation of the walls: suited to an inexact map, in
+            which some of the houses would otherwise dominate, but not among trees.
     """
     step = max(1, len(features.walls) // most)
     walls = features.walls[::step] - pivot
@@ -144,7 +144,7 @@ def fit_outlines(
             terms.append(np.einsum("ij,ij->i", n, arm))
         matrix = np.column_stack(terms)
         normal = matrix.T @ (matrix * weight[:, None])
-        # Outlines that all run one way leave a shift along them open: it is not guessed.
+        # Parallel outlines do not determine a shift along them, which is not guessed.
         normal += 1e-6 * np.trace(normal) * np.diag([1.0, 1.0, *[100.0] * (len(terms) - 2)])
         change = np.linalg.solve(normal, matrix.T @ (error * weight))
         at = replace(
@@ -164,7 +164,7 @@ def agreement(
     pivot: NDArray[np.float64],
     surroundings: Surroundings,
 ) -> Agreement:
-    """Measure how well walls and outlines meet."""
+    """Return the agreement of walls and outlines."""
     walls = _turned(features.walls - pivot, at)
     shapely.prepare(surroundings.region)
     kept = shapely.contains_xy(surroundings.region, walls[:, 0], walls[:, 1])

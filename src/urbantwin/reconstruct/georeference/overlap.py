@@ -1,4 +1,4 @@
-"""The overlap of a placed model with the region, and otherwise its distance."""
+"""Overlap of a placed model with the region, or its distance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FAR_M = 10_000.0
 
 
 def all_points(model: ImportedModel) -> list[NDArray[np.float64]]:
-    """Return the arrays (N, 3) of a model's points that are not empty."""
+    """Return the non-empty arrays (N, 3) of a model's points."""
     arrays = (
         None if model.mesh is None else model.mesh.vertices,
         None if model.cloud is None else model.cloud.points,
@@ -28,10 +28,10 @@ def all_points(model: ImportedModel) -> list[NDArray[np.float64]]:
 
 
 def check_finite(model: ImportedModel, source: GeometrySource) -> None:
-    """Check that there are points, and that all of them are numbers.
+    """Raise an error unless a model has points with finite coordinates.
 
     Raises:
-        InputError: there are none, or some are not.
+        InputError: there are none, or some are not finite.
     """
     arrays = all_points(model)
     if not arrays:
@@ -47,14 +47,14 @@ def check_finite(model: ImportedModel, source: GeometrySource) -> None:
 
 
 def distance_to(region: shapely.Polygon, arrays: list[NDArray[np.float64]]) -> float:
-    """Return how far a model's hull in plan lies from a region, metres; 0 where they meet."""
+    """Return the distance of a model's hull in plan from a region, metres; 0 if they overlap."""
     out = np.inf
     for points in arrays:
         step = max(1, len(points) // _MOST_POINTS)
         xy = np.vstack([points[::step, :2], points[:, :2].min(axis=0), points[:, :2].max(axis=0)])
         if not np.isfinite(xy).all():
             continue
-        # The two corners are not the model's: only a rough distance is asked for when it is far.
+        # the two corners are not model points: only an approximate distance is needed
         hull = shapely.MultiPoint(xy[:-2] if step == 1 else xy).convex_hull
         out = min(out, float(hull.distance(region)))
     return out
@@ -69,17 +69,17 @@ def check_meets(
     how: str,
     field: str | None,
 ) -> None:
-    """Check that a placed model meets the region.
+    """Raise an error unless a placed model overlaps the region.
 
     Raises:
-        InputError: it does not; the line says by how far.
+        InputError: it does not; the error gives the distance.
     """
     arrays = all_points(model)
     off = distance_to(region, arrays)
     if off <= 0:
         return
     if off > _FAR_M:
-        # Along the Earth: far from the anchor the plane's metres are not the ground's.
+        # geodesic distance: far from the anchor, plane coordinates are distorted
         middle = np.median(arrays[0][:: max(1, len(arrays[0]) // 1000), :2], axis=0)
         lonlat = frame.lonlat_from_site(middle[None])[0]
         if np.isfinite(lonlat).all():

@@ -1,4 +1,4 @@
-"""Placing a model on site, by whatever its source and files say."""
+"""Placement of a model on site, by the settings of its source and its files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from urbantwin.site.geometry import GeometrySource
 __all__ = ["Placed", "placed"]
 
 
-#: Nobody models about an origin that far away: such coordinates are of a map grid.
+#: Coordinates beyond this are those of a map grid, metres.
 _GRID = 20_000.0
 _MOST_POINTS = 12
 
@@ -47,12 +47,12 @@ class Placed:
 
     Attributes:
         model: in the site frame: east-north-up metres, z above the anchor's ground, float64.
-            What a person should look at was added to its ``problems``.
-        report: how it was placed, for ``geometry.json``: method, systems, transformations with
-            their accuracy, scale, upward axis and why, offsets, residuals; ``summary`` says it in
-            lines for a person.
-        heights: what the site's zero is in the heights of a source: to be handed to the next one.
-        registration: what a picture of the registration shows; ``None`` where there was none.
+            Warnings were added to its ``problems``.
+        report: its placement, for ``geometry.json``: method, systems, transformations with their
+            accuracy, scale, up axis with its source, offsets, residuals; ``summary`` has text
+            lines.
+        heights: the site's zero in known heights, for the next source.
+        registration: data for a picture of the registration; ``None`` without registration.
     """
 
     model: ImportedModel
@@ -73,21 +73,21 @@ def placed(
 ) -> Placed:
     """Place a model on site.
 
-    What ``site.yaml`` says (control points, a similarity, an origin, a CRS) goes before what the
-    file says (its CRS, its geotag). Registration refines any of them, or stands alone.
+    Settings of ``site.yaml`` (control points, a similarity, an origin, a CRS) have priority over
+    the file (its CRS, its geotag). Registration refines any of them, or is used alone.
 
     Args:
-        model: as it was read.
-        source: what ``site.yaml`` says of it.
+        model: the model as read.
+        source: its entry in ``site.yaml``.
         frame: the site frame.
-        surroundings: region, roads and footprints to compare it with.
-        elevation: the bare earth so far; ``None`` or a level plain where nothing is known of it.
-        heights: what the anchor's ground is in known heights (`SiteHeights.of_dem`, or what an
-            earlier source gave); ``None`` where nothing is known: this source then says it.
-        progress: called with the fraction done (0..1) and what is being done.
+        surroundings: region, roads and footprints for comparison.
+        elevation: the bare earth so far; ``None`` or a level plain if unknown.
+        heights: the anchor's ground height (`SiteHeights.of_dem`, or from an earlier source);
+            ``None`` if unknown: this source then defines it.
+        progress: called with the fraction done (0..1) and the current step.
 
     Raises:
-        InputError: it cannot be placed, or not without a guess; the line says what is missing.
+        InputError: it cannot be placed without a guess; the error names what is missing.
     """
     tell = progress or untold
     check_finite(model, source)
@@ -165,7 +165,7 @@ def _first(
 
 
 def summary_of(report: dict[str, object], registration: tuple[str, ...]) -> list[str]:
-    """Return a report of `placed` in a few lines: method, accuracy, heights, residuals."""
+    """Return a report of `placed` as text lines: method, accuracy, heights, residuals."""
     first = f"placed by {report['method']}"
     if "crs" in report:
         accuracy = report.get("accuracy_m")

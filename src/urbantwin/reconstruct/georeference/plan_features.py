@@ -1,4 +1,4 @@
-"""Features of a model in plan that a map shows too: walls, tall objects and the ground."""
+"""Features of a model in plan that a map also shows: walls, tall objects and the ground."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from urbantwin.reconstruct.georeference.ground_level import Samples
 
 __all__ = ["PlanFeatures", "plan_features"]
 
-#: What stands higher than this above the ground is a building or a tree, metres.
+#: Minimum height of buildings and trees above the ground, metres.
 TALL_M = 2.5
-#: A wall counts from this height above the ground on: below stand cars and hedges, metres.
+#: Minimum height above the ground of wall points, above cars and hedges, metres.
 _WALL_M = 2.0
-#: The widest building under which the ground is still found, metres.
+#: Maximum width of buildings under which the ground is found, metres.
 _WIDEST_M = 60.0
 _MOST_CELLS = 2_000_000
 _MOST_WALLS = 20_000
-#: A triangle steeper than this is of a wall: sine of 10 degrees.
+#: Maximum vertical component of a wall's normal: sine of 10 degrees.
 _STEEP = 0.17
 
 
@@ -35,10 +35,10 @@ class PlanFeatures:
     """A model in plan, z-up, in metres.
 
     Attributes:
-        tall: (T, 2) middles of cells where something stands high.
-        low: (L, 2) middles of cells that were seen and where nothing does.
-        walls: (W, 2) points on steep surfaces that stand high.
-        wall_normals: (W, 2) their unit normals; ``None`` where the model is points only.
+        tall: (T, 2) centres of cells with tall objects.
+        low: (L, 2) centres of visible cells without.
+        walls: (W, 2) points on tall steep surfaces.
+        wall_normals: (W, 2) their unit normals; ``None`` for point clouds.
         ground: (G, 3) points of the ground.
         cell_m: size of the cells.
     """
@@ -52,11 +52,11 @@ class PlanFeatures:
 
 
 def plan_features(samples: Samples) -> PlanFeatures:
-    """Find what can be recognised in points all over a model (z-up, metres)."""
+    """Return the features of points of a whole model (z-up, metres)."""
     points = samples.points
     corner = np.quantile(points[:, :2], 0.001, axis=0) - 5.0
     size = np.quantile(points[:, :2], 0.999, axis=0) + 5.0 - corner
-    # As fine as most cells still hold a point.
+    # the finest size at which most cells have a point
     cell = max(1.0, float(np.sqrt(size[0] * size[1] / _MOST_CELLS)))
     cell = max(cell, 1.5 * float(np.sqrt(size[0] * size[1] / max(1, len(points)))))
     nx, ny = (int(n) for n in np.ceil(size / cell))
@@ -87,7 +87,7 @@ def plan_features(samples: Samples) -> PlanFeatures:
 def _ground(
     lowest: NDArray[np.float64], seen: NDArray[np.bool_], cell: float
 ) -> NDArray[np.float64]:
-    """Return the ground under everything: an opening, which leaves an even slope as it is."""
+    """Return the ground under all objects by an opening, which preserves even slopes."""
     rows, columns = distance_transform_edt(~seen, return_distances=False, return_indices=True)
     filled = median_filter(lowest[rows, columns], 3, mode="nearest")
     window = 2 * int(_WIDEST_M / cell / 2) + 1

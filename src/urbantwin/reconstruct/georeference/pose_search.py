@@ -1,4 +1,4 @@
-"""The coarse-to-fine search for a model's pose on the map: cells, then walls to outlines."""
+"""Coarse-to-fine search for a model's pose on the map: cells, then walls and outlines."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ __all__ = ["Freedom", "Search", "coarse_cell"]
 
 
 _FINE_M = 2.0
-#: A known heading is searched no farther than this, degrees, unless site.yaml says so.
+#: Maximum search range around a known heading, degrees, unless site.yaml states more.
 _KNOWN_HEADING_DEG = 5.0
 _CANDIDATES = 10
-#: A model that is made for a site shows between a third and three times of it.
+#: Size of a model relative to the region: a third to three times.
 _WIDEST = 3.0
-#: Steps of the wide search for a scale: of its logarithm, and of the heading in degrees.
+#: Steps of the wide search: of the logarithm of the scale, and of the heading in degrees; heading
+#: step of the normal search.
 _SCALE_STEP, _WIDE_STEP_DEG, _STEP_DEG = 0.045, 5.0, 3.0
-#: A search over scales looks at coarser cells.
+#: Factor of the cell size in a search over scales.
 _WIDE_CELLS = 1.5
 _LEAST_WALLS = 50
 _WIDE_PEAK_M = 20.0
@@ -47,15 +48,16 @@ _WIDE_PEAK_M = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """What of a model's first place is not known, and may be changed.
+    """The unknown parts of a model's initial placement, which registration may change.
 
     Attributes:
-        heading: any heading is searched; else a few degrees, unless ``search_deg`` says more.
-        place: any place on the site is searched; else as far as ``search_m`` says.
-        scale: its unit was only guessed.
-        level: its upward axis was only guessed: it may have to be levelled.
-        height: its heights were only guessed: without a known ground it may be laid on the anchor.
-        pivot: (2,) site frame: about which it is turned.
+        heading: search any heading; otherwise a few degrees, unless ``search_deg`` states more.
+        place: search the whole site; otherwise as far as ``search_m`` states.
+        scale: the unit was estimated.
+        level: the up axis was estimated: the model may have to be levelled.
+        height: the heights were estimated: without known ground the model may be moved to the
+            anchor's height.
+        pivot: (2,) pivot of rotations, site frame.
     """
 
     heading: bool = False
@@ -70,10 +72,10 @@ class Search:
     """One search.
 
     Args:
-        samples: points all over the model at its first place: z-up, metres, roughly in the site
-            frame.
-        levelled: what makes it level.
-        source: what ``site.yaml`` says of it.
+        samples: points of the whole model at its initial placement: z-up, metres, roughly in the
+            site frame.
+        levelled: transform that levels it.
+        source: its entry in ``site.yaml``.
         surroundings: the map in plan.
         freedom: what may be changed.
     """
@@ -91,21 +93,21 @@ class Search:
         self._samples, self._levelled, self._source = samples, levelled, source
         self._surroundings, self._freedom = surroundings, freedom
         centroid = surroundings.region.centroid
-        #: Where the model is turned and scaled about, site frame.
+        #: Pivot of rotations and scalings, site frame.
         self.pivot = np.array(freedom.pivot or (centroid.x, centroid.y), np.float64)
         self.outlines = Outlines.of(surroundings)
 
     def has_walls(self, features: PlanFeatures) -> bool:
-        """Whether there is enough to fit to outlines."""
+        """Return whether there are outlines, and enough walls to fit to them."""
         return self.outlines is not None and len(features.walls) >= _LEAST_WALLS
 
     def run(
         self, raster: MapRaster, tell: Progress
     ) -> tuple[Similarity, PlanFeatures, list[Candidate], Candidate]:
-        """Return what levels and scales the model, its features, the best ways, and the best.
+        """Return levelling and scaling, the features, ranked placements, and the best one.
 
         Raises:
-            InputError: nothing of the model looks like the map.
+            InputError: nothing of the model is similar to the map.
         """
         spec, levelled = self._spec, self._levelled
         wide = spec.scale and self._freedom.scale
@@ -119,7 +121,7 @@ class Search:
         found = self._coarse(features, raster, step)
         scale = found[0].scale
         if abs(np.log(scale)) > 0.08:
-            # What stands high was looked for in the wrong scale.
+            # tall objects were detected at the wrong scale
             levelled = self._scaled(scale).after(levelled)
             features = self.features(levelled)
             found = [replace(one, scale=one.scale / scale) for one in found]
@@ -127,7 +129,7 @@ class Search:
         tell(0.8, "laying walls on outlines")
         if self.has_walls(features):
             found = [self._refined(features, one) for one in found]
-        # Without walls the peaks are as wide as streets.
+        # without walls, peaks are as wide as streets
         reach = APART_M if self.has_walls(features) else _WIDE_PEAK_M
         ranked: list[Candidate] = []
         for one in sorted(found, key=lambda c: (-c.score, c.yaw, c.x, c.y)):
@@ -137,14 +139,14 @@ class Search:
         return levelled, features, ranked, best
 
     def polished(self, features: PlanFeatures) -> Similarity:
-        """Lay walls on outlines once more, after the model was made upright by its ground."""
+        """Return a repeated fit of walls to outlines, after levelling by the ground."""
         still = Candidate(0.0, 0.0, float(self.pivot[0]), float(self.pivot[1]))
         if self.outlines is None or not self.has_walls(features):
             return self.similarity(still)
         return self.similarity(self._fitted(features, still))
 
     def _fitted(self, features: PlanFeatures, first: Candidate) -> Candidate:
-        """Lay walls on outlines, hastily and patiently, and return what agrees better."""
+        """Return the better fit of walls to outlines, with fixed or with adaptive reach."""
         if self.outlines is None or not self.has_walls(features):
             return first
         found = [
@@ -166,20 +168,20 @@ class Search:
         return found[int(np.argmax(scores))]
 
     def agreement(self, features: PlanFeatures) -> Agreement | None:
-        """Return how well a registered model's walls meet the outlines; ``None``: too few."""
+        """Return the agreement of a registered model with the outlines; ``None``: too few walls."""
         if self.outlines is None or not self.has_walls(features):
             return None
         still = Candidate(0.0, 0.0, 0.0, 0.0)
         return agreement(features, self.outlines, still, np.zeros(2), self._surroundings)
 
     def similarity(self, at: Candidate) -> Similarity:
-        """Return a candidate as a transform of the model at its first place."""
+        """Return a candidate as a transform of the initially placed model."""
         turn = Similarity.in_plan(at.yaw, np.zeros(3), at.scale)
         shift = np.array([at.x, at.y, 0.0]) - turn.apply(np.array([[*self.pivot, 0.0]]))[0]
         return replace(turn, translation=shift)
 
     def features(self, transform: Similarity) -> PlanFeatures:
-        """Return what of the transformed model can be recognised."""
+        """Return the features of the transformed model."""
         out = plan_features(self._samples.moved(transform))
         if len(out.tall) + len(out.low) < 50:
             raise source_error(self._source, "is too small to be registered", "register")
@@ -190,7 +192,7 @@ class Search:
         return Similarity(scale, np.eye(3), fixed * (1.0 - scale))
 
     def _as_large_as_the_region(self) -> float:
-        """Return what makes a model whose unit is a guess as large as the region."""
+        """Return the scale that gives a model of unknown unit the size of the region."""
         points = self._levelled.apply(self._samples.points)
         low, high = np.quantile(points[:, :2], [0.02, 0.98], axis=0)
         across = 2 * float(np.sqrt(self._surroundings.region.area / np.pi))
@@ -208,7 +210,7 @@ class Search:
             widest = min(widest, _KNOWN_HEADING_DEG)
         scales = np.ones(1)
         if spec.scale:
-            # About one, or where the unit is only a guess far about it.
+            # around 1, or in a wide range if the unit was estimated
             most = np.log(_WIDEST) if self._freedom.scale else 0.22
             scales = np.exp(np.linspace(-most, most, 2 * int(most / _SCALE_STEP) + 1))
         found = candidates(
@@ -265,13 +267,13 @@ class Search:
 
 
 def coarse_cell(region: shapely.Polygon) -> float:
-    """Return the cell of the first comparison: finer than a house, coarser for large regions."""
+    """Return the cell size of the first comparison: below a house, larger for large regions."""
     west, south, east, north = shapely.bounds(region)
     return float(np.clip(max(east - west, north - south) / 75.0, 4.0, 8.0))
 
 
 def _yaws(widest_deg: float, step_deg: float) -> NDArray[np.float64]:
-    """Return turns to try, radians."""
+    """Return the rotations to test, radians."""
     if widest_deg >= 180.0 - step_deg / 2:
         return np.asarray(np.radians(np.arange(0.0, 360.0, step_deg)))
     steps = int(np.ceil(widest_deg / step_deg)) if widest_deg > 0 else 0

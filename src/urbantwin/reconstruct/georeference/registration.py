@@ -1,8 +1,8 @@
 """Registration of a model to the ground, the roads and the outlines of buildings.
 
-Coarse to fine: upright; correlation with the map in plan over headings, shifts and, where asked
-for, scales; the best few again in finer cells; walls to outlines; ground to ground. The best must
-be clearly better than the second best, or the model is refused.
+Coarse to fine: levelling; correlation with the map in plan over headings, shifts and, if enabled,
+scales; the best few again in finer cells; walls to outlines; ground to ground. The best must be
+clearly better than the second best, otherwise an error is raised.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from urbantwin.site.geometry import GeometrySource
 __all__ = ["Registration", "register"]
 
 
-#: A second way that is nearly as good makes the first one a guess.
+#: Ratio of the second-best score to the best above which the result is ambiguous.
 AMBIGUOUS = 0.85
-#: Less agreement between walls and outlines than this is none.
+#: Minimum agreement of a valid registration.
 _LEAST_SCORE = 0.15
-#: A model that was tilted by more than this had leaning walls, degrees.
+#: Tilt from which leaning walls are fitted again, degrees.
 _TILT_DEG = 0.1
 _MOST_SHOWN = 8_000
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """How a model was moved, and what a picture shows of it.
+    """The registration of a model, and data for its picture.
 
     Attributes:
-        transform: from the first place to the registered one, site frame.
-        report: for ``geometry.json``: shift, turn, scale, residuals, confidence.
-        before: (N, 2) walls (or rims of what stands high) at the first place.
+        transform: from the initial to the registered placement, site frame.
+        report: for ``geometry.json``: shift, rotation, scale, residuals, confidence.
+        before: (N, 2) walls (or edges of tall objects) at the initial placement.
         after: (N, 2) the same, registered.
-        lines: what it says, a line each.
+        lines: summary as text lines.
     """
 
     transform: Similarity
@@ -64,18 +64,18 @@ def register(
     freedom: Freedom,
     progress: Progress | None = None,
 ) -> Registration:
-    """Find where a model lies on the map.
+    """Find the placement of a model on the map.
 
     Args:
-        model: at its first place: z-up, metres, roughly in the site frame.
-        source: what ``site.yaml`` says of it.
+        model: at its initial placement: z-up, metres, roughly in the site frame.
+        source: its entry in ``site.yaml``.
         surroundings: the map in plan.
-        elevation: the site's ground, ``None`` where it is not known.
+        elevation: the site's ground, ``None`` if unknown.
         freedom: what may be changed.
-        progress: called with the fraction done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and the current step.
 
     Raises:
-        InputError: there is nothing to recognise, two ways are nearly as good, or the residual is
+        InputError: there are no features, two placements are similarly good, or the residual is
             above ``worst_residual_m``.
     """
     tell = progress or untold
@@ -100,7 +100,7 @@ def register(
     notes["tilt_deg"] = 0.0 if fit is None else round(fit.tilt_deg, 3)
     features = search.features(transform)
     if fit is not None and fit.tilt_deg > _TILT_DEG:
-        # Its walls leaned: they are laid on their outlines once more, and then the ground.
+        # after a tilt, walls and ground are fitted once more
         transform = search.polished(features).after(transform)
         fit, up = _laid(search.features(transform).ground, bare, transform, elevation, freedom)
         transform = up.after(transform)
@@ -116,12 +116,12 @@ def register(
 def _levelled(
     samples: Samples, freedom: Freedom, elevation: Elevation | None
 ) -> tuple[Similarity, dict[str, object]]:
-    """Level a model whose up axis is not stated."""
+    """Return the levelling of a model without a stated up axis."""
     still = Similarity(1.0, np.eye(3), np.zeros(3))
     if not freedom.level:
         return still, {}
     turn, angle, over = upright(samples)
-    # A street may well fall by a few degrees: without a DEM that is not taken away.
+    # streets may slope by a few degrees, which is kept without a DEM
     if angle < (0.2 if elevation is not None else 6.0):
         return still, {}
     return turn, {"levelled_deg": round(angle, 2), "turned_over": over}
@@ -134,7 +134,7 @@ def _laid(
     elevation: Elevation | None,
     freedom: Freedom,
 ) -> tuple[GroundFit | None, Similarity]:
-    """Lay a model, registered in plan, on the ground: the site's, or z = 0 at the anchor."""
+    """Fit a model, registered in plan, to the site's ground, or move it to z = 0 at the anchor."""
     if elevation is not None:
         fit = fit_ground(ground, elevation, tilt=freedom.place or freedom.heading or freedom.level)
         if fit is not None:
@@ -146,7 +146,7 @@ def _laid(
 
 
 def _before(after: NDArray[np.float64], transform: Similarity) -> NDArray[np.float64]:
-    """Return where registered points in plan were at first; a tilt is left out."""
+    """Return the initial positions of registered points in plan, without the tilt."""
     scale, turn = transform.scale, transform.rotation[:2, :2]
     return np.asarray(np.linalg.solve(turn * scale, (after - transform.translation[:2]).T).T)
 
@@ -184,7 +184,7 @@ def _quality(
 
 
 def _check_clear(source: GeometrySource, ranked: list[Candidate]) -> None:
-    """Raise where the registration is no more than a guess."""
+    """Raise an error if the registration is weak or ambiguous."""
     first = ranked[0]
     if first.score < _LEAST_SCORE:
         raise source_error(

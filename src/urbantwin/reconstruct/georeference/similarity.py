@@ -1,4 +1,4 @@
-"""Similarity transforms in space: applied to models, and fitted to pairs of points."""
+"""Similarity transforms: application to models, and fits to pairs of points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.io.model import ImportedModel
 
 __all__ = ["Similarity", "fitted", "level_fitted", "moved"]
 
-#: y-up to z-up: x stays, y becomes z, z becomes -y (glTF 2.0, 3.4: y up, z forward).
+#: y-up to z-up: x is unchanged, y becomes z, z becomes -y (glTF 2.0, 3.4: y up, z forward).
 _Z_UP = {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}
 
 
@@ -32,18 +32,18 @@ class Similarity:
 
     @classmethod
     def of_axes(cls, up: str, unit_m: float) -> Similarity:
-        """Return what turns a model z-up and into metres."""
+        """Return the transform to z-up and metres."""
         return cls(unit_m, _Z_UP[up], np.zeros(3))
 
     @classmethod
     def in_plan(cls, yaw: float, translation: ArrayLike, scale: float = 1.0) -> Similarity:
-        """Return a turn about the vertical (radians, counter-clockwise), then a shift."""
+        """Return a rotation about the vertical (radians, counter-clockwise) followed by a shift."""
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
         return cls(scale, turn, np.asarray(translation, np.float64))
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (N, 3) of a as points of b."""
+        """Return points (N, 3) of a in b."""
         out: NDArray[np.float64] = points @ (self.scale * self.rotation).T
         out += self.translation
         return out
@@ -76,17 +76,17 @@ def moved(model: ImportedModel, transform: Similarity) -> ImportedModel:
 
 
 def fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
-    """Return the similarity that takes points a to points b with the least squares.
+    """Return the least squares similarity from points a to points b.
 
     Closed form: S. Umeyama, "Least-squares estimation of transformation parameters between two
     point patterns", IEEE PAMI 13(4), 1991.
 
     Args:
-        a: (N, 3), N >= 3 and not on one line.
+        a: (N, 3), N >= 3 and not collinear.
         b: (N, 3).
 
     Raises:
-        InputError: they are too far apart for numbers.
+        InputError: distances exceed the numeric range.
     """
     source, target = np.asarray(a, np.float64), np.asarray(b, np.float64)
     from_middle, to_middle = source.mean(axis=0), target.mean(axis=0)
@@ -104,12 +104,12 @@ def fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
 
 
 def level_fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
-    """Return the similarity that takes z-up points a to points b and keeps the vertical upright.
+    """Return the similarity from z-up points a to points b that preserves the vertical.
 
-    The plan is fitted with the least squares; heights are only shifted.
+    The plan is fitted by least squares; heights are only shifted.
 
     Args:
-        a: (N, 3), N >= 2 and not all at one place in plan.
+        a: (N, 3), N >= 2 and not all at one position in plan.
         b: (N, 3).
     """
     source, target = np.asarray(a, np.float64), np.asarray(b, np.float64)

@@ -1,4 +1,4 @@
-"""Errors about a source of geometry: which line of ``site.yaml``, which source, what is wrong."""
+"""Errors about a source of geometry: line of ``site.yaml``, source, and problem."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ __all__ = ["source_error"]
 def source_error(
     source: GeometrySource, problem: str, field: str | None = None, *, expected: str | None = None
 ) -> InputError:
-    """Return an error that names the source and where it stands in ``site.yaml``.
+    """Return an error that names the source and its position in ``site.yaml``.
 
     Args:
-        source: what cannot be placed.
-        problem: why, after the source's name.
-        field: of its entry in ``site.yaml``; the whole entry without it.
-        expected: what would help.
+        source: the source.
+        problem: the reason, which follows the source's name.
+        field: field of its entry in ``site.yaml``; the whole entry if not given.
+        expected: a remedy.
     """
     place = source.place(field) if field and field in _given(source) else source.place()
     return InputError(

@@ -1,4 +1,4 @@
-"""The vertical datum: a model's heights brought to the site's zero, never off by a geoid."""
+"""Transformation of a model's heights to the site's zero, across vertical datums."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["HeightsOnSite", "ground_above_site", "heights_on_site", "laid_on_ground", "shifted"]
 
-#: Grounds that differ by more than this are not of one datum, where a datum is not stated, metres.
+#: Maximum difference of grounds if a datum is not stated, metres.
 UNSTATED_M = 1.0
-#: The same where both are stated: a survey and a mesh of buildings may differ by this much.
+#: The same if both are stated, as a survey and a mesh of buildings may differ, metres.
 STATED_M = 5.0
 
-#: Ground this near the anchor is at the anchor's height, roughly, metres.
+#: Distance from the anchor within which ground has about the anchor's height, metres.
 _AT_ANCHOR_M = 15.0
 
 WAYS_OUT = "height_offset_m or register: true"
@@ -41,13 +41,13 @@ WAYS_OUT = "height_offset_m or register: true"
 
 @dataclass(frozen=True, eq=False)
 class HeightsOnSite:
-    """A model whose heights are the site's.
+    """A model with heights of the site.
 
     Attributes:
         model: z above the anchor's ground, metres.
         report: what was done.
-        problems: what a person should look at.
-        heights: what the site's zero is in known heights.
+        problems: warnings for the user.
+        heights: the site's zero in known heights.
     """
 
     model: ImportedModel
@@ -58,14 +58,14 @@ class HeightsOnSite:
 
 @dataclass
 class _Work:
-    """What is found on the way."""
+    """Intermediate results."""
 
     report: dict[str, object] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
 
 def shifted(model: ImportedModel, change: float | NDArray[np.float64]) -> ImportedModel:
-    """Return a model with its heights raised."""
+    """Return a model raised by a height."""
     mesh, cloud = model.mesh, model.cloud
     if mesh is not None:
         mesh = replace(mesh, vertices=mesh.vertices + np.array([0, 0, change]))
@@ -77,7 +77,7 @@ def shifted(model: ImportedModel, change: float | NDArray[np.float64]) -> Import
 def ground_above_site(
     model: ImportedModel, elevation: Elevation | None
 ) -> tuple[float, float] | None:
-    """Return how far a placed model's ground lies above the site's: median and half the spread."""
+    """Return the median height of a model's ground above the site's, and half the spread."""
     if elevation is None or elevation.is_flat:
         return None
     rows, columns = elevation.raw.shape
@@ -96,7 +96,7 @@ def ground_above_site(
 def laid_on_ground(
     model: ImportedModel, elevation: Elevation | None, heights: SiteHeights | None, name: str
 ) -> HeightsOnSite:
-    """Shift a model of unknown height so that its ground lies on the site's."""
+    """Return a model of unknown height, shifted so that its ground is at the site's."""
     found = ground_above_site(model, elevation)
     report: dict[str, object] = {}
     if found is not None:
@@ -119,21 +119,20 @@ def heights_on_site(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> HeightsOnSite:
-    """Turn a model's own heights into heights above the anchor's ground.
+    """Transform a model's heights to heights above the anchor's ground.
 
     Args:
-        model: x, y in the site frame; z as its CRS has it (in metres where ``system`` is
-            ``None``).
-        lonlat: gives degrees (N, 2) of site metres (N, 2).
-        system: what its heights are above; ``None`` where it is not said.
-        source: for ``height_offset_m``, ``register`` and the places of errors.
+        model: x, y in the site frame; z in its CRS (in metres if ``system`` is ``None``).
+        lonlat: returns degrees (N, 2) for site metres (N, 2).
+        system: its height system; ``None`` if not stated.
+        source: for ``height_offset_m``, ``register`` and positions of errors.
         frame: the site frame.
         elevation: the bare earth so far, if there is any.
-        heights: what the anchor's ground is, if that is known.
+        heights: the anchor's ground height, if known.
 
     Raises:
-        InputError: heights are of different datums and no grid is at hand between them, or the
-            grounds do not meet.
+        InputError: heights have different datums without a grid between them, or the grounds
+            differ.
     """
     work = _Work()
     offset = source.spec.height_offset_m
@@ -143,7 +142,7 @@ def heights_on_site(
     name = source.name
     if heights is None:
         model = _with_heights(model, lambda _, z: z * _metres(system) + offset)
-        # Ground that is known without a datum (of a map's roads, of a local model) is laid on.
+        # Ground without a datum (a map's roads, a local model) is the reference.
         found = ground_above_site(model, elevation)
         own = height_at_anchor(samples_of(model, ground=True)) if found is None else found[0]
         zero = 0.0 if own is None else own
@@ -183,15 +182,15 @@ def _compare(
     elevation: Elevation | None,
     heights: SiteHeights,
 ) -> None:
-    """Check that the model's ground is where the site's is.
+    """Compare the model's ground with the site's.
 
     Raises:
-        InputError: it is not, and ``site.yaml`` does not allow it.
+        InputError: they differ, and ``site.yaml`` does not allow it.
     """
     found = ground_above_site(model, elevation)
     stated = system is not None and heights.datum is not None
     if found is None and elevation is None and not stated:
-        # Of the site's ground only the anchor's height is known.
+        # only the anchor's height is known of the site's ground
         own = height_at_anchor(samples_of(model, ground=True), farthest_m=_AT_ANCHOR_M)
         found = None if own is None else (own, 0.0)
     if found is None:
@@ -225,7 +224,7 @@ def _compare(
 def _likely(
     difference: float, frame: SiteFrame, system: HeightSystem | None, heights: SiteHeights
 ) -> str:
-    """Return a guess at why grounds differ: one is above the ellipsoid."""
+    """Return a likely reason of different grounds: one is above the ellipsoid."""
     geoid = float(geoid_height(np.array([[frame.longitude, frame.latitude]]))[0])
     if not np.isfinite(geoid) or abs(geoid) < UNSTATED_M:
         return ""
