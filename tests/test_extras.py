@@ -79,7 +79,7 @@ MORE_COMMANDS = [
     ("bags", "mcap", "view drive.mcap --save out.html"),
     ("bags", "mcap", "export dataset --to mcap -o out.mcap"),
     ("bags", "velodyne_decoder", "view drive.bag --save out.html"),
-    ("detector", "safetensors", "model detect model dataset -o out"),
+    ("detector", "safetensors", "model detect dataset -o out"),
     ("detector", "torch", "model label model dataset -o out"),
 ]
 

@@ -307,7 +307,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
     folder.mkdir()
     write_model(folder, Model(design, network, {}))
     found = ut.model.detect(
-        folder, street, tmp_path / "detections", least=0.3, progress=False
+        street, tmp_path / "detections", model=folder, least=0.3, progress=False
     ).found
     for number, name in enumerate(found.frames):
         rows = (street / f"labels/{name}.txt").read_text().splitlines()
@@ -317,7 +317,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
         assert apart.min(axis=1).max() < 0.5
     with pytest.raises(ut.InputError, match=r"/detections: 2 frames do not tell .* at least 10"):
         ut.model.detect(
-            folder, street, tmp_path / "d", standing=tmp_path / "detections", progress=False
+            street, tmp_path / "d", model=folder, standing=tmp_path / "detections", progress=False
         )
     judged = ut.model.evaluate(folder, street, tmp_path / "report", progress=False)
     assert (tmp_path / "report-detections" / "detections.json").is_file()
@@ -344,7 +344,7 @@ def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_pat
     shutil.copytree(street / "points", bare / "points")
     first = ut.model.pretrain(bare, tmp_path / "first", steps=2, reach=12, progress=False)
     with pytest.raises(ut.InputError, match="has no output"):
-        ut.model.detect(first, street, tmp_path / "d", progress=False)
+        ut.model.detect(street, tmp_path / "d", model=first, progress=False)
     given = {"reach": 12, "classes": ["car"], "progress": False}
     with pytest.raises(ut.InputError, match=r"has cell_m 0.4 m.*expected.*cell_m 0.5"):
         ut.model.train(street, tmp_path / "m", weights=first, steps=1, cell=0.5, **given)
@@ -456,7 +456,7 @@ def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path
     with pytest.raises(ut.InputError, match="unknown part"):
         ut.model.train(split, tmp_path / "m", part="validation", **given)
     shutil.copy(street / "points/000001.npy", split / "points")
-    found = ut.model.detect(model, split, tmp_path / "d", part="val", progress=False).found
+    found = ut.model.detect(split, tmp_path / "d", model=model, part="val", progress=False).found
     assert found.frames == ("000001",)
     write_inventory(split)
     model = ut.model.train(split, tmp_path / "model", **given)
@@ -509,13 +509,13 @@ def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
         street, tmp_path / "m", steps=1, batch=1, classes=["car"], reach=12, progress=False
     )
     with pytest.raises(ut.InputError, match="is not there"):
-        ut.model.detect(street, street, tmp_path / "d", progress=False)
+        ut.model.detect(street, tmp_path / "d", model=street, progress=False)
     down = tmp_path / "down" / "points"
     down.mkdir(parents=True)
     for file in (street / "points").iterdir():
         np.save(down / file.name, np.load(file) * np.array([1, 1, -1, 1], "f4"))
     with pytest.raises(ut.InputError, match="z pointing down"):
-        ut.model.detect(model, down.parent, tmp_path / "d", progress=False)
+        ut.model.detect(down.parent, tmp_path / "d", model=model, progress=False)
     assert kind_of(model.folder) == "model"
     assert not (model.folder / "training").exists()
     same_in_onnxruntime(read_model(model.folder), model.folder / "model.onnx")

@@ -266,8 +266,10 @@ def test_a_model_keeps_its_second_look_and_detects_with_it_unless_told(
     for name, one in look.state_dict().items():
         assert torch.equal(one, read.second_look.state_dict()[name]), name
     given = {"least": 0.02, "progress": False}
-    twice = ut.model.detect(folder, people, tmp_path / "twice", **given).found
-    once = ut.model.detect(folder, people, tmp_path / "once", second_look=False, **given).found
+    twice = ut.model.detect(people, tmp_path / "twice", model=folder, **given).found
+    once = ut.model.detect(
+        people, tmp_path / "once", model=folder, second_look=False, **given
+    ).found
     assert len(once) > 10
     where = {tuple(box): score for box, score in zip(once.box.tolist(), once.score, strict=True)}
     again = zip(twice.box.tolist(), twice.score, strict=True)
@@ -289,7 +291,7 @@ def test_nobody_is_found_where_no_point_is_near(tmp_path: Path) -> None:
     write_model(model, Model(design, new_network(design).eval(), {}, SecondLook(1).eval()))
     points = np.random.default_rng(4).uniform((400, 400, 0, 0), (500, 500, 0.1, 1), (90, 4))
     points.astype("<f4").tofile(frames / "000000.bin")
-    assert len(ut.model.detect(model, frames, tmp_path / "found", progress=False).found) == 0
+    assert len(ut.model.detect(frames, tmp_path / "found", model=model, progress=False).found) == 0
 
 
 @pytest.mark.thorough

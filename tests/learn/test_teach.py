@@ -56,7 +56,7 @@ def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
     assert f"{report['frames']} frames" in card
     assert "It was judged on no real frame." in card
     assert (out / "model" / "model.onnx").is_file()
-    ut.model.detect(made, out / "lessons" / "judge-1", tmp_path / "found", progress=False)
+    ut.model.detect(out / "lessons" / "judge-1", tmp_path / "found", model=made, progress=False)
     assert len(read_detections(tmp_path / "found").frames) == report["frames"]
     drives = [ut.open(out / "lessons" / name).manifest for name in ("teach-1", "judge-1")]
     assert drives[0]["seeds"] != drives[1]["seeds"]

@@ -52,10 +52,10 @@ class DetectedObjects(Artefact):
 
 @command
 def detect(
-    model: AnyPath,
     frames: AnyPath,
     out: AnyPath | None = None,
     *,
+    model: AnyPath | None = None,
     least: Annotated[float, Interval(ge=0.001, le=0.999)] = 0.05,
     layout: str | None = None,
     part: Annotated[str, "NAME"] = "all",
@@ -68,9 +68,10 @@ def detect(
     """Detect road users in the frames of a recording.
 
     Args:
-        model: folder that ``model train`` wrote.
         frames: dataset or any known recording; its labels are not used.
         out: folder to write; ``detections`` beside the frames if not given.
+        model: folder that ``model train`` wrote; the detector that comes with UrbanTwin, trained on
+            twins alone, if not given.
         least: lowest score of a written box.
         layout: layout of the frames; recognised from their files if not given.
         part: part of a split dataset to detect in: ``train``, ``val``, ``test`` or ``all``.
@@ -88,7 +89,7 @@ def detect(
             covers too few frames, or ``views`` is too large.
 
     Example:
-        $ urbantwin model detect model/ urbantwin-demo/dataset -o detections/
+        $ urbantwin model detect urbantwin-demo/dataset -o detections/
     """
     from urbantwin.artefact import replaced_folder
     from urbantwin.detections import (
@@ -102,12 +103,12 @@ def detect(
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
-    from urbantwin.learn import detected, read_model
+    from urbantwin.learn import SHIPPED_MODEL, detected, read_model
     from urbantwin.learn.views import MOST_VIEWS
 
     if not 1 <= views <= MOST_VIEWS:
         raise InputError(f"is {views}", place="--views", expected=f"1 to {MOST_VIEWS}")
-    source, real = Path(model), Path(frames)
+    source, real = SHIPPED_MODEL if model is None else Path(model), Path(frames)
     target = beside(real, "detections") if out is None else Path(out)
     inputs = [source, real] if standing is None else [source, real, Path(standing)]
     check_detections_folder(target, inputs)

@@ -155,7 +155,9 @@ def evaluate(
     check_folder(target, kind=_KIND, inputs=[source, real])
     if kind_of(source) == "model":
         said = target.with_name(f"{target.name}-detections")
-        source = detect(source, real, said, layout=layout, part=part, progress=progress).folder
+        source = detect(
+            real, said, model=source, layout=layout, part=part, progress=progress
+        ).folder
     learned = _learned_from(source, real, part)
     with shown_stage("evaluate", progress, brief=True) as tell:
         recording = recording_of_part(real, layout, part)

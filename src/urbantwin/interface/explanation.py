@@ -134,7 +134,7 @@ def explain(
     if model is not None:
         said = target.with_name(f"{target.name}-detections")
         given = [
-            detect(model, one, said / name, device=device, progress=progress).folder
+            detect(one, said / name, model=model, device=device, progress=progress).folder
             for name, one in zip(names, data, strict=True)
         ]
     criterion: dict[str, Criterion] = {

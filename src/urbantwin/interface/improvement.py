@@ -56,7 +56,7 @@ class Improved(Artefact):
     after: Mapping[str, Evaluation]
 
     def __fspath__(self) -> str:
-        """Return the folder of the model: ``ut.model.detect(improved, frames)``."""
+        """Return the folder of the model: ``ut.model.detect(frames, model=improved)``."""
         return str(self.folder / "model")
 
     def __repr__(self) -> str:

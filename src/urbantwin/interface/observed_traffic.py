@@ -71,7 +71,7 @@ def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedAct
             raise InputError(
                 f"frame {name} was not looked at",
                 file=folder,
-                expected="what `urbantwin model detect MODEL FRAMES` wrote of the same frames",
+                expected="what `urbantwin model detect FRAMES` wrote of the same frames",
             )
     rows = [
         row

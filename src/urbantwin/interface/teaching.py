@@ -51,7 +51,7 @@ class Taught(Artefact):
     seconds: tuple[float, float]
 
     def __fspath__(self) -> str:
-        """Return the folder of the model: ``ut.model.detect(taught, frames)``."""
+        """Return the folder of the model: ``ut.model.detect(frames, model=taught)``."""
         return str(self.folder / "model")
 
     def __repr__(self) -> str:

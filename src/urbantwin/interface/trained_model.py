@@ -28,7 +28,7 @@ _FEWEST_POINTS = 200
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedModel(Artefact):
-    """A trained model; it can be passed as its folder: ``ut.model.detect(model, frames)``.
+    """A trained model; it can be passed as its folder: ``ut.model.detect(frames, model=model)``.
 
     Attributes:
         folder: folder of the model.

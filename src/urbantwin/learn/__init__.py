@@ -17,11 +17,12 @@ if TYPE_CHECKING:
         labelled_frames,
         unlabelled_frames,
     )
-    from urbantwin.learn.model import Design, Model, read_model, write_model
+    from urbantwin.learn.model import SHIPPED_MODEL, Design, Model, read_model, write_model
     from urbantwin.learn.pretraining import pretrained
     from urbantwin.learn.training import Recipe
 
 __all__ = [
+    "SHIPPED_MODEL",
     "Design",
     "LabelledFrames",
     "Model",

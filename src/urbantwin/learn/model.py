@@ -26,9 +26,11 @@ from urbantwin.learn.pillars import features_of
 from urbantwin.learn.second_look.network import SecondLook
 from urbantwin.taxonomy import semantic_classes
 
-__all__ = ["KIND", "Design", "FirstWeights", "Model", "first_weights", "new_network"]
-__all__ += ["read_model", "write_model"]
+__all__ = ["KIND", "SHIPPED_MODEL", "Design", "FirstWeights", "Model", "first_weights"]
+__all__ += ["new_network", "read_model", "write_model"]
 
+#: Folder of the detector that comes with the package: trained on twins alone, see its card.md.
+SHIPPED_MODEL = Path(__file__).parent / "shipped"
 KIND = "model"
 #: Version of the fields in model.yaml.
 SCHEMA = 1
