@@ -1,7 +1,7 @@
-"""Files from elsewhere behind one boundary: points, meshes, city models, tiles, packets, bags.
+"""Readers of external files: points, meshes, city models, tiles, packets, bags.
 
-Nothing of a file is trusted: sizes are checked, numbers are finite, what a library raises becomes
-one line with the file and the reason, and native code runs in a child process with limits.
+No file is trusted: sizes are checked, numbers must be finite, exceptions of libraries become
+one-line errors with the file and the reason, and native code runs in a child process with limits.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A child process that reads formats with native code, within limits of memory and time.
 
-A damaged file can end or stall a native library: here it ends the child alone, and the parent
-raises one line. The child is started at the first call and serves further calls of its process.
+A damaged file can terminate or stall a native library: here only the child ends, and the parent
+raises a one-line error. The child is started at the first call and serves all calls of its process.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from urbantwin.errors import InputError
 
 __all__ = ["read_in_child"]
 
-#: Memory beyond the child's own: bytes for any file, and per byte of the file.
+#: Memory limit in addition to the child's own: constant in bytes, and per byte of the file.
 _MEMORY_BYTES, _MEMORY_PER_BYTE = 1 << 30, 40
-#: Processor time: seconds for any file, and per byte of the file.
+#: Limit of processor time: constant in seconds, and per byte of the file.
 _SECONDS, _SECONDS_PER_BYTE = 8.0, 5e-6
-#: Time of the clock, in multiples of the processor time: other programs use processors too.
+#: Limit of wall-clock time, in multiples of the processor time, as other programs use processors,
+#: too.
 _PATIENCE = 10.0
 _START = (
     "import sys, pickle; sys.path[:] = pickle.loads(bytes.fromhex(sys.argv[1])); "
@@ -55,7 +56,7 @@ class _Child:
         self.answer: IO[bytes] = self.process.stdout
 
     def call(self, request: tuple[Any, ...], patience_s: float) -> tuple[str, Any]:
-        """Return the kind of the answer and its value; "ended" where the child ended."""
+        """Return the kind of the answer and its value; "ended" if the child ended."""
         try:
             pickle.dump(request, self.ask, protocol=5)
             self.ask.flush()
@@ -109,14 +110,14 @@ def read_in_child(
 
     Args:
         function: module and name, ``urbantwin.io.las:read_fields``.
-        arguments: of the function; they and its result are pickled.
+        arguments: arguments of the function; they and its result are pickled.
         file: the file that is read, for errors.
-        size: of the file in bytes: it sets the limits of memory and time.
+        size: size of the file in bytes, which sets the limits of memory and time.
         expected: format of the file, for errors.
 
     Raises:
-        InputError: of the function; or the library raised an exception, ended its process, or
-            needed more memory or time than a file of this size may.
+        InputError: raised by the function; or the library raised an exception, ended its process,
+            or exceeded the limits of memory or time.
     """
     memory = _MEMORY_BYTES + _MEMORY_PER_BYTE * size
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
@@ -127,7 +128,7 @@ def read_in_child(
         try:
             kind, value = child.call((function, arguments, memory, seconds), _PATIENCE * seconds)
         finally:
-            if kind == "ended":  # also where the parent was interrupted: its answer is of no use
+            if kind == "ended":  # also if the parent was interrupted, which leaves an unread answer
                 _children.pop(os.getpid()).close()
     if kind == "result":
         return value
@@ -139,7 +140,7 @@ def read_in_child(
 
 def serve() -> None:
     """Answer the calls of the parent until it ends."""
-    import resource  # not on Windows, where every module imports all the same
+    import resource  # not on Windows, where this module must still be importable
 
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print
@@ -148,7 +149,7 @@ def serve() -> None:
         try:
             function, arguments, memory, seconds = pickle.load(sys.stdin.buffer)
         except EOFError:
-            os._exit(0)  # without taking down what libraries hold
+            os._exit(0)  # without cleanup by libraries
         answer = _called(function, arguments, memory, seconds)
         try:
             pickle.dump(answer, answers, protocol=5)
@@ -169,15 +170,15 @@ def _called(
         return "input", (error.problem, error.file, error.place, error.expected)
     except MemoryError:
         return "error", "it needs more memory than a file of its size may"
-    except BaseException as error:  # panics of Rust are no Exception
+    except BaseException as error:  # panics of Rust are not derived from Exception
         return "error", one_line(error)
 
 
 def _limit(memory: int, seconds: float) -> None:
     """Set the limits of the next call.
 
-    RLIMIT_DATA counts private writable pages when they are requested, unlike RLIMIT_AS without the
-    address space that libraries reserve.
+    RLIMIT_DATA counts private writable pages when they are requested. Unlike RLIMIT_AS, it excludes
+    the address space that libraries reserve.
     """
     import resource
 

@@ -1,8 +1,8 @@
-"""COLMAP: sparse models (text and binary), placed by where their images were taken.
+"""COLMAP: sparse models (text and binary), georeferenced by the positions of their images.
 
 The formats are those of COLMAP's documentation ("Output Format"): ``points3D`` and ``images`` as
-``.txt`` and ``.bin``, little-endian. Places of images are GPS tags (EXIF 2.32) or a list beside the
-model.
+``.txt`` and ``.bin``, little-endian. Positions of images are GPS tags (EXIF 2.32) or a list beside
+the model.
 """
 
 from __future__ import annotations
@@ -161,19 +161,19 @@ def _text_images(path: Path) -> list[tuple[str, NDArray[np.float64]]]:
 
 
 _GPS = 0x8825
-#: The most images of a fit.
+#: Maximum number of images of a fit.
 _MOST = 2000
 _NUMBER = r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?"
 _ROW = re.compile(rf"^(\S.*?)[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})\s*$")
-#: Images with a residual of more medians than this are left out of the fit.
+#: Residual, in medians, above which images are excluded from the fit.
 _OUTLIER = 5.0
-#: Images must spread at least this far from a line, metres.
+#: Minimum spread of image positions about a line, metres.
 _LEAST_SPREAD_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class ImagePlaces:
-    """Places of images.
+    """Positions of images.
 
     Attributes:
         lonlat: degrees, by the image's name.
@@ -187,11 +187,12 @@ class ImagePlaces:
 
 
 def image_places(folder: Path, names: list[str]) -> ImagePlaces | None:
-    """Return the places of images, by a list in the folder or else by their own tags.
+    """Return the positions of images, from a list in the folder or from their own tags.
 
     Args:
-        folder: of the reconstruction; images are looked for in it, in ``images`` and beside it.
-        names: of the images, as the reconstruction has them.
+        folder: folder of the reconstruction; images are searched in it, in ``images`` and beside
+            it.
+        names: names of the images in the reconstruction.
     """
     wanted = {name.lower(): name for name in names}
     for file in sorted(folder.glob("*.txt")) + sorted(folder.glob("*.csv")):
@@ -218,7 +219,7 @@ def _is_there(file: Path) -> bool:
 
 
 def _listed(file: Path, wanted: dict[str, str]) -> ImagePlaces | None:
-    """Read ``name latitude longitude height`` a line, as COLMAP's model_aligner takes it."""
+    """Read lines of ``name latitude longitude height``, as for COLMAP's model_aligner."""
     if file.stat().st_size > 1 << 24:
         return None
     places, heights = {}, {}
@@ -256,17 +257,17 @@ def _degrees(value: tuple[float, float, float]) -> float:
 def fitted_places(
     centres: dict[str, NDArray[np.float64]], places: ImagePlaces
 ) -> tuple[NDArray[np.float64], Geotag, dict[str, object]] | None:
-    """Return what turns a reconstruction into east, north, up metres about the images' middle.
+    """Return the transform of a reconstruction to east, north, up metres about the images' centre.
 
-    A similarity by least squares (Umeyama 1991), once more without outliers.
+    A similarity by least squares (Umeyama 1991), repeated without outliers.
 
     Args:
-        centres: where the images are in the reconstruction.
-        places: where they were taken.
+        centres: positions of the images in the reconstruction.
+        places: positions where they were taken.
 
     Returns:
-        matrix (4, 4), where its origin lies, and what was measured; ``None`` where the images
-        stand in a line, so that the turn about it is open.
+        matrix (4, 4), location of its origin, and statistics; ``None`` if the images are collinear,
+        so that the rotation about their line is undetermined.
     """
     names = sorted(set(centres) & set(places.lonlat))
     if len(names) < 3:
@@ -300,7 +301,7 @@ def fitted_places(
 
 
 def _spread(points: NDArray[np.float64]) -> float:
-    """Standard deviation across the line that fits points best, metres."""
+    """Return the standard deviation of points across their best-fitting line, metres."""
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(singular[1] / math.sqrt(len(points)))
 

@@ -33,12 +33,12 @@ def unpack_draco(data: bytes) -> tuple[dict[int, NDArray[Any]], NDArray[np.int64
 
 
 def unpack_meshopt(data: bytes, count: int, stride: int, mode: str, filter_name: str) -> memoryview:
-    """Return the rows of a view packed by meshoptimizer.
+    """Return the rows of a buffer view compressed by meshoptimizer.
 
     Args:
-        data: the packed bytes.
+        data: the compressed bytes.
         count: number of rows.
-        stride: bytes of a row.
+        stride: bytes per row.
         mode: ``ATTRIBUTES``, ``TRIANGLES`` or ``INDICES``.
         filter_name: ``NONE``, ``OCTAHEDRAL``, ``QUATERNION`` or ``EXPONENTIAL``.
 

@@ -1,4 +1,4 @@
-"""Rotations and poses as files give them: quaternions and matrices, checked."""
+"""Rotations and poses from files: quaternions and matrices, checked."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from urbantwin.geometry import Pose
 
 __all__ = ["checked_pose", "heading", "pose_of_quaternion", "quaternion_rotation"]
 
-#: Deviation from a rotation by few written digits; coordinates on Earth, metres.
+#: Tolerance of rotations for rounded digits; maximum coordinate, metres.
 _ROUND, _FURTHEST_M = 0.01, 1e8
 
 
@@ -57,5 +57,5 @@ def checked_pose(rotation: ArrayLike, place: ArrayLike) -> Pose:
 
 
 def heading(rotation: NDArray[np.float64]) -> float:
-    """Return the yaw in radians of what a rotation (3, 3) turns the x axis to, seen from above."""
+    """Return the yaw, in radians, of the x axis after a rotation (3, 3)."""
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))

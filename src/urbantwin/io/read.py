@@ -50,17 +50,17 @@ def read_model(
 ) -> ImportedModel:
     """Read a source: 3D Tiles, a model, a city model, a point cloud or an exported folder.
 
-    Its type is detected by its first bytes, then by its ending, unless ``kind`` is given. An offset
-    and a system in files beside a model (``placement.py``) are applied.
+    Its type is detected by its first bytes, then by its suffix, unless ``kind`` is given. An offset
+    and a CRS in files beside a model (``placement.py``) are applied.
 
     Args:
-        source: what ``site.yaml`` names.
+        source: a source of ``site.yaml``.
         frame: the site frame.
-        region: the region, site frame: what is read of tiles and of large clouds.
-        progress: called with the fraction done (0..1) and what is being done.
+        region: the region, site frame, to which tiles and large clouds are limited.
+        progress: called with the fraction done (0..1) and the current step.
 
     Raises:
-        InputError: nothing of it can be read.
+        InputError: nothing can be read.
     """
     tell = progress or untold
     path, kind = source.path, source.spec.kind
@@ -88,7 +88,7 @@ def _tiles(
 def _file(
     path: Path, source: GeometrySource, frame: SiteFrame, region: shapely.Polygon
 ) -> ImportedModel:
-    """Read a file by its kind."""
+    """Read a file by its format."""
     spec = source.spec
     kind = "cityjson" if spec.kind == "cityjson" and path.is_file() else kind_of(path)
     readers: dict[str, Callable[[Path], ImportedModel]] = {
@@ -138,7 +138,7 @@ def _gltf(path: Path) -> ImportedModel:
 def _placed_by_files(
     path: Path, source: GeometrySource, frame: SiteFrame, region: shapely.Polygon
 ) -> ImportedModel:
-    """Read a file and apply the offset and system in files beside it."""
+    """Read a file and apply the offset and CRS in files beside it."""
     model = _file(path, source, frame, region)
     if model.crs is not None or _placed_by_hand(source):
         return model
@@ -147,7 +147,7 @@ def _placed_by_files(
         return model
     crs = placement.crs if placement.crs is not None else _said_system(source)
     if crs is None and not placement.files:
-        return model  # a comment alone, without any system, is too little
+        return model  # a comment without any CRS is insufficient
     matrix = np.eye(4)
     matrix[:3, 3] = placement.offset
     placed = moved(model, matrix)
@@ -202,7 +202,7 @@ def _folder(
 
 
 def _by_images(model: ImportedModel, folder: Path, sparse: Path) -> ImportedModel:
-    """Place a COLMAP reconstruction by the places of its images."""
+    """Georeference a COLMAP reconstruction by the positions of its images."""
     points = point_sample(model)
     if 6.2e6 < np.linalg.norm(np.median(points, axis=0)) < 6.5e6:
         # model_aligner --alignment_type ecef
@@ -219,7 +219,7 @@ def _by_images(model: ImportedModel, folder: Path, sparse: Path) -> ImportedMode
 
 
 def _of_kind(model: ImportedModel, source: GeometrySource) -> ImportedModel:
-    """Return the model as the kind that ``site.yaml`` asks for.
+    """Return the model as the kind requested in ``site.yaml``.
 
     Raises:
         InputError: it is of another kind.
@@ -236,13 +236,13 @@ def _of_kind(model: ImportedModel, source: GeometrySource) -> ImportedModel:
     return model
 
 
-#: (x, y, z) of a y-up model is (x, -z, y) of a z-up one.
+#: y-up to z-up: (x, y, z) becomes (x, -z, y).
 _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 _SAMPLE = 10_000
 
 
 def moved(model: ImportedModel, matrix: NDArray[np.float64], up: str | None = "z") -> ImportedModel:
-    """Return a model turned z-up where it is y-up, and then moved by a matrix (4, 4)."""
+    """Return a model converted to z-up, and then transformed by a matrix (4, 4)."""
     whole = matrix @ _UPRIGHT if model.up == "y" else matrix
     if np.array_equal(whole, np.eye(4)):
         return replace(model, up=up)
@@ -257,7 +257,7 @@ def moved(model: ImportedModel, matrix: NDArray[np.float64], up: str | None = "z
 
 
 def point_sample(model: ImportedModel) -> NDArray[np.float64]:
-    """Return some of a model's points, evenly through its file."""
+    """Return a sample of a model's points, evenly through its file."""
     points = model.mesh.vertices if model.mesh is not None else None
     if points is None:
         assert model.cloud is not None
@@ -269,7 +269,7 @@ def joined(models: Sequence[ImportedModel], problems: Sequence[str] = ()) -> Imp
     """Return the parts of one model as one.
 
     Raises:
-        InputError: they are in different systems.
+        InputError: they have different CRS, axes, units or geotags.
     """
     if len(models) == 1:
         return replace(models[0], problems=(*models[0].problems, *problems))
@@ -293,7 +293,7 @@ def joined(models: Sequence[ImportedModel], problems: Sequence[str] = ()) -> Imp
 
 
 def _summed(notes: Sequence[dict[str, object]]) -> dict[str, object]:
-    """Add up the counts of parts; of other notes the first is kept."""
+    """Return the sums of counts of parts; of other notes the first is kept."""
     total: dict[str, object] = {}
     for one in notes:
         for key, value in one.items():

@@ -1,4 +1,4 @@
-"""Coordinate reference systems as files name them, and the order of their axes."""
+"""Coordinate reference systems named in files, and the order of their axes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _UTM = re.compile(r"WGS\s*84[\s/]+UTM(?:\s+zone)?\s+(\d{1,2})\s*([NS])", re.IGNO
 
 
 def crs_of(text: str) -> CRS | None:
-    """Return the system that a file names by code, WKT or PROJ string, ``None`` if it names none.
+    """Return the CRS that a text names by code, WKT or PROJ string, ``None`` if it names none.
 
-    ``epsg:28992+5709`` is the compound of a horizontal and a vertical one.
+    ``epsg:28992+5709`` is a compound of a horizontal and a vertical one.
     """
     text = text.strip()
     if not text or text.upper() == "NONE" or text.lower().startswith("local"):
@@ -45,11 +45,11 @@ def crs_of(text: str) -> CRS | None:
 
 
 def compound(horizontal: CRS, vertical: CRS | None) -> CRS:
-    """Return a horizontal system with a vertical one; alone where there is no vertical one."""
+    """Return a compound of a horizontal CRS and a vertical one, if there is one."""
     if vertical is None or not vertical.is_vertical:
         return horizontal
     both = CompoundCRS(f"{horizontal.name} + {vertical.name}", [horizontal, vertical])
-    return CRS.from_wkt(both.to_wkt())  # its own class cannot be made two-dimensional
+    return CRS.from_wkt(both.to_wkt())  # its own class cannot be reduced to two dimensions
 
 
 def _known(text: str) -> CRS | None:
@@ -78,7 +78,7 @@ _ADV_HEIGHTS = {"DE_DHHN92_NH": 5783, "DE_DHHN2016_NH": 7837, "DE_DHHN85_NOH": 5
 
 
 def named_system(name: str) -> CRS | None:
-    """Return the system that a ``srsName`` means, ``None`` if nobody knows it."""
+    """Return the CRS of a ``srsName``, ``None`` if it is unknown."""
     name = name.strip()
     parts = _PARTS.findall(name) if "crs," in name.lower() else []
     if len(parts) in (1, 2):
@@ -98,16 +98,16 @@ def named_system(name: str) -> CRS | None:
 def east_first(
     points: NDArray[np.float64], crs: CRS, name: str
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return points with east before north, and whether they were turned for it.
+    """Return points with east before north, and whether their axes were swapped for it.
 
-    Names as URN or address mean the order of the system's own definition (OGC 09-048r5), which
-    many files do not keep; the order is taken in which the points lie where the system holds, and
-    of two such orders that of the definition, or east first where the name is short (``EPSG:``).
+    Names as URN or URL imply the axis order of the CRS definition (OGC 09-048r5), which many files
+    ignore. The order is used in which the points are in the CRS's area of use; if both are, that of
+    the definition, or east first for short names (``EPSG:``).
 
     Args:
-        points: (N, 3) as the file has them.
-        crs: their system.
-        name: how the file names it.
+        points: (N, 3) as in the file.
+        crs: their CRS.
+        name: name of the CRS in the file.
     """
     plan = plan_of(crs)
     first = plan.axis_info[0].direction.lower() if plan.axis_info else "east"
@@ -122,12 +122,12 @@ def east_first(
 
 
 def plan_of(crs: CRS) -> CRS:
-    """Return the part of a system that is in plan."""
+    """Return the horizontal part of a CRS."""
     return crs.sub_crs_list[0] if crs.is_compound else crs
 
 
 def _holds(points: NDArray[np.float64], plan: CRS) -> bool:
-    """Whether points lie where a system holds."""
+    """Return whether points are in a CRS's area of use."""
     area = plan.area_of_use
     if area is None:
         return True

@@ -1,4 +1,4 @@
-"""Large text files by line kind without a loop over lines, and points in text."""
+"""Vectorised reading of large text files by line kind, and points in text."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from urbantwin.number_text import leading_numbers
 
 __all__ = ["TextLines", "read_text_points", "text_chunks"]
 
-#: Bytes that are read together.
+#: Bytes per chunk.
 CHUNK = 1 << 24
 #: Longest line, bytes.
 LONGEST_LINE = 1 << 26
@@ -33,7 +33,7 @@ _TRAILING = re.compile(rb"^([ \t]*[vf][nt]? [^\n#]*)#[^\n]*", re.MULTILINE)
 def text_chunks(path: Path, *, size: int = CHUNK) -> Iterator[tuple[bytes, int]]:
     """Yield pieces of a text file that end with whole lines, and the number of lines before each.
 
-    A backslash at the end of a line joins it to the next (as OBJ has it).
+    A backslash at the end of a line joins it to the next (as in OBJ).
 
     Raises:
         InputError: the file holds zero bytes or a line without an end: it is not text.
@@ -74,7 +74,7 @@ class TextLines:
         self.data = np.frombuffer(data, np.uint8)
         self.ends = np.flatnonzero(self.data == _NEWLINE)
         self.starts = np.concatenate([[0], self.ends[:-1] + 1]).astype(np.int64)
-        #: Where the first word of each line starts; the line's end where it is empty.
+        #: Start of the first word of each line; the line's end if it is empty.
         self.first = self.starts.copy()
         blank = np.flatnonzero((self.data[self.first] <= _SPACE) & (self.first < self.ends))
         while len(blank):
@@ -86,7 +86,7 @@ class TextLines:
         """Return for every line whether its first word is ``word``."""
         last = len(self.data) - 1
         found = self.data[self.first] == word[0]
-        which = np.flatnonzero(found)  # few of the lines: look at the rest of the word there only
+        which = np.flatnonzero(found)  # few lines match: compare the rest of the word only there
         good = self.data[np.minimum(self.first[which] + len(word), last)] <= _SPACE
         for offset, letter in enumerate(word[1:], 1):
             good &= self.data[np.minimum(self.first[which] + offset, last)] == letter
@@ -101,7 +101,7 @@ class TextLines:
     def body(
         self, lines: NDArray[np.bool_] | NDArray[np.int64], skip: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return the bytes of lines after their first ``skip`` letters, and where each starts."""
+        """Return the bytes of lines after ``skip`` characters, and the start of each."""
         begin, end = self.first[lines] + skip, self.ends[lines] + 1
         length = np.maximum(end - begin, 1)
         begin = end - length
@@ -112,10 +112,10 @@ class TextLines:
     def numbers(
         self, lines: NDArray[np.bool_] | NDArray[np.int64], skip: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the numbers of lines after their first ``skip`` letters, and how many each has.
+        """Return the numbers of lines after ``skip`` characters, and the count per line.
 
         Raises:
-            ValueError: something is not a number; its argument is the index among the lines.
+            ValueError: a word is not a number; the argument is the index among the lines.
         """
         body, starts = self.body(lines, skip)
         if not len(body):
@@ -136,10 +136,10 @@ def _token_starts(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def read_text_points(path: Path) -> ImportedModel:
-    """Read points, a line each: x y z, x y z r g b, or x y z intensity r g b (as PTS has it).
+    """Read points, one per line: x y z, x y z r g b, or x y z intensity r g b (as in PTS).
 
-    Numbers are separated by blanks, tabs, commas or semicolons. Lines that start without a
-    number, and PTS's counts (a number alone on its line), are passed over.
+    Numbers are separated by blanks, tabs, commas or semicolons. Lines that start without a number,
+    and PTS counts (a single number on a line), are skipped.
 
     Raises:
         InputError: lines differ in length, or there is none.

@@ -1,4 +1,4 @@
-"""Images laid over triangles, and their mean colours."""
+"""Images mapped onto triangles, and their mean colours."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from urbantwin.io.values import MalformedError
 
 __all__ = ["Texture", "beside", "open_image", "picture_of", "srgb_from_linear", "texture_colours"]
 
-#: Largest side of pictures as they are used, pixels.
+#: Maximum side of images after reduction, pixels.
 FINEST = 2048
-#: Pictures with more pixels are refused.
+#: Maximum number of pixels of an image.
 MOST_PIXELS = 20_000 * 20_000
-#: The most pixels per byte of a file; files that claim more are refused.
+#: Maximum number of pixels per byte of a file; files that claim more are rejected.
 _DENSEST = 1100
 #: Divisions of a side: colours are averaged over the centres of 16 equal triangles.
 _STEPS = 4
 
 
 def beside(folder: Path, name: str) -> Path | None:
-    """Return the file that a model names, if it lies in the model's folder or below it.
+    """Return the file that a model names, if it is in the model's folder or below it.
 
-    Photogrammetry programs write the path of a picture on their machine; then the picture of that
-    name in the model's folder is used. No file outside the folder is opened.
+    Photogrammetry programs write the path of an image on their machine; then the image of that name
+    in the model's folder is used. No file outside the folder is opened.
     """
     plain = name.strip().strip('"').replace("\\", "/")
     root = folder.resolve()
@@ -40,16 +40,16 @@ def beside(folder: Path, name: str) -> Path | None:
             path = (folder / candidate).resolve()
             if path.is_relative_to(root) and path.is_file():
                 return path
-        except (OSError, ValueError, RuntimeError):  # too long, a NUL, links in a circle: no name
+        except (OSError, ValueError, RuntimeError):  # too long, a NUL, or a loop of links
             continue
     return None
 
 
 def picture_of(source: Path | bytes) -> NDArray[np.uint8] | None:
-    """Return a picture as (H, W, 3) sRGB, at most ``FINEST`` wide; ``None`` if unreadable."""
+    """Return an image as (H, W, 3) sRGB, at most ``FINEST`` wide; ``None`` if unreadable."""
     most = Image.MAX_IMAGE_PIXELS
     try:
-        Image.MAX_IMAGE_PIXELS = None  # the limit here is our own, on the size that is declared
+        Image.MAX_IMAGE_PIXELS = None  # our own limit applies to the declared size
         with Image.open(io.BytesIO(source) if isinstance(source, bytes) else source) as image:
             width, height = image.size
             size = len(source) if isinstance(source, bytes) else source.stat().st_size
@@ -66,7 +66,7 @@ def picture_of(source: Path | bytes) -> NDArray[np.uint8] | None:
 
 
 def texture_colours(uv: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the mean colour (F, 3) of a picture over triangles.
+    """Return the mean colour (F, 3) of an image over triangles.
 
     Args:
         uv: (F, 3, 2) texture coordinates of the corners, v up, repeated outside 0..1.
@@ -85,7 +85,7 @@ def texture_colours(uv: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDAr
 
 
 def _middles() -> NDArray[np.float64]:
-    """Barycentric coordinates of the middles of the triangles that one is cut into."""
+    """Return barycentric coordinates of the centres of the parts of a triangle."""
     found = []
     for i in range(_STEPS):
         for j in range(_STEPS - i):
@@ -96,9 +96,9 @@ def _middles() -> NDArray[np.float64]:
     return np.column_stack([ab, 1.0 - ab.sum(axis=1)])
 
 
-#: The most pixels, and the longest side, of an image.
+#: Maximum number of pixels and maximum side of an image.
 _MOST_PIXELS, _LONGEST = 1 << 28, 1 << 15
-#: Larger images are halved until they fit: a triangle's mean does not need them.
+#: Side to which larger images are reduced: sufficient for a triangle's mean.
 _SIDE = 2048
 _REPEAT, _CLAMP, _MIRROR = 10497, 33071, 33648
 _CHUNK = 1 << 18
@@ -122,18 +122,18 @@ def srgb_from_linear(value: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def open_image(data: bytes) -> NDArray[np.uint8]:
-    """Return (H, W, 4) RGBA pixels, reduced to 2048 a side at most.
+    """Return (H, W, 4) RGBA pixels, reduced to at most 2048 per side.
 
     Raises:
-        MalformedError: it is not an image that Pillow reads, or is larger than reason.
+        MalformedError: not an image that Pillow reads, or too large.
     """
     usual = Image.MAX_IMAGE_PIXELS
     try:
-        # Photogrammetry comes with 16384 x 16384, which Pillow takes for an attack.
+        # Photogrammetry uses 16384 x 16384, which Pillow rejects as an attack.
         Image.MAX_IMAGE_PIXELS = None
         picture = Image.open(io.BytesIO(data))
         claimed = picture.size
-        # A JPEG is unpacked at an eighth of its size at once where that is enough.
+        # A JPEG is decoded at down to an eighth of its size if that suffices.
         picture.draft("RGB", (_SIDE, _SIDE))
         if max(claimed) > _LONGEST or picture.width * picture.height > _MOST_PIXELS:
             raise MalformedError(f"an image claims {claimed[0]} x {claimed[1]} pixels")
@@ -153,11 +153,11 @@ def open_image(data: bytes) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image with how it is laid on.
+    """An image and its mapping.
 
     Attributes:
         pixels: (H, W, 4) uint8 RGBA.
-        wrap: modes of u and v, as OpenGL numbers them.
+        wrap: modes of u and v, in OpenGL's numbering.
         offset, rotation, scale: of ``KHR_texture_transform``.
     """
 
@@ -177,7 +177,7 @@ class Texture:
         return np.asarray(turned + np.array(self.offset))
 
     def texels(self, uv: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return the nearest texels (..., 4) at coordinates (..., 2), as the image stores them."""
+        """Return the nearest texels (..., 4) at coordinates (..., 2), as stored."""
         height, width = self.pixels.shape[:2]
         u = _index(uv[..., 0], width, self.wrap[0])
         v = _index(uv[..., 1], height, self.wrap[1])
@@ -188,7 +188,7 @@ class Texture:
 
         Args:
             uv: (F, 3, 2) texture coordinates of the corners.
-            use_alpha: weigh texels by their opacity.
+            use_alpha: weight texels by their opacity.
         """
         uv = np.nan_to_num(self.transformed(uv), nan=0.0, posinf=0.0, neginf=0.0)
         height, width = self.pixels.shape[:2]
@@ -238,9 +238,9 @@ def _index(value: NDArray[np.float64], size: int, wrap: int) -> NDArray[np.int64
 def _spread(count: int) -> NDArray[np.float64]:
     """Return barycentric weights (count, 3) of points spread over a triangle.
 
-    Four are the middles of its quarters. More follow the R2 sequence (M. Roberts 2018, "The
+    Four are the centres of its quarters. More follow the R2 sequence (M. Roberts 2018, "The
     Unreasonable Effectiveness of Quasirandom Sequences"), folded into the triangle: a regular
-    lattice would fall in step with textures that repeat.
+    lattice would alias with repeating textures.
     """
     if count == 4:
         u = np.array([1 / 6, 1 / 6, 2 / 3, 1 / 3])

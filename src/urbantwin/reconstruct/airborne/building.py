@@ -16,9 +16,9 @@ from urbantwin.reconstruct.airborne.roof_solid import flat_solid, roof_solid
 
 __all__ = ["BuiltRoof", "build_roof"]
 
-#: Fewer points than this say where the roof is, not what shape it has.
+#: Minimum number of points to determine the shape of a roof.
 _FEWEST = 12
-#: Below the lowest ground at the building, metres.
+#: Depth of the underside below the lowest ground at the building, metres.
 FOUNDATION_M = 1.0
 
 Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
@@ -31,9 +31,8 @@ class BuiltRoof:
     Attributes:
         vertices: (V, 3) metres, site frame.
         faces: (F, 3) counter-clockwise seen from outside.
-        patches: pieces of its roof, coordinates of the site.
-        shape: ``"planes"``, or ``"flat"`` where planes did not explain the points or did not
-            close.
+        patches: pieces of its roof, site coordinates.
+        shape: ``"planes"``, or ``"flat"`` if planes did not explain the points or did not close.
     """
 
     vertices: NDArray[np.float64]
@@ -49,11 +48,11 @@ def build_roof(
 
     Args:
         outline: in plan, site frame.
-        points: (N, 3) of the roof (walls may be among them), site frame.
+        points: (N, 3) of the roof (walls may be included), site frame.
         base: height of the underside.
 
     Returns:
-        The building; ``None`` where the outline cannot be extruded.
+        The building; ``None`` if the outline cannot be extruded.
     """
     origin = np.array([*np.round(outline.centroid.coords[0], 2), 0.0])
     plain = _plain(shapely.transform(outline, lambda xy: xy - origin[:2]))
@@ -93,11 +92,11 @@ def _together(solids: list[Triangles]) -> Triangles:
 
 
 def _plain(outline: shapely.Polygon) -> shapely.Polygon | None:
-    """Return the outline on a grid of centimetres, without corners that change nothing."""
+    """Return the outline on a centimetre grid, without redundant corners."""
     smooth = shapely.simplify(outline, 0.02)
     if not smooth.is_valid or smooth.geom_type != "Polygon":
         smooth = outline
-    # The second call takes the grid off again: later operations would be held to it.
+    # The second call removes the grid, to which later operations would be snapped.
     snapped = shapely.set_precision(shapely.set_precision(smooth, GRID_M), 0.0)
     parts = [p for p in shapely.get_parts(snapped) if p.geom_type == "Polygon" and p.area > 1.0]
     return max(parts, key=lambda p: p.area) if parts else None

@@ -1,4 +1,4 @@
-"""Outlines of buildings from a vector file: GeoPackage, GeoJSON, SpatiaLite, Shapefile."""
+"""Reading of building outlines: GeoPackage, GeoJSON, SpatiaLite, Shapefile, FlatGeobuf."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from urbantwin.reconstruct.airborne.vector_file import check_vector_file
 __all__ = ["read_footprints"]
 
 _EXPECTED = "polygons in a GeoPackage, GeoJSON, SpatiaLite, Shapefile or FlatGeobuf, with a CRS"
-#: More outlines than this are a country, not a site.
+#: Maximum number of outlines of a site.
 MOST_OUTLINES = 500_000
-#: Smaller than any shed, square metres: slivers of a topology.
+#: Minimum area of an outline, square metres: smaller ones are slivers of a topology.
 SMALLEST_M2 = 2.0
-#: A hint for which layer of several holds buildings.
+#: Words in names of layers with buildings.
 _BUILDINGS = (
     "building",
     "pand",
@@ -45,25 +45,24 @@ def read_footprints(
     crs: str | None = None,
     notes: list[str] | None = None,
 ) -> list[shapely.Polygon]:
-    """Read the outlines of buildings that meet an area.
+    """Return the outlines of buildings that intersect an area.
 
-    Curves are made straight, multipolygons and polyhedral surfaces taken apart, invalid rings
-    repaired. Of a file with several layers the one of buildings by its name is read, else the one
-    with most polygons.
+    Curves are linearised, multipolygons and polyhedral surfaces split, invalid rings repaired. Of
+    several layers, the one named after buildings is read, otherwise the one with most polygons.
 
     Args:
         path: the vector file; its CRS is the file's own.
         frame: the site frame.
-        area: what the outlines must meet, site frame, metres.
-        crs: the CRS where the file has none (``"EPSG:28992"``).
-        notes: takes a line for everything that was left out, if given.
+        area: the area, site frame, metres.
+        crs: the CRS if the file has none (``"EPSG:28992"``).
+        notes: list to which lines about omissions are appended, if given.
 
     Returns:
         Simple valid polygons in the site frame, metres, in the order of the file.
 
     Raises:
         InputError: the file is missing or unreadable, has no polygons, no CRS or one without a
-            known transform, or none of its outlines meets the area.
+            known transformation, or none of its outlines intersects the area.
     """
     told: list[str] = [] if notes is None else notes
     layer, shapes, system = _polygons(path, told)
@@ -141,7 +140,7 @@ def _polygons(path: Path, told: list[str]) -> tuple[str, NDArray[Any], str | Non
 
 
 def _geometry(raw: bytes | None) -> shapely.Geometry | None:
-    """Return the geometry of a WKB; polyhedral surfaces and TINs as multipolygons."""
+    """Return the geometry of a WKB, with polyhedral surfaces and TINs as multipolygons."""
     if raw is None:
         return None
     order = "<" if raw[:1] == b"\x01" else ">"
@@ -156,10 +155,10 @@ def _geometry(raw: bytes | None) -> shapely.Geometry | None:
 
 
 def _surface(raw: bytes, order: str) -> shapely.Geometry | None:
-    """Return the faces of a polyhedral surface or TIN as seen from above.
+    """Return the plan view of the faces of a polyhedral surface or TIN.
 
-    Their WKB is that of a multipolygon under another number, a TIN's of triangles (OGC 06-103r4,
-    table 7: Polygon 3, MultiPolygon 6, PolyhedralSurface 15, TIN 16, Triangle 17).
+    Their WKB is that of a multipolygon with another type number, a TIN's of triangles (OGC
+    06-103r4, table 7: Polygon 3, MultiPolygon 6, PolyhedralSurface 15, TIN 16, Triangle 17).
     """
     faces, offset = [], 9
     kind = struct.unpack_from(f"{order}I", raw, 1)[0]
@@ -179,7 +178,7 @@ def _surface(raw: bytes, order: str) -> shapely.Geometry | None:
             faces.append(shapely.Polygon(rings[0], rings[1:]))
     except (struct.error, ValueError, IndexError):
         return None
-    # Walls are lines from above.
+    # walls are lines in plan
     flat = [shapely.make_valid(face) for face in faces if face.area > 1e-9]
     return shapely.union_all(flat) if flat else None
 
@@ -193,14 +192,14 @@ def _to_site(path: Path, system: str, frame: SiteFrame) -> Any:  # noqa: ANN401
             file=path,
             expected="a CRS that PROJ knows, as EPSG:28992",
         ) from None
-    # By way of WGS84: the frame's own string names no datum, and EPSG:28992 is 100 m off by it.
+    # Via WGS84: the frame's own string has no datum, which shifts EPSG:28992 by 100 m.
     return lambda xy: frame.site_from_lonlat(
         np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
     )
 
 
 def _where(placed: NDArray[Any], frame: SiteFrame) -> str:
-    """Return where the outlines are, for the error message."""
+    """Return the location of the outlines, for the error message."""
     if not len(placed):
         return "; they are not on Earth in their CRS"
     middle = np.median(shapely.bounds(placed)[:, :2], axis=0)

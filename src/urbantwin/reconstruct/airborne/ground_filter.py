@@ -1,4 +1,4 @@
-"""Which points are bare earth: as the survey's classes say, or by a morphological filter.
+"""Bare-earth points, by the survey's classes or by a morphological filter.
 
 The filter is SMRF (Pingel, Clarke and McBride 2013, "An improved simple morphological filter for
 the terrain classification of airborne LIDAR data", ISPRS J. 77), which opens the surface of lowest
@@ -29,7 +29,7 @@ _CELL_M, _SLOPE, _WINDOW_M, _HEIGHT_M, _SCALING = 1.0, 0.15, 30.0, 0.4, 1.25
 
 
 def has_ground_class(cloud: PointCloud) -> bool:
-    """Return whether a survey says which of its points are ground: at least one in 200."""
+    """Return whether a survey classifies ground: at least one point in 200."""
     if cloud.classification is None or not len(cloud.points):
         return False
     return bool((cloud.classification == GROUND).mean() > 0.005)
@@ -38,7 +38,7 @@ def has_ground_class(cloud: PointCloud) -> bool:
 def ground_by_filter(
     points: NDArray[np.float64], footprints: Sequence[shapely.Polygon] = ()
 ) -> NDArray[np.bool_]:
-    """Return which (N,) points are bare earth by SMRF.
+    """Return the mask (N,) of bare-earth points by SMRF.
 
     Args:
         points: (N, 3) without noise, metres.
@@ -55,7 +55,7 @@ def ground_by_filter(
     opened = surface
     for radius in range(1, int(_WINDOW_M / _CELL_M) + 1):
         size = 2 * radius + 1
-        # A square and its quarter turn make an octagon, near to SMRF's disk.
+        # A square and its 45 degree rotation form an octagon, similar to SMRF's disk.
         lower = grey_opening(opened, size=(size, size), mode="nearest")
         thing |= opened - lower > _SLOPE * radius * _CELL_M
         opened = lower
@@ -64,7 +64,7 @@ def ground_by_filter(
     xy = points[:, :2]
     allowed = _HEIGHT_M + _SCALING * grid.sample(slope, xy) * _CELL_M
     near = np.abs(points[:, 2] - grid.sample(bare, xy)) <= allowed
-    # Walls' feet reach into cells of things: no ground where all around is a thing.
+    # Feet of walls extend into object cells: no ground where all neighbours are objects.
     deep = ~binary_dilation(~thing, np.ones((3, 3)))
     cell = grid.cells(xy)
     near &= ~deep.ravel()[cell]
@@ -74,7 +74,7 @@ def ground_by_filter(
 
 
 def inside_any(footprints: Sequence[shapely.Polygon], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which (N,) points lie in any of the outlines."""
+    """Return the mask (N,) of points inside any outline."""
     if not len(footprints):
         return np.zeros(len(xy), bool)
     area = shapely.union_all(list(footprints))

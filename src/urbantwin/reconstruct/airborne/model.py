@@ -1,4 +1,4 @@
-"""Ground, buildings and trees extracted from an airborne survey."""
+"""Extraction of ground, buildings and trees from an airborne survey."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["AirborneModel", "from_airborne"]
 
-#: Beyond the region points still shape the ground and the buildings on its border, metres.
+#: Margin around the region whose points shape the ground and buildings at its border, metres.
 MARGIN_M = 40.0
-#: Lower than this nothing is a roof, metres above the ground.
+#: Minimum height of a roof above the ground, metres.
 LOWEST_ROOF_M = 1.8
-#: Lower than this (a bus, a container) nothing is outlined, metres above the ground.
+#: Minimum height of buildings outlined from points, above buses and containers, metres.
 _LOWEST_FOUND_M = 2.2
 _BUILDING, _VEGETATION = 6, (3, 4, 5)
 _BRIDGE = (17, 26)  # ASPRS LAS 1.4: bridge deck; 26 in the Dutch AHN: civil structures
@@ -51,15 +51,15 @@ _UNKNOWN = (0, 1)
 
 @dataclass(frozen=True, eq=False)
 class AirborneModel:
-    """What an airborne survey yields, site frame.
+    """The contents of an airborne survey, site frame.
 
     Attributes:
         ground: the bare earth.
         buildings: closed surfaces; ``part`` numbers them from 1.
-        outlines: of the buildings, in the order of their parts.
+        outlines: outlines of the buildings, in the order of their parts.
         trees: from west to east.
-        covers: where the survey replaces the map's ``buildings`` and ``trees``.
-        report: counts and figures.
+        covers: areas where the survey replaces the map's ``buildings`` and ``trees``.
+        report: counts and values.
     """
 
     ground: ElevationPatch
@@ -82,21 +82,21 @@ def from_airborne(
 ) -> AirborneModel:
     """Extract ground, buildings and trees from an airborne survey.
 
-    Where the survey is classified its classes are used; what it does not say is found: the ground
-    by a morphological filter, buildings as high plane areas, trees as high rough ones.
+    Classes of the survey are used if present. Otherwise the ground is found by a morphological
+    filter, buildings as high planar areas, and trees as high rough ones.
 
     Args:
         cloud: the survey, site frame.
-        footprints: outlines of buildings, site frame; buildings that stand outside all of them
-            are outlined from the points.
-        region: what is wanted.
-        name: of the source.
-        detail_m: size of the smallest things that the ground shows; ``None``: spacing of points.
-        wall_material: of walls.
-        roof_material: of roofs.
+        footprints: outlines of buildings, site frame; buildings outside all of them are outlined
+            from the points.
+        region: region to extract.
+        name: name of the source.
+        detail_m: size of the smallest detail of the ground; ``None``: spacing of points.
+        wall_material: material of walls.
+        roof_material: material of roofs.
 
     Raises:
-        InputError: the survey has no points in the region, or none of them is ground.
+        InputError: the survey has no points in the region, or no ground points.
     """
     west, south, east, north = region.buffer(MARGIN_M).bounds
     at = cloud.points
@@ -140,7 +140,7 @@ def from_airborne(
 
 
 class _Survey:
-    """A survey with its ground found."""
+    """A survey with its ground."""
 
     def __init__(
         self,
@@ -184,7 +184,7 @@ class _Survey:
         self.above = points[:, 2] - self._grid.sample(self._heights, points[:, :2])
 
     def outlines(self) -> list[shapely.Polygon]:
-        """Return the outlines of buildings: those given, and those found beside them."""
+        """Return the outlines of buildings: the given ones, and those found outside of them."""
         roof = self._roof_points() & (self.above > _LOWEST_FOUND_M)
         roof[roof] = ~inside_any(
             [f.buffer(1.0) for f in self.footprints], self.cloud.points[roof, :2]
@@ -201,18 +201,18 @@ class _Survey:
         return [*self.footprints, *found]
 
     def _roof_points(self) -> NDArray[np.bool_]:
-        """Return which (N,) points may be of roofs."""
+        """Return the mask (N,) of points that may be on roofs."""
         high = self.above > LOWEST_ROOF_M
         if (self.classes == _BUILDING).any():
             return np.asarray((self.classes == _BUILDING) & (self.above > 0.5))
         roof = high & ~self.ground & np.isin(self.classes, _UNKNOWN)
         if self.cloud.last is not None:
-            # Leaves above a roof are first returns; the roof is the last.
+            # Leaves above a roof give first returns; the roof gives the last.
             roof &= self.cloud.last
         return np.asarray(roof)
 
     def buildings(self, outlines: Sequence[shapely.Polygon]) -> list[BuiltRoof | None]:
-        """Build each outline over its points; ``None`` where nothing stands."""
+        """Return the building of each outline; ``None`` without enough points."""
         roof = self.cloud.points[self._roof_points()]
         roof = roof[np.argsort(roof[:, 0], kind="stable")]
         built: list[BuiltRoof | None] = []
@@ -228,12 +228,12 @@ class _Survey:
             base = float(self._grid.sample(self._heights, rim).min()) - FOUNDATION_M
             house = build_roof(outline, mine, base)
             if house is not None and house.shape == "flat" and len(built) >= self.given:
-                house = None  # Nothing but points says that a house stands here: too few do.
+                house = None  # flat roofs of few points, without a mapped outline, are dropped
             built.append(house)
         return built
 
     def trees(self, outlines: Sequence[shapely.Polygon]) -> tuple[SurveyedTree, ...]:
-        """Find the trees outside buildings."""
+        """Return the trees outside buildings."""
         told = np.isin(self.classes, _VEGETATION)
         other = ~self.ground & np.isin(self.classes, (*_UNKNOWN, *_VEGETATION))
         other &= self.above > 1.0
@@ -249,9 +249,9 @@ class _Survey:
         return tuple(t for t in found if shapely.intersects_xy(self.region, t.x, t.y))
 
     def covers(self, empty: Sequence[shapely.Polygon]) -> dict[str, shapely.Geometry]:
-        """Return where the survey saw the site: the region as far as there are points.
+        """Return the surveyed area: the region as far as there are points.
 
-        Outlines that no points stand in stay the map's.
+        Outlines without points remain the map's.
         """
         points = self.cloud.points
         grid = Raster.over(points.min(axis=0), points.max(axis=0), 4.0, pad=3)
@@ -269,7 +269,7 @@ def _labelled(
     wall_material: str,
     roof_material: str,
 ) -> tuple[LabelledMesh, list[int]]:
-    """Return all buildings as one mesh, and which outlines they stand on."""
+    """Return all buildings as one mesh, and the indices of their outlines."""
     kept = [k for k in range(len(outlines)) if built[k] is not None]
     meshes = []
     for part, k in enumerate(kept, start=1):

@@ -15,16 +15,17 @@ __all__ = ["is_noise", "thinned"]
 
 #: ASPRS LAS 1.4-R15, table 17: low point (noise) and high noise.
 _NOISE_CLASSES = (7, 18)
-#: A point with fewer than this many in its 3 x 3 x 3 voxels is alone.
+#: Minimum number of points in 3 x 3 x 3 voxels around a point, otherwise it is isolated.
 _ALONE, _VOXEL_M = 4, 2.0
-#: More points on a square metre than this are thinned, to one in voxels of this size.
+#: Density (points per square metre) above which clouds are thinned, to one point per voxel of this
+#: size.
 _DENSE, _THIN_M = 40.0, 0.3
-#: Deeper below the surroundings than this is a reflection, not a pit.
+#: Depth below the surroundings from which a point is a reflection, metres.
 _DEEP_M = 1.5
 
 
 def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
-    """Return which (N,) points are noise: classes 7 and 18, not finite, isolated, or far below."""
+    """Return the mask (N,) of noise: classes 7 and 18, not finite, isolated, or far below."""
     points = cloud.points
     noise = np.asarray(~np.isfinite(points).all(axis=1))
     if cloud.classification is not None:
@@ -42,9 +43,9 @@ def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
 
 
 def thinned(cloud: PointCloud) -> PointCloud:
-    """Return one point for each small voxel where a cloud is very dense: the mean of its points.
+    """Return one mean point per small voxel if a cloud is very dense.
 
-    Roofs need no more than a dozen points on a square metre; photogrammetry gives hundreds.
+    Roofs need at most a dozen points per square metre; photogrammetry gives hundreds.
     """
     points = cloud.points
     if len(points) < 1000:
@@ -67,7 +68,7 @@ def thinned(cloud: PointCloud) -> PointCloud:
 
 
 def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points have few others in the 27 voxels around theirs."""
+    """Return the mask of points with few others in the 27 voxels around them."""
     voxel = np.floor((points - points.min(axis=0)) / _VOXEL_M).astype(np.int64) + 1
     sizes = voxel.max(axis=0) + 2
     key = (voxel[:, 0] * sizes[1] + voxel[:, 1]) * sizes[2] + voxel[:, 2]
@@ -83,12 +84,12 @@ def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _deep(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points lie far below the lowest points of the cells around."""
+    """Return the mask of points far below the lowest points of surrounding cells."""
     grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
     lowest = filled(grid.extreme(points))
     usual = median_filter(lowest, size=7)
     cell = grid.cells(points[:, :2])
-    # A pit's cell is deep because few points are; a canal's or cutting's because all are.
+    # In the cell of a false pit few points are deep; in a canal or cutting all are.
     below = points[:, 2] < usual.ravel()[cell] - _DEEP_M
     share = np.bincount(cell[below], minlength=lowest.size) / np.maximum(
         np.bincount(cell, minlength=lowest.size), 1

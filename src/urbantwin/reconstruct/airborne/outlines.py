@@ -1,7 +1,7 @@
 """Outlines of unmapped buildings, from their roof points.
 
-Cells of a fine grid that roofs cover are joined; their border is simplified, turned to the
-building's own directions and moved to its outermost points (after Awrangjeb and Fraser 2014,
+Cells of a fine grid with roof points are joined; their border is simplified, rotated to the
+building's main directions and moved to its outermost points (after Awrangjeb and Fraser 2014,
 "Automatic segmentation of raw LIDAR data for extraction of building roofs", Remote Sensing 6).
 """
 
@@ -20,22 +20,23 @@ from urbantwin.reconstruct.airborne.raster import Raster
 
 __all__ = ["SMALLEST_M2", "cut_blocks", "find_outlines", "is_plane_like"]
 
-#: Smaller is a shed, a bus or a container, square metres.
+#: Minimum area of a building, square metres: smaller ones are sheds, buses or containers.
 SMALLEST_M2 = 12.0
-#: Half of a building is as far from its border as this, or it is a wall, metres.
+#: Minimum distance of half of a building's area from its border, metres; otherwise it is a wall.
 _THIN_M = 1.0
-#: Larger outlines are blocks of houses: they are cut into pieces below this, square metres.
+#: Maximum area of an outline, square metres: larger ones are blocks, which are split.
 LARGEST_M2 = 350.0
-#: Cut where mean heights jump by this, metres; one roof is cut only above this area, square metres.
+#: Minimum jump of mean heights at a split, metres; area above which one roof is split without a
+#: jump, square metres.
 _JUMP_M, _HALL_M2 = 0.3, 5000.0
-#: Points whose neighbourhood is thinner than this lie in a plane, metres.
+#: Maximum thickness of the neighbourhood of planar points, metres.
 _THICK_M = 0.10
-#: Sides within this of the building's directions are turned to them, degrees.
+#: Maximum angle of sides that are rotated to the building's main directions, degrees.
 _TURN_DEG = 22.0
 
 
 def is_plane_like(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which (N,) points lie in a plane other than a wall: roofs, not tree crowns."""
+    """Return the mask (N,) of points on planes other than walls: roofs, not tree crowns."""
     if len(points) < 10:
         return np.zeros(len(points), bool)
     result = np.zeros(len(points), bool)
@@ -52,7 +53,7 @@ def is_plane_like(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def find_outlines(points: NDArray[np.float64]) -> list[shapely.Polygon]:
-    """Outline the buildings under points of roofs.
+    """Return the outlines of buildings under roof points.
 
     Args:
         points: (N, 3) of roofs, site frame.
@@ -96,7 +97,7 @@ def cut_blocks(
     """Split outlines of whole blocks where roofs differ most, until each is one house.
 
     Args:
-        outlines: as found.
+        outlines: the outlines found.
         points: (N, 3) of roofs.
     """
     done: list[shapely.Polygon] = []
@@ -117,7 +118,7 @@ def cut_blocks(
 
 
 def _halves(outline: shapely.Polygon, points: NDArray[np.float64]) -> list[shapely.Polygon]:
-    """Split an outline across its longer extent, near the middle, where heights change most."""
+    """Split an outline across its longer extent, near the centre, where heights change most."""
     angle = _direction(outline)
     along = np.array([np.cos(angle), np.sin(angle)])
     ring = np.asarray(outline.exterior.coords)[:, :2]
@@ -144,7 +145,7 @@ def _halves(outline: shapely.Polygon, points: NDArray[np.float64]) -> list[shape
 
 
 def _closed(shape: shapely.Polygon) -> shapely.Polygon:
-    """Return a polygon without courtyards that are smaller than a room."""
+    """Return a polygon without courtyards smaller than a room."""
     holes = [ring for ring in shape.interiors if shapely.Polygon(ring).area > SMALLEST_M2]
     return shapely.Polygon(shape.exterior, holes)
 
@@ -152,7 +153,7 @@ def _closed(shape: shapely.Polygon) -> shapely.Polygon:
 def _regular(
     shape: shapely.Polygon, points: NDArray[np.float64], step: float, spacing: float
 ) -> shapely.Polygon:
-    """Return a shape of cells as an outline of straight sides along its own directions."""
+    """Return an outline of straight sides along its main directions from a shape of cells."""
     plain = shapely.simplify(shape, 1.6 * step)
     if plain.geom_type != "Polygon" or not plain.is_valid:
         plain = shape
@@ -171,7 +172,7 @@ def _regular(
 
 
 def _direction(outline: shapely.Polygon) -> float:
-    """Return the direction (modulo a right angle) of most of an outline's length, radians."""
+    """Return the direction (modulo 90 degrees) of most of an outline's length, radians."""
     ring = np.asarray(outline.exterior.coords)[:, :2]
     side = np.diff(ring, axis=0)
     length = np.linalg.norm(side, axis=1)
@@ -187,7 +188,7 @@ def _squared(
     step: float,
     spacing: float,
 ) -> NDArray[np.float64] | None:
-    """Return a ring (counter-clockwise) with its sides turned and moved; ``None``: nothing left."""
+    """Return a counter-clockwise ring with rotated and moved sides; ``None``: degenerate."""
     side = np.roll(ring, -1, axis=0) - ring
     own = np.arctan2(side[:, 1], side[:, 0])
     quarter = np.pi / 2

@@ -1,4 +1,4 @@
-"""Grids of cells over points, and their gaps filled."""
+"""Grids of cells over points, and interpolation of gaps."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["Raster", "filled"]
 
 @dataclass(frozen=True)
 class Raster:
-    """A grid of square cells; cell (row, column) has its middle at west + column step, ...
+    """A grid of square cells; the centre of (row, column) is at west + column step, ...
 
     Attributes:
-        west, south: middle of the first cell, site frame, metres.
-        step: size of a cell, metres.
+        west, south: centre of the first cell, site frame, metres.
+        step: cell size, metres.
         shape: rows from south to north, columns from west to east.
     """
 
@@ -33,14 +33,14 @@ class Raster:
     def over(
         cls, low: NDArray[np.float64], high: NDArray[np.float64], step: float, pad: int = 1
     ) -> Raster:
-        """Return the grid over a box, cells' middles at multiples of ``step``."""
+        """Return the grid over a box, with cell centres at multiples of ``step``."""
         first = np.floor(np.asarray(low[:2]) / step).astype(int) - pad
         last = np.ceil(np.asarray(high[:2]) / step).astype(int) + pad
         columns, rows = (int(n) for n in last - first + 1)
         return cls(float(first[0] * step), float(first[1] * step), step, (rows, columns))
 
     def cells(self, xy: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the flat cell number (N,) of each point; -1 outside."""
+        """Return the flat cell index (N,) of each point; -1 outside."""
         column = np.rint((xy[:, 0] - self.west) / self.step).astype(np.int64)
         row = np.rint((xy[:, 1] - self.south) / self.step).astype(np.int64)
         inside = (column >= 0) & (column < self.shape[1]) & (row >= 0) & (row < self.shape[0])
@@ -69,24 +69,24 @@ class Raster:
         return np.bincount(cell[cell >= 0], minlength=size).reshape(self.shape)
 
     def area(self, chosen: NDArray[np.bool_]) -> shapely.Geometry:
-        """Return the area in plan of the cells that are chosen (rows, columns)."""
+        """Return the area in plan of the cells of a mask (rows, columns)."""
         edges = np.diff(np.pad(chosen.astype(np.int8), ((0, 0), (1, 1))), axis=1)
         row, first = np.nonzero(edges > 0)
-        last = np.nonzero(edges < 0)[1]  # each row's in the same order
+        last = np.nonzero(edges < 0)[1]  # in the same order for each row
         west = self.west + (first - 0.5) * self.step
         south = self.south + (row - 0.5) * self.step
         east = self.west + (last - 0.5) * self.step
         return shapely.union_all(shapely.box(west, south, east, south + self.step))
 
     def sample(self, grid: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a grid's values (N,) at points, bilinear; the border's beyond it."""
+        """Return a grid's values (N,) at points, bilinear; clipped to the border."""
         rows = (xy[:, 1] - self.south) / self.step
         columns = (xy[:, 0] - self.west) / self.step
         return np.asarray(map_coordinates(grid, [rows, columns], order=1, mode="nearest"))
 
 
 def filled(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a grid without nan: gaps bridged linearly from their rims, nearest beyond the hull."""
+    """Return a grid without nan: gaps interpolated linearly, nearest values beyond the hull."""
     hole = np.isnan(grid)
     if not hole.any() or hole.all():
         return np.nan_to_num(grid)

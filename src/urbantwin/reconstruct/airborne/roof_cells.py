@@ -1,7 +1,8 @@
-"""A roof partitioned in plan into cells by lines, and the roof plane chosen for each cell.
+"""Partition of a roof in plan into cells, and the choice of a roof plane for each cell.
 
-The choice minimises misfit of the points plus the length of borders between planes, a Potts energy
-(Boykov, Veksler and Zabih 2001), by moving single cells and whole patches while that helps.
+The choice minimises the misfit of the points plus the length of borders between planes, a Potts
+energy (Boykov, Veksler and Zabih 2001), by moving single cells and whole patches while that reduces
+it.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ from urbantwin.reconstruct.airborne.roof_lines import RoofLine
 
 __all__ = ["GRID_M", "RoofPatch", "roof_patches"]
 
-#: Corners lie on this grid, metres.
+#: Grid of corners, metres.
 GRID_M = 0.01
-#: Misfit of a point beyond this does not count more, metres: it is of something else.
+#: Maximum misfit of a point, metres: beyond, it belongs to another object.
 _FAR_M = 0.8
-#: Corners whose triangle with both neighbours is below the square of this go, metres.
+#: Corners are removed if their triangle with both neighbours has less than this squared, metres.
 _PLAIN_M = 0.15
-#: What a metre of border costs, in cubic metres of misfit.
+#: Cost of a metre of border, in cubic metres of misfit.
 _BORDER = 0.08
-#: What a square metre costs for each metre that its plane lies away from the plane's own points.
+#: Cost per square metre and metre of distance from the plane's own points.
 _STRANGE = 0.04
-#: Cut by more lines than this, a plan is cut only near each line.
+#: Number of lines above which the plan is cut only near each line.
 _MOST_LONG_LINES = 16
-#: Then a line is made longer by its own length, and by this at least, metres.
+#: Minimum extension of a line in that case (otherwise its own length), metres.
 _LONGER_M = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class RoofPatch:
-    """A piece of a roof in plan, and the plane over it: a, b, c of z = a x + b y + c."""
+    """A piece of a roof in plan, and its plane: a, b, c of z = a x + b y + c."""
 
     polygon: shapely.Polygon
     plane: NDArray[np.float64]
@@ -54,10 +55,10 @@ def roof_patches(
     """Divide an outline into patches with one plane each.
 
     Args:
-        outline: of the building.
-        lines: that may divide it.
-        points: (N, 3) of the roof, walls left out.
-        label: (N,) number of each point's plane, -1 for none.
+        outline: outline of the building.
+        lines: candidate dividing lines.
+        points: (N, 3) of the roof, without walls.
+        label: (N,) index of each point's plane, -1 for none.
         planes: (P, 3) a, b, c.
 
     Returns:
@@ -73,7 +74,7 @@ def roof_patches(
 
 
 def _cells(outline: shapely.Polygon, lines: Sequence[RoofLine]) -> NDArray[Any]:
-    """Cut an outline by lines, each made a little longer so that they meet."""
+    """Return the cells of an outline cut by lines, each slightly extended so that they meet."""
     west, south, east, north = outline.bounds
     across = float(np.hypot(east - west, north - south))
     few = len(lines) <= _MOST_LONG_LINES
@@ -83,7 +84,7 @@ def _cells(outline: shapely.Polygon, lines: Sequence[RoofLine]) -> NDArray[Any]:
     ]
     inner = shapely.intersection(np.array(cuts, dtype=object), outline.buffer(0.2))
     edges = shapely.union_all([outline.boundary, *inner.tolist()], grid_size=GRID_M)
-    # Later operations would be held to the grid.
+    # remove the grid, to which later operations would be snapped
     edges = shapely.set_precision(edges, 0.0)
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
     inside = shapely.contains(outline, shapely.point_on_surface(cells))
@@ -96,7 +97,7 @@ def _misfit(
     label: NDArray[np.int64],
     planes: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return what each plane (P) over each cell (C) costs: (C, P) cubic metres."""
+    """Return the cost of each plane (P) over each cell (C): (C, P) cubic metres."""
     area = shapely.area(cells)
     tree = shapely.STRtree(shapely.points(points[:, :2]))
     cell, point = tree.query(cells, predicate="intersects")
@@ -108,7 +109,7 @@ def _misfit(
     sums = np.column_stack(
         [np.bincount(cell, weights=off[:, k], minlength=len(cells)) for k in range(len(planes))]
     )
-    # A cell of few points says little: at most a point in a quarter square metre.
+    # Cells with few points have a low weight: at most a quarter square metre per point.
     weight = area / np.maximum(count, np.maximum(1.0, 4.0 * area))
     cost = sums * weight[:, None]
     middle = shapely.get_coordinates(shapely.point_on_surface(cells))
@@ -120,7 +121,7 @@ def _misfit(
     own = np.zeros((len(cells), len(planes)))
     known = label[point] >= 0
     np.add.at(own, (cell[known], label[point][known]), 1.0)
-    # Of two planes that both fit, the one that the points were found to be of.
+    # Prefer, of two fitting planes, the one with the points' labels.
     cost += 0.03 * area[:, None] * (1.0 - own / np.maximum(own.sum(axis=1, keepdims=True), 1.0))
     return np.asarray(cost)
 
@@ -143,7 +144,7 @@ def _border_lengths(cells: NDArray[Any]) -> coo_array:
 
 
 def _chosen(cost: NDArray[np.float64], border: coo_array) -> NDArray[np.int64]:
-    """Choose a plane for each cell: single cells, then patches, until nothing gets cheaper."""
+    """Choose a plane for each cell: single cells, then patches, until the cost is minimal."""
     choice = np.asarray(cost.argmin(axis=1), np.int64)
     lengths = border.toarray()
     for _ in range(12):
@@ -166,7 +167,7 @@ def _move(
     lengths: NDArray[np.float64],
     choice: NDArray[np.int64],
 ) -> bool:
-    """Give each group of cells the cheapest plane of its neighbours, one after the other."""
+    """Give each group of cells the cheapest plane of its neighbours, in sequence."""
     changed = False
     order = np.argsort(group, kind="stable")
     for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
@@ -184,7 +185,7 @@ def _move(
 def _dissolved(
     cells: NDArray[Any], choice: NDArray[np.int64], planes: NDArray[np.float64]
 ) -> list[RoofPatch]:
-    """Join cells of one plane; corners on straight borders go, on both sides alike."""
+    """Join cells of one plane, and remove corners on straight borders on both sides alike."""
     joined: list[shapely.Polygon] = []
     number: list[int] = []
     for k in np.unique(choice).tolist():

@@ -1,4 +1,4 @@
-"""Lines that divide a roof in plan: creases where planes meet, and steps in height."""
+"""Dividing lines of a roof in plan: creases between planes, and height steps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from urbantwin.geometry import wrapped
 
 __all__ = ["RoofLine", "main_directions", "roof_lines"]
 
-#: Between nodes of the map of labels, metres.
+#: Cell size of the label map, metres.
 _GRID_M = 0.25
-#: Points of a border lie this near to the line that they give, metres.
+#: Maximum distance of border points from their line, metres.
 _BAND_M = 0.45
-#: A border shorter than this gives no line, metres.
+#: Minimum length of a border, metres.
 _SHORTEST_M = 1.0
-#: Lines this close (metres, degrees) are one.
+#: Differences below which lines are the same, metres and degrees.
 _SAME_M, _SAME_DEG = 0.3, 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class RoofLine:
-    """A straight piece in plan.
+    """A straight segment in plan.
 
     Attributes:
         start, end: (2,) metres.
         support: length of the border that it explains, metres.
-        crease: whether it is where two planes meet.
+        crease: whether two planes intersect there.
     """
 
     start: NDArray[np.float64]
@@ -40,7 +40,7 @@ class RoofLine:
     crease: bool
 
     def extended(self, by: float) -> NDArray[np.float64]:
-        """Return both ends (2, 2), moved apart."""
+        """Return both ends (2, 2), extended outward."""
         along = self.end - self.start
         along = along / max(float(np.linalg.norm(along)), 1e-9)
         return np.array([self.start - by * along, self.end + by * along])
@@ -73,12 +73,12 @@ def roof_lines(
     label: NDArray[np.int64],
     planes: NDArray[np.float64],
 ) -> list[RoofLine]:
-    """Find the lines between the planes of a roof.
+    """Return the lines between the planes of a roof.
 
     Args:
-        outline: of the building.
+        outline: outline of the building.
         points: (N, 3) of the roof.
-        label: (N,) number of each point's plane, -1 for none.
+        label: (N,) index of each point's plane, -1 for none.
         planes: (P, 3) a, b, c.
 
     Returns:
@@ -96,7 +96,7 @@ def roof_lines(
         rest = at
         if tilt > 0.1:
             away = np.abs(gap) / tilt
-            # Where both planes are at one height, the border is their crease.
+            # Where both planes have equal heights, the border is their crease.
             close = (away < 0.7) & (np.abs(gap) < 0.6)
             if close.sum() * _GRID_M >= _SHORTEST_M:
                 along = np.array([-difference[1], difference[0]]) / tilt
@@ -113,7 +113,7 @@ def roof_lines(
 def _borders(
     outline: shapely.Polygon, points: NDArray[np.float64], label: NDArray[np.int64]
 ) -> dict[tuple[int, int], NDArray[np.float64]]:
-    """Return the places (M, 2) between the labels of each pair, from a map of nearest labels."""
+    """Return the positions (M, 2) between the labels of each pair, from a map of nearest labels."""
     west, south, east, north = outline.bounds
     x = np.arange(west, east + _GRID_M, _GRID_M)
     y = np.arange(south, north + _GRID_M, _GRID_M)
@@ -144,7 +144,7 @@ def _borders(
 
 
 def _smooth(grid: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a map of labels without single odd cells: each takes its 3 x 3 cells' commonest."""
+    """Return a label map in which each cell has the most frequent label of its 3 x 3 cells."""
     best = grid.copy()
     most = np.zeros(grid.shape)
     for number in np.unique(grid):
@@ -156,7 +156,7 @@ def _smooth(grid: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _steps(at: NDArray[np.float64], directions: NDArray[np.float64]) -> list[RoofLine]:
-    """Fit lines to the places of a border, preferably along given directions."""
+    """Fit lines to the positions of a border, preferably along given directions."""
     found: list[RoofLine] = []
     rest = at
     while len(rest) * _GRID_M >= _SHORTEST_M and len(found) < 12:
@@ -167,7 +167,7 @@ def _steps(at: NDArray[np.float64], directions: NDArray[np.float64]) -> list[Roo
             offset = np.sort(rest @ normal)
             count = np.searchsorted(offset, offset + _BAND_M) - np.arange(len(offset))
             at_most = int(np.argmax(count))
-            # A free direction must explain clearly more than one of the outline.
+            # A free direction must explain clearly more than a direction of the outline.
             score = float(count[at_most]) * (1.0 if k < len(directions) else 0.75)
             if best is None or score > best[0]:
                 middle = float(np.median(offset[at_most : at_most + count[at_most]]))
@@ -202,10 +202,10 @@ def _free_direction(at: NDArray[np.float64]) -> list[float]:
 
 
 def _distinct(lines: list[RoofLine], outline: shapely.Polygon) -> list[RoofLine]:
-    """Return lines without those that another (or a side of the outline) already is."""
+    """Return lines without duplicates of others or of sides of the outline."""
     ring = np.asarray(outline.exterior.coords)[:, :2]
     sides = len(ring) - 1
-    # Creases are exact: they come first, then the longest.
+    # Creases are exact and come first, then the longest.
     ranked = sorted(lines, key=lambda item: (not item.crease, -item.support))
     start = np.concatenate([ring[:-1], np.array([line.start for line in ranked]).reshape(-1, 2)])
     end = np.concatenate([ring[1:], np.array([line.end for line in ranked]).reshape(-1, 2)])
@@ -222,7 +222,7 @@ def _along_any(
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> bool:
-    """Return whether a line lies along one of others (K, 2), over nearly all its length."""
+    """Return whether a line coincides with one of others (K, 2), over nearly all its length."""
     own = end - start
     size = float(np.hypot(own[0], own[1]))
     if size < 1e-6:

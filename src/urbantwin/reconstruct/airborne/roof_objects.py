@@ -1,4 +1,4 @@
-"""Chimneys, lift houses and other small things on a roof, as upright boxes."""
+"""Chimneys, lift houses and other small objects on a roof, as upright boxes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from urbantwin.reconstruct.airborne.roof_solid import roof_solid
 
 __all__ = ["roof_objects"]
 
-#: A thing stands this far above its roof at least, metres.
+#: Minimum height of an object above its roof, metres.
 _HIGH_M = 0.4
-#: Its points lie this near to one another, in plan, metres.
+#: Maximum distance of its points from each other in plan, metres.
 _LINK_M = 0.6
 _FEWEST = 5
-#: Smallest and largest side in plan, metres. Thinner is a mast; wider a crown over the roof.
+#: Minimum and maximum side in plan, metres: masts are thinner; crowns over the roof are wider.
 _THIN_M, _WIDE_M = 0.4, 5.0
-#: Points fill a box's top at this share of the roof's density at least: crowns and cables do not.
+#: Minimum point density of a box's top relative to the roof's, which crowns and cables lack.
 _FILL = 0.35
-#: Below the roof, metres: the box is closed by itself.
+#: Depth of the closed box below the roof, metres.
 _SUNK_M = 0.2
 
 Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
@@ -38,11 +38,11 @@ def roof_objects(
     points: NDArray[np.float64],
     density: float,
 ) -> list[Triangles]:
-    """Return a closed box for each thing that stands out of a roof.
+    """Return a closed box for each object on a roof.
 
     Args:
-        outline: of the building.
-        patches: of its roof.
+        outline: outline of the building.
+        patches: patches of its roof.
         points: (N, 3) of the roof, all of them.
         density: points per square metre.
     """
@@ -80,11 +80,11 @@ def roof_objects(
 def _box(
     points: NDArray[np.float64], turn: NDArray[np.float64], density: float
 ) -> tuple[shapely.Polygon, float] | None:
-    """Return a rectangle along the building around points, and its top; ``None`` for a thing."""
+    """Return a rectangle around points along the building, and its top; ``None`` if invalid."""
     if len(points) < _FEWEST:
         return None
     turned = points[:, :2] @ turn.T
-    # Half the spacing of points belongs to the thing on each side.
+    # Half the point spacing is added on each side.
     edge = 0.25 / np.sqrt(max(density, 1.0))
     low, high = np.percentile(turned, [2, 98], axis=0)
     low, high = low - edge, high + edge

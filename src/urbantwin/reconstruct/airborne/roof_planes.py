@@ -1,4 +1,4 @@
-"""Planes of a roof, grown over its points.
+"""Planes of a roof, by region growing over its points.
 
 Region growing from the flattest neighbourhoods (Rabbani, van den Heuvel and Vosselman 2006,
 "Segmentation of point clouds using smoothness constraint", ISPRS Archives 36(5)), as the
@@ -19,22 +19,23 @@ from scipy.spatial import cKDTree
 __all__ = ["RoofPlanes", "roof_planes"]
 
 _NEIGHBOURS = 14
-#: First pass: planes. Second pass, over what is left: gently curved or rough surfaces in facets.
+#: Tolerance (metres) and cosine per pass: planes; then, over the remaining points, gently curved or
+#: rough surfaces in facets.
 _PASSES = ((0.10, np.cos(np.radians(22.0))), (0.22, np.cos(np.radians(38.0))))
-#: Steeper than this (z of the normal) is a wall.
+#: Maximum z of the normal of a wall.
 _WALL = np.cos(np.radians(77.0))
-#: Planes are one where they differ by less than this over their points, metres.
+#: Maximum difference of planes to be merged, over their points, metres.
 _SAME_M = 0.10
 _SMALLEST_M2 = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class RoofPlanes:
-    """Planes z = a x + b y + c and which points lie in which.
+    """Planes z = a x + b y + c and their points.
 
     Attributes:
         planes: (P, 3) a, b, c in the coordinates of the points.
-        label: (N,) int64 number of each point's plane, -1 for none.
+        label: (N,) int64 index of each point's plane, -1 for none.
         wall: (N,) bool, points of vertical faces.
     """
 
@@ -44,14 +45,14 @@ class RoofPlanes:
 
 
 def roof_planes(points: NDArray[np.float64], density: float) -> RoofPlanes:
-    """Find the planes of one roof.
+    """Return the planes of one roof.
 
     Args:
         points: (N, 3) of the roof, near the origin, metres.
         density: points per square metre, in plan.
 
     Returns:
-        Planes by falling number of points; none where there are too few points.
+        Planes by falling number of points; none with too few points.
     """
     count = len(points)
     smallest = int(max(8, _SMALLEST_M2 * density))
@@ -73,7 +74,7 @@ def roof_planes(points: NDArray[np.float64], density: float) -> RoofPlanes:
 
 
 def fitted(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a, b, c of the plane of least squares in z."""
+    """Return a, b, c of the least squares plane in z."""
     middle = points.mean(axis=0)
     design = points[:, :2] - middle[:2]
     slope = np.linalg.lstsq(design, points[:, 2] - middle[2], rcond=None)[0]
@@ -94,7 +95,7 @@ def _normals(
 def _merged(
     points: NDArray[np.float64], planes: NDArray[np.float64], label: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join planes that are one, largest first, and fit each to its points."""
+    """Merge equal planes, largest first, and fit each to its points."""
     label = label.copy()
     order = np.argsort(-np.bincount(label[label >= 0], minlength=len(planes)), kind="stable")
     kept: list[NDArray[np.float64]] = []
@@ -153,7 +154,7 @@ def _grow(  # pragma: no cover  (compiled)  # noqa: PLR0912, PLR0913, PLR0915, P
     smallest: int,
     first: int,
 ) -> NDArray[np.float64]:
-    """Grow planes over unlabelled points; numbers from ``first`` are written to ``label``."""
+    """Grow planes over unlabelled points; indices from ``first`` are written to ``label``."""
     count, reach = near.shape
     planes = np.zeros((count // smallest + 1, 3))
     found = 0
@@ -168,7 +169,7 @@ def _grow(  # pragma: no cover  (compiled)  # noqa: PLR0912, PLR0913, PLR0915, P
         n = normal[seed]
         a, b = -n[0] / n[2], -n[1] / n[2]
         c = points[seed, 2] - a * points[seed, 0] - b * points[seed, 1]
-        # The seed's plane goes through its neighbours' middle.
+        # The seed's plane passes through the mean of its neighbours.
         offset = 0.0
         for k in range(reach):
             p = points[near[seed, k]]

@@ -13,9 +13,10 @@ from urbantwin.reconstruct.airborne.roof_cells import RoofPatch
 
 __all__ = ["flat_solid", "roof_solid"]
 
-#: Heights of two patches at a corner that differ by less are one, metres: no LiDAR sees the step.
+#: Height difference below which two patches join at a corner, metres: a LiDAR does not see the
+#: step.
 _STEP_M = 0.12
-#: Planes that cross this near to a corner cross at it, metres.
+#: Distance from a corner within which planes intersect at the corner, metres.
 _SHORT_M = 0.05
 #: Triangles below this area are degenerate, square metres.
 _AREA_M2 = 1e-7
@@ -37,17 +38,17 @@ def roof_solid(
 ) -> Triangles | None:
     """Return the closed body between a base and the planes over patches.
 
-    Patches must cover their outline without overlap and share corners. Walls stand under the outer
-    border and where the planes of neighbours have different heights.
+    Patches must cover their outline without overlap and share corners. Walls are built under the
+    outer border and where the planes of neighbours have different heights.
 
     Args:
-        patches: of one building.
+        patches: patches of one building.
         base: height of the underside, metres.
-        heights: lowest and highest that the roof may be, metres.
+        heights: minimum and maximum height of the roof, metres.
 
     Returns:
-        Vertices (V, 3) and faces (F, 3), counter-clockwise seen from outside; ``None`` where the
-        patches do not make a closed body.
+        Vertices (V, 3) and faces (F, 3), counter-clockwise seen from outside; ``None`` if the
+        patches do not form a closed body.
     """
     body = _Body(base, heights)
     for patch in patches:
@@ -69,21 +70,21 @@ def roof_solid(
 
 
 def _even(faces: NDArray[np.int32]) -> bool:
-    """Return whether every edge runs as often one way as the other."""
+    """Return whether every edge is used equally often in both directions."""
     start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     size = int(faces.max(initial=0)) + 1
     return bool(np.array_equal(np.sort(start * size + end), np.sort(end * size + start)))
 
 
 class _Body:
-    """Collects rings; a corner of the plan carries a column of heights, one for each patch."""
+    """Builds the body; each corner of the plan has a column of heights, one per patch."""
 
     def __init__(self, base: float, heights: tuple[float, float]) -> None:
         self.base = base
         self.low, self.high = heights
         self.xy: list[tuple[float, float]] = []
         self.corners: dict[tuple[float, float], int] = {}
-        #: For each patch its rings: exterior first, corner numbers.
+        #: Rings of corner indices of each patch, exterior first.
         self.rings: list[list[list[int]]] = []
         #: (corner, patch) -> height.
         self.z: dict[tuple[int, int], float] = {}
@@ -112,7 +113,7 @@ class _Body:
         return number
 
     def level(self) -> None:
-        """Make heights at a corner that are nearly one exactly one."""
+        """Make nearly equal heights at a corner equal."""
         columns: dict[int, list[tuple[float, int]]] = {}
         for (corner, patch), z in self.z.items():
             columns.setdefault(corner, []).append((z, patch))
@@ -136,7 +137,7 @@ class _Body:
         }
 
     def cross(self) -> None:
-        """Put a corner where the planes of two neighbours cross along their border."""
+        """Add a corner where the planes of two neighbours intersect along their border."""
         self._find_edges()
         put: dict[tuple[int, int], int] = {}
         for (p, q), a in self.edges.items():
@@ -173,7 +174,7 @@ class _Body:
         return self.vertices.setdefault((corner, z), len(self.vertices))
 
     def roof(self) -> bool:
-        """Lay the roof; false where a patch cannot be triangulated over its own corners."""
+        """Build the roof; return False if a patch cannot be triangulated over its own corners."""
         for number, rings in enumerate(self.rings):
             at = [np.array([self.xy[c] for c in ring]) for ring in rings]
             triangles = self._triangulated(shapely.Polygon(at[0], at[1:]))
@@ -199,7 +200,7 @@ class _Body:
         return np.array(found).reshape(-1, 3).tolist()
 
     def walls(self) -> bool:
-        """Fill the walls under each border, with every height of both its columns."""
+        """Build the walls under each border, with every height of both its columns."""
         levels: dict[int, set[float]] = {}
         for (corner, _), z in self.z.items():
             levels.setdefault(corner, set()).add(z)
@@ -234,7 +235,7 @@ class _Body:
                 self.faces.append((*foot, self._vertex(p, up_p[i])))
 
     def floor(self) -> bool:
-        """Close the underside over the corners of the outer border."""
+        """Build the underside over the corners of the outer border."""
         outer = [edge for edge in self.edges if edge[::-1] not in self.edges]
         lines = shapely.linestrings([[self.xy[p], self.xy[q]] for p, q in outer])
         area = shapely.build_area(shapely.multilinestrings(lines))

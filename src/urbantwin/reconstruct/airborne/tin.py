@@ -1,4 +1,4 @@
-"""Triangulated heights read at the nodes of a grid."""
+"""Heights of a triangulation at the nodes of a grid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def tin_heights(
         points: (N, 3), metres.
         west: x of the grid's first node, metres.
         south: y of the grid's first node, metres.
-        step: between nodes, metres.
+        step: spacing of the nodes, metres.
         shape: rows and columns.
 
     Returns:

@@ -21,19 +21,22 @@ from urbantwin.reconstruct.reconstruction import SurveyedTree
 __all__ = ["find_trees"]
 
 _CELL_M = 0.5
-#: Lower than this is a shrub, a car or a person.
+#: Minimum height of a tree, metres: shrubs, cars and people are lower.
 LOWEST_M = 3.0
-#: A crown ends where it falls below this share of its top (Dalponte and Coomes 2016: 0.45).
+#: Minimum height of a crown relative to its top (Dalponte and Coomes 2016: 0.45).
 _CROWN_SHARE = 0.4
-#: Largest radius of the window, cells.
+#: Maximum radius of the window, cells.
 _WIDEST = 10
-#: Tops of one crown have a lesser dip between them than this share of their height.
+#: Maximum dip between tops of one crown, as a share of their height.
 _DIP = 0.06
-#: Narrower is a pole; a crown that fills less of its circle is a wire.
+#: Minimum diameter of a crown, metres (poles are narrower), and minimum share of its circle (wires
+#: fill less).
 _NARROWEST_M, _ROUNDEST = 1.6, 0.3
-#: So many points make a tree, and so thick a layer of them (0.1 to 0.9 quantile of heights).
+#: Minimum number of points of a tree, and minimum thickness of its layer (0.1 to 0.9 quantile of
+#: heights, metres).
 _FEWEST, _THINNEST_M = 10, 0.6
-#: Share of points that are not their pulse's last: light goes through leaves, not through a roof.
+#: Minimum share of points that are not the last return of their pulse: leaves let light through,
+#: roofs do not.
 _THROUGH = 0.12
 
 
@@ -50,14 +53,14 @@ def find_trees(
     *,
     vegetation: NDArray[np.bool_] | None,
 ) -> tuple[SurveyedTree, ...]:
-    """Find the trees among points that are neither ground nor building.
+    """Return the trees among points that are neither ground nor building.
 
     Args:
         points: (N, 3) site frame.
         above: (N,) heights above the ground, metres.
         last: (N,) whether a point is its pulse's last return, if known.
-        vegetation: (N,) which points the survey says are vegetation; ``None`` where it does not
-            say, and trees are recognised by their rough surface and their several returns.
+        vegetation: (N,) points classified as vegetation; ``None`` if unclassified: trees are then
+            recognised by their rough surface and multiple returns.
 
     Returns:
         Trees from west to east.
@@ -89,7 +92,7 @@ def _crowns(xyh: NDArray[np.float64]) -> tuple[_Crowns, NDArray[np.float64]]:
     """Return a map of crowns (0 for none), and their tops (K, 3): x, y, height."""
     grid = Raster.over(xyh.min(axis=0), xyh.max(axis=0), _CELL_M, pad=4)
     canopy = np.nan_to_num(grid.extreme(xyh, highest=True))
-    # Pits between branches are no gaps between trees.
+    # Pits between branches are not gaps between trees.
     closed = np.where(canopy > 0, canopy, np.minimum(maximum_filter(canopy, size=3), 60.0) * 0.9)
     smooth = gaussian_filter(np.where(canopy > 0, canopy, np.where(closed > 2, closed, 0.0)), 1.0)
     # Popescu and Wynne 2004: width of the crown = 3.09632 + 0.00895 h^2, metres.
@@ -117,9 +120,9 @@ def _crowns(xyh: NDArray[np.float64]) -> tuple[_Crowns, NDArray[np.float64]]:
 def _uphill(
     canopy: NDArray[np.float64], rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the number (1, 2, ...) of the top that each cell's steepest way up leads to.
+    """Return the index (1, 2, ...) of the top at the end of each cell's steepest ascent.
 
-    A lesser maximum on the way belongs to the top that is nearest to it; to none (0) if far.
+    A lesser maximum belongs to the nearest top; to none (0) if it is far.
     """
     height, width = canopy.shape
     padded = np.pad(canopy, 1, constant_values=-1.0)
@@ -143,10 +146,10 @@ def _uphill(
 def _one_crown(
     canopy: NDArray[np.float64], basin: NDArray[np.int64], tops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Join tops of one crown: close together, with hardly a dip between them.
+    """Join tops of one crown: near each other, with a small dip between them.
 
     Returns:
-        Which tops stay (K,), and the new number of each old one (0 stays 0).
+        Kept tops (K,), and the new number of each old one (0 remains 0).
     """
     deepest: dict[tuple[int, int], float] = {}
     for one, other in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
@@ -180,7 +183,7 @@ def _tree(
     *,
     sure: bool,
 ) -> SurveyedTree | None:
-    """Return the tree of a crown's points; ``None`` for what is no tree."""
+    """Return the tree of a crown's points; ``None`` for other objects."""
     if len(xyh) < _FEWEST:
         return None
     height = float(np.percentile(xyh[:, 2], 99.5))
@@ -201,7 +204,7 @@ def _tree(
     if len(own) < _FEWEST or own[:, 2].max() < LOWEST_M:
         return None
     height = float(np.percentile(own[:, 2], 99.5))
-    # The lowest branches: below them only few pulses hit trunk and undergrowth.
+    # lowest branches: few pulses hit trunk and undergrowth below
     base = float(np.percentile(own[:, 2], 8))
     return SurveyedTree(
         round(float(at[0]), 3),
@@ -213,7 +216,7 @@ def _tree(
 
 
 def _leafy(upper: NDArray[np.float64], through: NDArray[np.bool_] | None) -> bool:
-    """Return whether a crown's points are thick, let light through and are no plane."""
+    """Return whether a crown's points are thick, partly transparent and not planar."""
     low, high = np.percentile(upper[:, 2], [10, 90])
     thick = high - low >= _THINNEST_M
     lets_through = through is None or through.mean() >= _THROUGH
@@ -221,7 +224,7 @@ def _leafy(upper: NDArray[np.float64], through: NDArray[np.bool_] | None) -> boo
 
 
 def _flat(points: NDArray[np.float64]) -> bool:
-    """Return whether points lie in one plane: a roof that no map has."""
+    """Return whether points lie in one plane: an unmapped roof."""
     spread = points - points.mean(axis=0)
     values = np.linalg.eigvalsh(spread.T @ spread / len(points))
     return bool(np.sqrt(max(values[0], 0.0)) < 0.15)

@@ -1,7 +1,7 @@
-"""Vector files that are safe for GDAL to open: those that refer to nothing else.
+"""Check of vector files that GDAL may open safely, without references to other resources.
 
-GDAL tells formats by content, not by name, and some of them (VRT, WFS, GDALG) are orders to fetch
-something from anywhere. It also downloads the CRS that a GeoJSON of before RFC 7946 links to.
+GDAL detects formats by content, not by name, and some of them (VRT, WFS, GDALG) are instructions to
+fetch other resources. It also downloads the CRS that a GeoJSON before RFC 7946 links to.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from urbantwin.errors import InputError
 
 __all__ = ["check_vector_file"]
 
-#: How GeoPackage and SpatiaLite, Shapefile, FlatGeobuf begin.
+#: Magic bytes of GeoPackage and SpatiaLite, Shapefile, FlatGeobuf.
 _BINARY = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
-#: What a link to a CRS cannot do without, unless its letters are written as numbers.
+#: Text that every link to a CRS contains, unless its letters are escaped.
 _MAY_LINK = re.compile(rb"[\"'](link|url)[\"']|\\u00[4-7]", re.IGNORECASE)
 
 
 def check_vector_file(path: Path, expected: str) -> None:
-    """Check that a file can be opened without anything else being asked for.
+    """Raise an error unless a file can be opened without fetching other resources.
 
     Args:
         path: an existing file.
-        expected: what it should be, for error messages.
+        expected: the expected format, for error messages.
 
     Raises:
-        InputError: it is of another format, or names its CRS by a link.
+        InputError: another format, or a CRS given by a link.
     """
     try:
         with path.open("rb") as stream:
@@ -59,7 +59,7 @@ def check_vector_file(path: Path, expected: str) -> None:
 def _links(text: bytes) -> bool:
     """Return whether any ``crs`` of a GeoJSON is a link, or may be one."""
     try:
-        # Of a name given twice some readers take the first value, and others the last.
+        # Readers differ in which value of a duplicate name they take.
         waiting = [json.loads(text.decode("utf-8-sig"), object_pairs_hook=tuple)]
     except (ValueError, RecursionError):
         return True

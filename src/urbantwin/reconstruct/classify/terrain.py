@@ -17,13 +17,13 @@ from urbantwin.reconstruct.cleaning.street_surface import bare_earth
 
 __all__ = ["STEP_M", "Terrain", "edges_between", "terrain_of"]
 
-#: Cells of the ground, metres.
+#: Cell size of the ground grid, metres.
 STEP_M = 0.5
-#: Most cells along a side: larger models get larger cells.
+#: Maximum number of cells per side: larger models get larger cells.
 _MOST_CELLS = 2_000
-#: The ground of a mesh lies within this of its lowest surface: roughness, curbs, metres.
+#: Maximum height of the ground above its lowest surface: roughness, curbs, metres.
 _NEAR_M = 0.3
-#: A face steeper than this is a wall, if it rises higher than a curb (cosine of its slope).
+#: A face steeper than this is a wall if it rises higher than a curb (cosine of its slope).
 _STEEP = 0.5
 _WALL_M = 0.5
 
@@ -33,11 +33,11 @@ class Terrain:
     """The ground under a mesh.
 
     Attributes:
-        grid: cells.
+        grid: the cells.
         height: (rows, columns) of the ground, everywhere, metres.
-        is_ground: (F,) which triangles are the ground.
-        top: (rows, columns) height of the highest surface, nan where there is none.
-        top_face: (rows, columns) its triangle, -1 where there is none.
+        is_ground: (F,) mask of the ground triangles.
+        top: (rows, columns) height of the highest surface, nan if there is none.
+        top_face: (rows, columns) its triangle, -1 if there is none.
     """
 
     grid: Grid
@@ -51,7 +51,7 @@ class Terrain:
         return np.asarray(self.height[self.grid.cells(points)])
 
     def lies_low(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
-        """Return which triangles (F,) lie flat on the ground: lawns that a map calls plants."""
+        """Return the mask of triangles (F,) flat on the ground: lawns labelled as vegetation."""
         over = mesh.vertices[:, 2] - self.under(mesh.vertices)
         corner = mesh.vertices[mesh.faces]
         cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -65,13 +65,13 @@ def terrain_of(
     said_other: NDArray[np.bool_],
     elevation: Elevation | None,
 ) -> Terrain:
-    """Separate the ground of a mesh from what stands on it.
+    """Separate the ground of a mesh from the objects on it.
 
     Args:
         mesh: welded, site frame, metres.
-        said_ground: (F,) triangles whose names or file say that they are ground.
-        said_other: (F,) triangles of which they say that they are not.
-        elevation: the ground as it is known from elsewhere.
+        said_ground: (F,) triangles labelled as ground by names or the file.
+        said_other: (F,) triangles labelled as anything else.
+        elevation: the ground from other sources.
     """
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     span = float((high - low)[:2].max())
@@ -82,7 +82,7 @@ def terrain_of(
     face, distance = rays.first(start, [0.0, 0.0, -1.0])
     top = np.where(face >= 0, start[:, 2] - distance, np.nan).reshape(grid.shape)
     surface = rays.heights(centres, float(low[2]) - 1.0, up=True).reshape(grid.shape)
-    # Walls reach down to the ground where no surface of it is: their feet count.
+    # Feet of walls count where no ground surface exists.
     feet = mesh.vertices
     if said_other.any() and not said_other.all():
         some = np.zeros(len(feet), bool)
@@ -108,12 +108,12 @@ def terrain_of(
 
 
 def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) lie on the ground and are not the feet of walls."""
+    """Return the mask of triangles (F,) on the ground that are not the feet of walls."""
     under = height[grid.cells(mesh.vertices[:, :2])]
     over = mesh.vertices[:, 2] - under
     corner = over[mesh.faces]
     near = (corner.max(axis=1) < _NEAR_M + 0.1) & (corner.mean(axis=1) < _NEAR_M)
-    # A face that spans more than a cell is compared at its middle, too.
+    # A face larger than a cell is also compared at its centre.
     middle = mesh.vertices[mesh.faces].mean(axis=1)
     near |= np.abs(middle[:, 2] - height[grid.cells(middle[:, :2])]) < 0.1
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
@@ -121,7 +121,7 @@ def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) ->
     length = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
     steep = np.abs(cross[:, 2]) < _STEEP * length
     near &= ~steep | (corner.max(axis=1) < _NEAR_M)
-    # Connected steep faces that rise higher than a curb are one wall, feet and all.
+    # Connected steep faces that rise higher than a curb are one wall, including its foot.
     walls = np.flatnonzero(steep)
     if len(walls):
         first, second = edges_between(mesh.faces[walls])

@@ -13,21 +13,21 @@ from urbantwin.reconstruct.cleaning.weld import bounds_of_faces, selected, some_
 
 __all__ = ["Cut", "clipped", "cut_along"]
 
-#: A vertex nearer than this to a line lies on it, metres.
+#: Distance within which a vertex is on a line, metres.
 _ON_LINE_M = 1e-6
-#: Cells along each side of the grid that tells triangles far from the outline.
+#: Cells per side of the grid that excludes triangles far from the outline.
 _COARSE = 128
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A mesh that was cut along an outline.
+    """A mesh cut along an outline.
 
     Attributes:
-        vertices: (V', 3) the mesh's own vertices, then those that the cut made.
+        vertices: (V', 3) the original vertices, followed by new ones.
         faces: (F', 3) triangles; none crosses the outline.
-        parent: (F',) the triangle of the mesh that each is a piece of.
-        inside: (F',) whether it lies inside the outline in plan.
+        parent: (F',) original triangle of each.
+        inside: (F',) whether it is inside the outline in plan.
     """
 
     vertices: NDArray[np.float64]
@@ -39,7 +39,7 @@ class Cut:
 def clipped(
     mesh: TriangleMesh, region: shapely.Polygon | shapely.MultiPolygon
 ) -> tuple[TriangleMesh, int]:
-    """Return what of a mesh lies in a region, cut at its border, and how many triangles were cut.
+    """Return the part of a mesh in a region, cut at its border, and the number of cut triangles.
 
     Args:
         mesh: welded, site frame, metres.
@@ -51,10 +51,10 @@ def clipped(
 
 
 def cut_along(mesh: TriangleMesh, area: shapely.Polygon | shapely.MultiPolygon) -> Cut:
-    """Cut triangles along an outline so that none crosses it; neighbours stay joined.
+    """Cut triangles along an outline so that none crosses it; neighbours stay connected.
 
-    Each edge of the outline is a vertical plane. The edges of triangles that it crosses get one
-    new vertex each, whichever triangles share them, so no cracks and no T-junctions appear.
+    Each edge of the outline is a vertical plane. Each triangle edge that it crosses gets one new
+    vertex, shared by its triangles, so no cracks and no T-junctions appear.
 
     Args:
         mesh: welded, site frame, metres.
@@ -79,7 +79,7 @@ def cut_along(mesh: TriangleMesh, area: shapely.Polygon | shapely.MultiPolygon) 
     clear = near[~meets]
     within[clear] = shapely.contains_xy(area, low[clear, 0], low[clear, 1])
     work = near[meets]
-    # Neighbours of what is cut share its edges and must be cut with it.
+    # Neighbours of cut triangles share their edges and must be cut, too.
     touched = np.zeros(count, bool)
     touched[faces[work].ravel()] = True
     around = some_corner(touched, faces)
@@ -90,7 +90,7 @@ def cut_along(mesh: TriangleMesh, area: shapely.Polygon | shapely.MultiPolygon) 
         mesh.vertices[used], local.reshape(-1, 3), np.flatnonzero(around), _segments(area)
     )
     middle = vertices[pieces].mean(axis=1)
-    # Back to the mesh's numbers; new vertices follow the mesh's own.
+    # Map back to the mesh's indices; new vertices follow.
     number = np.concatenate([used, count + np.arange(len(vertices) - len(used))])
     pieces = number[pieces]
     vertices = np.concatenate([mesh.vertices, vertices[len(used) :]])
@@ -107,12 +107,12 @@ def cut_along(mesh: TriangleMesh, area: shapely.Polygon | shapely.MultiPolygon) 
 def _coarse(
     area: shapely.Geometry, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which boxes (N,) may meet an area's outline, and of the others which are inside."""
+    """Return the masks of boxes (N,) that may cross the outline, and that are inside."""
     west, south, east, north = area.bounds
     step = np.maximum(np.array([east - west, north - south]) / _COARSE, 1e-9)
     edge_x, edge_y = (np.arange(_COARSE + 1) * step[k] + (west, south)[k] for k in (0, 1))
     x, y = np.meshgrid(edge_x[:-1], edge_y[:-1])
-    # A hair wider, so that rounding puts no outline between two cells.
+    # a small margin, so that rounding leaves no outline between two cells
     hair = 1e-3 * step
     cells = shapely.box(x - hair[0], y - hair[1], x + step[0] + hair[0], y + step[1] + hair[1])
     met = shapely.intersects(area.boundary, cells)
@@ -146,7 +146,7 @@ def _split(
     parent: NDArray[np.int64],
     segments: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Split triangles by the vertical plane through each segment that they meet."""
+    """Split triangles by the vertical plane through each segment that they cross."""
     for start, end in segments:
         way = end - start
         length = float(np.hypot(*way))
@@ -159,7 +159,7 @@ def _split(
         along = corner @ way
         crosses = (across.min(axis=1) < 0) & (across.max(axis=1) > 0)
         crosses &= (along.max(axis=1) > -_ON_LINE_M) & (along.min(axis=1) < length + _ON_LINE_M)
-        # Far from the segment a triangle crosses its line only.
+        # Far from the segment, a triangle crosses its line only.
         crosses[crosses] = _meets(corner[crosses], across[crosses], way, length)
         if not crosses.any():
             continue
@@ -170,7 +170,7 @@ def _split(
         opposite = across * np.roll(across, -1, axis=1) < 0
         cut_keys = np.unique(keys[crosses][opposite[crosses]])
         if not len(cut_keys):
-            # The line runs through a corner of each: into two along the opposite edge, or not.
+            # The line passes through a corner of each triangle only.
             continue
         is_cut = np.isin(keys, cut_keys)
         first, second = vertices[cut_keys // count], vertices[cut_keys % count]
@@ -205,26 +205,26 @@ def _meets(
 def _split_edges(
     faces: NDArray[np.int64], parent: NDArray[np.int64], middle: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Split triangles at the new vertices (F, 3) of their edges, -1 where an edge has none."""
+    """Split triangles at the new vertices (F, 3) of their edges, -1 for uncut edges."""
     number = (middle >= 0).sum(axis=1)
     out, parents = [faces[number == 0]], [parent[number == 0]]
 
     one = np.flatnonzero(number == 1)
     if len(one):
-        turn = np.argmax(middle[one] >= 0, axis=1)  # the edge that is cut goes first
+        turn = np.argmax(middle[one] >= 0, axis=1)  # the cut edge first
         a, b, c, m, _, _ = _turned(faces[one], middle[one], turn)
         out += [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
         parents += [parent[one]] * 2
 
     two = np.flatnonzero(number == 2)
     if len(two):
-        turn = (np.argmax(middle[two] < 0, axis=1) + 1) % 3  # the edge that is whole goes last
+        turn = (np.argmax(middle[two] < 0, axis=1) + 1) % 3  # the uncut edge last
         a, b, c, m, n, _ = _turned(faces[two], middle[two], turn)
         out += [np.column_stack([m, b, n]), np.column_stack([a, m, n]), np.column_stack([a, n, c])]
         parents += [parent[two]] * 3
 
     three = np.flatnonzero(number == 3)
-    if len(three):  # a line cannot; kept whole in shape all the same
+    if len(three):  # impossible for a line; handled for completeness
         a, b, c, m, n, k = _turned(faces[three], middle[three], np.zeros(len(three), np.int64))
         out += [np.column_stack(t) for t in ((a, m, k), (m, b, n), (k, n, c), (m, n, k))]
         parents += [parent[three]] * 4
@@ -234,7 +234,7 @@ def _split_edges(
 def _turned(
     faces: NDArray[np.int64], middle: NDArray[np.int64], turn: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], ...]:
-    """Return corners and edge vertices, begun from the corner ``turn`` (N,)."""
+    """Return corners and edge vertices, rotated to start at the corner ``turn`` (N,)."""
     rows = np.arange(len(faces))
     corners = [faces[rows, (turn + k) % 3] for k in range(3)]
     edges = [middle[rows, (turn + k) % 3] for k in range(3)]
@@ -242,7 +242,7 @@ def _turned(
 
 
 def _part(mesh: TriangleMesh, cut: Cut, keep: NDArray[np.bool_]) -> TriangleMesh:
-    """Return the pieces where ``keep`` (F',) is true, with their triangles' attributes."""
+    """Return the pieces with a true ``keep`` (F',), with their triangles' attributes."""
     parent = cut.parent[keep]
     whole = replace(
         mesh,

@@ -22,17 +22,17 @@ __all__ = ["CleanedCloud", "cleaned_cloud"]
 
 #: ASPRS LAS 1.4, table 17: 7 low noise, 18 high noise.
 _NOISE = (7, 18)
-#: Classes that are no vehicle: ground, vegetation, buildings, water, bridge decks.
+#: Classes that cannot be vehicles: ground, vegetation, buildings, water, bridge decks.
 _SETTLED = (2, 3, 4, 5, 6, 9, 17)
-#: A point with fewer neighbours than this within reach is alone.
+#: Minimum number of neighbours within reach of a point, otherwise it is isolated.
 _COMPANY = 3
-#: Reach within which it must have them: this many spacings of the cloud, at least this, metres.
+#: The reach: a multiple of the cloud's spacing, and its minimum, metres.
 _SPACINGS, _LEAST_REACH_M = 6.0, 1.5
-#: What is higher than this over the street inside a vehicle is the vehicle's, metres.
+#: Height above the street from which points belong to the vehicle, metres.
 _OVER_M = 0.2
-#: How far what hangs on to a vehicle is taken with it, cells.
+#: Maximum extent of connected cells that are removed with a vehicle, cells.
 _SKIRT = 3
-#: Points looked at for the spacing of a cloud.
+#: Maximum number of points sampled for the spacing of a cloud.
 _SOME = 20_000
 _MARGIN_M = 8.0
 
@@ -44,7 +44,7 @@ class CleanedCloud:
     Attributes:
         cloud: site frame, metres.
         report: what was done, for ``geometry.json``.
-        picture: what ``view.cleaning`` draws.
+        picture: data for ``view.cleaning``.
     """
 
     cloud: PointCloud
@@ -61,14 +61,14 @@ def cleaned_cloud(
     name: str = "",
     frame: SiteFrame | None = None,
 ) -> CleanedCloud:
-    """Crop a cloud, drop what its file calls noise, stray points, and the points of traffic.
+    """Crop a cloud, and remove classified noise, stray points, and the points of traffic.
 
     Args:
         cloud: in the site frame, metres.
-        spec: which steps, and overrides; the chordal error is of meshes only.
-        region: what is kept, in plan.
-        roads: carriageways and parking in plan; without any, only single cars are looked for.
-        name: of the source, for the report.
+        spec: enabled steps, and overrides; the chordal error applies to meshes only.
+        region: region to keep, in plan.
+        roads: carriageways and parking in plan; without them, only single cars are detected.
+        name: name of the source, for the report.
         frame: for latitudes and longitudes in the report and in overrides.
     """
     roads = shapely.MultiPolygon() if roads is None else roads
@@ -132,7 +132,7 @@ def _measures(cloud: PointCloud) -> dict[str, Any]:
 
 
 def _spacing(points: NDArray[np.float64]) -> float:
-    """Return the usual distance between neighbours in plan, metres."""
+    """Return the typical distance between neighbours in plan, metres."""
     if len(points) < 10:
         return 1.0
     some = points[:: max(1, len(points) // _SOME)]
@@ -141,8 +141,8 @@ def _spacing(points: NDArray[np.float64]) -> float:
 
 
 def _alone(points: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
-    """Return which points (N,) have too few others within reach."""
-    # Cells of a voxel grid with many points hold no stray one: only the others are asked.
+    """Return the mask of points (N,) with too few others within reach."""
+    # Voxels with many points contain no isolated ones: only the others are tested.
     cells = np.floor((points - points.min(axis=0)) / (reach / np.sqrt(3))).astype(np.int64)
     span = cells.max(axis=0) + 1
     keys = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
@@ -167,7 +167,7 @@ def _without_vehicles(
     remove: Spots,
     spacing: float,
 ) -> tuple[PointCloud, list[Removal], list[Removal], list[Removal]]:
-    """Return a cloud without vehicles, what was removed, kept, and what else stands there."""
+    """Return a cloud without vehicles, and the removed, kept and other objects."""
     gone = np.zeros(len(cloud.points), bool)
     removed: list[Removal] = []
     kept: list[Removal] = []
@@ -206,7 +206,7 @@ def _without_vehicles(
 def _points_of(
     cloud: PointCloud, street: Street, blob: Blob, *, settled: bool
 ) -> NDArray[np.int64]:
-    """Return the points of a blob: over the street, in its cells and those that hang on to them."""
+    """Return the points of a blob above the street, in its cells and in connected ones."""
     grid = street.grid
     row, column = max(blob.row - _SKIRT, 0), max(blob.column - _SKIRT, 0)
     window = (

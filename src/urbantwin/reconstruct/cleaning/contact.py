@@ -1,4 +1,4 @@
-"""Which pieces of a mesh touch each other."""
+"""Contacts between the pieces of a mesh."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from urbantwin.reconstruct.cleaning.weld import Pieces, bounds_of_faces
 
 __all__ = ["Contacts"]
 
-#: Most steps along a triangle's longest side.
+#: Maximum number of steps along a triangle's longest side.
 _MOST_STEPS = 128
-#: Nearest points looked at: at the reach apart, a sheet has five within reach.
+#: Number of nearest points examined: at a spacing of the reach, a sheet has five within reach.
 _NEIGHBOURS = 16
-#: Loose pieces hold each other over gaps this many times as wide: leaves of a crown.
+#: Factor of the gap over which loose pieces support each other, for leaves of a crown.
 _CLUSTER = 2.5
-#: Pieces with a longer side are wide, metres.
+#: Length above which pieces are wide, metres.
 _WIDE_M = 2.0
-#: Triangles and quads among as many within so many metres are leaves.
+#: Number of triangles and quads within a radius (metres) from which they are leaves.
 _LEAVES = 12
 _LEAVES_WITHIN_M = 1.5
-#: Points worked on at once.
+#: Points per batch.
 _AT_ONCE = 200_000
-#: Cells of the grid of heights that shows what floats above everything, metres.
+#: Cell size of the height grid that excludes pieces far above everything, metres.
 _CELL_M = 1.0
 _AXES = np.array([[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float32)
 
@@ -36,14 +36,14 @@ _NONE = np.zeros((0, 2), np.int64)
 
 
 class Contacts:
-    """Finds what some loose pieces touch: pieces that are not loose, and each other.
+    """Finds the contacts of loose pieces with fixed ones and with each other.
 
     Args:
         mesh: welded, site frame, metres.
-        pieces: of the mesh, K of them.
+        pieces: the K pieces of the mesh.
         loose: (K,) bool.
-        wide: (K,) bool, pieces of which there are rays already.
-        rays: into those.
+        wide: (K,) bool, pieces in ``rays``.
+        rays: ray caster of the wide pieces.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Contacts:
         self._low = self._over_everything(mesh.vertices, faces)
 
     def _leaves(self) -> NDArray[np.bool_]:
-        """Return which pieces (K,) are loose triangles and quads among many: a few points do."""
+        """Return the mask of pieces (K,) that are leaves, for which few sample points suffice."""
         pieces = self._pieces
         leaf = self._loose & (pieces.triangles <= 2) & (pieces.size.max(axis=1) < _WIDE_M)
         numbers = np.flatnonzero(leaf)
@@ -86,7 +86,7 @@ class Contacts:
     def _points_on(
         self, some: NDArray[np.bool_], spacing: float
     ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-        """Return points (N, 3) on some of the loose triangles, and the pieces (N,) they are of."""
+        """Return points (N, 3) on some of the loose triangles, and their pieces (N,)."""
         parts = [
             _sampled(self._corners[part], self._owner[part], step)
             for part, step in (
@@ -99,7 +99,7 @@ class Contacts:
     def _over_everything(
         self, vertices: NDArray[np.float64], faces: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """Return which pieces (K,) may touch what is not loose: all but those far above it."""
+        """Return the mask of pieces (K,) that may touch fixed ones: all except those far above."""
         pieces = self._pieces
         able = self._loose.copy()
         if not len(faces):
@@ -114,7 +114,7 @@ class Contacts:
         for x, y in ((low, low), (low, high), (high, low), (high, high)):
             cell = grid.cells(np.column_stack([x[small, 0], y[small, 1]]))
             np.maximum.at(top, cell, high[small, 2])
-        # A wide triangle marks the cells around the places on it.
+        # A wide triangle marks the cells around sample points on it.
         places, whose = _sampled(vertices[faces[large]], np.arange(len(large)), grid.step, 1024)
         np.maximum.at(top, grid.cells(places), high[large[whose], 2])
         top = maximum_filter(top, 5)
@@ -125,7 +125,7 @@ class Contacts:
     def _first(
         self, origins: NDArray[np.float64], axis: NDArray[np.float32]
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Return the first piece (N,) that is not loose along rays, and how far it is."""
+        """Return the first fixed piece (N,) along rays, and its distance."""
         piece = np.full(len(origins), -1, np.int64)
         nearest = np.full(len(origins), np.inf, np.float32)
         for rays, numbers in self._scenes:
@@ -136,7 +136,7 @@ class Contacts:
         return piece, nearest
 
     def resting(self, reach: float) -> NDArray[np.int64]:
-        """Return pairs (P, 2): a loose piece, and the one that its foot is at most above."""
+        """Return pairs (P, 2) of a loose piece and the piece within ``reach`` below its foot."""
         numbers = np.flatnonzero(self._low)
         if not len(numbers):
             return _NONE
@@ -145,12 +145,12 @@ class Contacts:
         return np.column_stack([numbers[near], other[near]]).astype(np.int64)
 
     def within(self, reach: float) -> NDArray[np.int64]:
-        """Return pairs (P, 2) of pieces that come within about a distance of each other.
+        """Return pairs (P, 2) of pieces within about a distance of each other.
 
-        From points on the loose pieces, as far apart as the distance, rays run along the axes.
+        Rays are cast along the axes from points on the loose pieces, with the distance as spacing.
 
         Args:
-            reach: metres.
+            reach: the distance, metres.
         """
         fixed, loose = self._fixed_within(reach), self._loose_within(_CLUSTER * reach)
         return np.concatenate([fixed, loose])
@@ -173,7 +173,7 @@ class Contacts:
             return _NONE
         low, high = self._pieces.low[numbers] - reach / 2, self._pieces.high[numbers] + reach / 2
         boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
-        # Small ones are few points each; of wide ones only those near another are looked at.
+        # Small pieces have few points; wide ones are used only near another piece.
         wide = np.flatnonzero(self._pieces.size[numbers].max(axis=1) > _WIDE_M)
         first, second = shapely.STRtree(boxes).query(boxes[wide], predicate="intersects")
         first = wide[first]
@@ -203,7 +203,7 @@ class Contacts:
 
 
 def _each_once(one: NDArray[np.integer], other: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return pairs (P, 2) of numbers below 2**31, each once."""
+    """Return unique pairs (P, 2) of numbers below 2**31."""
     keys = np.unique((one.astype(np.int64) << 32) | other.astype(np.int64))
     return np.column_stack([keys >> 32, keys & 0xFFFFFFFF])
 
@@ -214,13 +214,13 @@ def _sampled(
     spacing: float,
     most: int = _MOST_STEPS,
 ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-    """Return points (N, 3) on triangles, about ``spacing`` apart, and whose they are (N,)."""
+    """Return points (N, 3) on triangles, about ``spacing`` apart, and their owners (N,)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     sides = (a - b, b - c, c - a)
     points, owners = [np.zeros((0, 3))], [np.zeros(0, owner.dtype)]
     if len(corners):
         longest = np.sqrt(np.maximum.reduce([(side**2).sum(axis=1) for side in sides]))
-        # In powers of two, so that all triangles of one kind are worked on at once.
+        # in powers of two, to process triangles in few batches
         steps = np.clip(longest / spacing, 1, most)
         level = 2 ** np.ceil(np.log2(steps)).astype(np.int64)
         for n in np.unique(level):

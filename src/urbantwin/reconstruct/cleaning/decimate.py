@@ -1,4 +1,4 @@
-"""Decimation within an error that a LiDAR does not resolve."""
+"""Decimation within an error that is below the resolution of a LiDAR."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected, some_c
 
 __all__ = ["Decimated", "decimated", "unseen_error"]
 
-#: A third of the range accuracy of +-3 cm that datasheets give (Velodyne VLP-32C 63-9378, HDL-32E
-#: 97-0038), metres: what moves a surface less is lost in the noise of any single return.
+#: Minimum error bound, metres: a third of the range accuracy of +-3 cm in datasheets (Velodyne
+#: VLP-32C 63-9378, HDL-32E 97-0038), below the noise of a single return.
 NEAR_M = 0.01
-#: Growth with range: a sixth of a beam's width of 3 mrad (Velodyne VLP-32C: 3.0 x 1.5 mrad; Ouster
-#: OS1: 0.35 degree = 6 mrad; the beam's footprint at 100 m is 0.3 m).
+#: Growth with range: a sixth of a beam divergence of 3 mrad (Velodyne VLP-32C: 3.0 x 1.5 mrad;
+#: Ouster OS1: 0.35 degree = 6 mrad; the beam's footprint at 100 m is 0.3 m).
 PER_METRE = 0.5e-3
-#: Never more than this, metres.
+#: Maximum error bound, metres.
 FAR_M = 0.05
-#: Bounds of the quadrics in terms of the error, one try after the other: quadrics add up the
-#: squares of all planes that met in a vertex, so that their root lies above the true distance.
+#: Bounds of the quadrics in multiples of the error, tried in sequence: quadrics sum the squares of
+#: all planes of a vertex, so their root exceeds the true distance.
 _TRIES = (2.0, 2.0, 1.0, 0.5)
-#: A try that leaves more of the triangles is not worth the measuring.
+#: Share of remaining triangles above which a try is discarded.
 _WORTH = 0.9
-#: Share of the triangles where a try goes too far: noise about as large as the bound.
+#: Share of triangles beyond the bound from which decimation is abandoned: noise of the size of the
+#: bound.
 _HOPELESS = 0.5
-#: fast_simplification keeps its mesh in globals from one of its calls to the next.
+#: fast_simplification keeps its mesh in globals between calls.
 _ONE_AT_A_TIME = Lock()
 
 
@@ -43,8 +44,8 @@ class Decimated:
     Attributes:
         mesh: the mesh.
         error: (Z,) bound of each zone, metres, nearest zone first.
-        measured: (Z,) how far the surfaces are apart at most, both ways, metres.
-        p95: (Z,) 95 % of the samples are nearer than this, metres.
+        measured: (Z,) maximum distance of the surfaces, both ways, metres.
+        p95: (Z,) 95th percentile of the sampled distances, metres.
     """
 
     mesh: TriangleMesh
@@ -54,7 +55,7 @@ class Decimated:
 
 
 def unseen_error(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the chordal error (N,) that a LiDAR at some distances (N,) does not see, metres."""
+    """Return the chordal error (N,) that a LiDAR does not resolve at distances (N,), metres."""
     return np.clip(PER_METRE * distance, NEAR_M, FAR_M)
 
 
@@ -64,19 +65,18 @@ def decimated(
     error_m: float | None,
     label: NDArray[np.int64] | None = None,
 ) -> Decimated:
-    """Return a mesh with fewer triangles whose surface stays within a bound of the old one.
+    """Return a mesh with fewer triangles whose surface is within a bound of the original.
 
     Edges are collapsed while the quadric error (Garland and Heckbert 1997) of the new vertex is
-    below the bound; borders stay to the vertex. The distance between both surfaces is then
-    measured, both ways; where it is too large the old surface stays, until the bound holds
-    everywhere. Zones of distance to the nearest sensor have bounds of their own and are joined
-    without a gap.
+    below the bound; borders are unchanged. The distance between both surfaces is then measured,
+    both ways. Where it is too large the original surface is kept, until the bound holds everywhere.
+    Zones of distance to the nearest sensor have their own bounds and are joined without gaps.
 
     Args:
         mesh: welded, site frame, metres.
-        sensors: (S, 3) places of the sensors; without any every place is near.
-        error_m: one bound for all of it, metres; ``None`` for ``unseen_error``.
-        label: (F,) numbers; borders between triangles of different labels stay.
+        sensors: (S, 3) sensor positions; without any, all triangles are near.
+        error_m: one bound for the whole mesh, metres; ``None`` for ``unseen_error``.
+        label: (F,) labels; borders between triangles of different labels are kept.
     """
     zone, errors = _zones(mesh, sensors, error_m)
     kinds = zone if label is None else zone * (int(label.max(initial=0)) + 1) + label
@@ -96,7 +96,7 @@ def decimated(
 
 
 def _joined(parts: list[TriangleMesh], mesh: TriangleMesh) -> TriangleMesh:
-    """Return parts of one mesh as one again."""
+    """Return the joined parts of one mesh."""
     some = [part for part in parts if len(part.faces)]
     if not some:
         return selected(mesh, np.zeros(len(mesh.faces), bool))
@@ -116,7 +116,7 @@ def _zones(
     for sensor in np.asarray(sensors, np.float64).reshape(-1, 3):
         away = np.sqrt(((corner - sensor) ** 2).sum(axis=2).min(axis=1))
         distance = np.minimum(distance, away)
-    # Bounds double from zone to zone; a zone's is that of its nearest triangle.
+    # Bounds double from zone to zone; a zone has the bound of its nearest triangle.
     steps = np.floor(np.log2(unseen_error(distance) / NEAR_M)).astype(np.int64)
     numbers, zone = np.unique(steps, return_inverse=True)
     return zone.ravel(), [float(NEAR_M * 2.0**n) for n in numbers]
@@ -125,7 +125,7 @@ def _zones(
 def _within(
     mesh: TriangleMesh, kinds: NDArray[np.int64], error: float
 ) -> tuple[TriangleMesh, Deviation]:
-    """Return a mesh with fewer triangles, and how far it is from the old one."""
+    """Return a mesh with fewer triangles, and its deviation from the original."""
     free = _shared(mesh)
     if not free.any():
         return mesh, Deviation.none(len(mesh.faces))
@@ -139,7 +139,7 @@ def _within(
         if gap.most <= error:
             new = _attributed(mesh, part, *fewer, gap)
             return _joined([new, selected(mesh, ~free)], mesh), gap
-        # Where it went too far the surface stays as it is, with the triangles around.
+        # Triangles beyond the bound and their neighbours are kept.
         far = (gap.old > error) | (gap.new > error)[gap.new_of_old]
         some = np.zeros(len(mesh.faces), bool)
         some[gap.old_of_new[gap.new > error]] = True
@@ -155,9 +155,10 @@ def _within(
 
 
 def _shared(mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """Return the triangles (F,) with a corner that three or more share.
+    """Return the mask of triangles (F,) with a corner shared by three or more.
 
-    Corners of fewer lie on a border, and stay: leaves of single triangles and quads have no other.
+    Corners of fewer triangles are on a border, and are fixed: single triangles and quads have no
+    others.
     """
     around = np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
     return some_corner(around > 2, mesh.faces)
@@ -168,10 +169,11 @@ def _collapsed(
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return vertices and triangles after all collapses with a quadric error below a bound.
 
-    The library collapses every edge whose error is below the square root of double's epsilon in
-    the mesh's own unit: a unit in which that is the bound makes it ours.
+    The library collapses every edge with an error below the square root of double's epsilon in the
+    mesh's unit. The mesh is therefore scaled so that this equals the bound.
     """
-    # A vertex of two kinds becomes two: borders of kinds become borders of the mesh, which stay.
+    # A vertex of two kinds is duplicated: borders of kinds become borders of the mesh, which are
+    # fixed.
     keys = mesh.faces.astype(np.int64) + len(mesh.vertices) * kinds[:, None]
     used, faces = np.unique(keys, return_inverse=True)
     vertices = mesh.vertices[used % len(mesh.vertices)]
@@ -196,11 +198,11 @@ def _attributed(
     triangles: NDArray[np.int32],
     gap: Deviation,
 ) -> TriangleMesh:
-    """Return the new triangles with the colours and names of the old ones under them."""
+    """Return the new triangles with the colours and names of the original ones under them."""
     colour = None
     if mesh.colour is not None and part.colour is not None:
-        # The mean of the old triangles that lie on a new one, by their areas; at an edge only of
-        # those that are of the same thing and face the same way.
+        # Area-weighted mean of the original triangles on a new one, at edges only of those with the
+        # same object and orientation.
         new_normal = normals_of(points[triangles])[gap.new_of_old]
         alike = np.einsum("ij,ij->i", normals_of(part.vertices[part.faces]), new_normal) > 0.7
         alike &= part.object == mesh.object[gap.old_of_new][gap.new_of_old]

@@ -1,4 +1,4 @@
-"""The deviation between two surfaces, measured both ways."""
+"""Deviation between two surfaces, measured both ways."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.reconstruct.cleaning.rays import Rays
 
 __all__ = ["Deviation", "Surface", "deviation", "distances_to_triangles", "normals_of"]
 
-#: Triangles that are measured exactly where a ray finds none: nearest by their middles.
+#: Number of triangles, nearest by their centres, that are measured exactly if a ray has no hit.
 _NEIGHBOURS = 24
 
 
@@ -22,12 +22,12 @@ class Deviation:
     """Distances between an old and a new surface.
 
     Attributes:
-        most: greatest of all samples, metres.
-        p95: 95 % of them are less.
-        old: (F,) greatest at each old triangle, metres.
-        new: (F',) greatest at each new one.
-        old_of_new: (F',) the triangle of the old surface at each new one's middle.
-        new_of_old: (F,) the new triangle at each old one's first corner.
+        most: maximum of all samples, metres.
+        p95: their 95th percentile, metres.
+        old: (F,) maximum at each old triangle, metres.
+        new: (F',) maximum at each new triangle, metres.
+        old_of_new: (F',) old triangle at each new one's centre.
+        new_of_old: (F,) new triangle at each old one's first corner.
     """
 
     most: float
@@ -51,19 +51,19 @@ def deviation(
     old: Surface,
     reach: float,
 ) -> Deviation:
-    """Measure how far a mesh and a simpler one are apart (a sampled Hausdorff distance).
+    """Return the sampled Hausdorff distance between a mesh and a simplified one.
 
-    Samples are all old vertices, and the middles of the new triangles and of their edges. From
-    each a ray runs along the surface's normal, both ways; what it meets is an upper bound of the
-    distance. Where it meets nothing within reach (at edges and borders) the distance to the
-    nearest triangles is computed.
+    Samples are all old vertices, and the centres of the new triangles and of their edges. From each
+    a ray is cast along the surface's normal, both ways; its hit is an upper bound of the distance.
+    Without a hit within reach (at edges and borders) the distance to the nearest triangles is
+    computed.
 
     Args:
-        part: the old triangles that became the new ones.
-        points: (V', 3) vertices of the new ones.
-        triangles: (F', 3) the new ones.
-        old: the surface that the old triangles are a part of.
-        reach: metres: nearer is near enough for a ray's answer.
+        part: the old triangles that were simplified.
+        points: (V', 3) new vertices.
+        triangles: (F', 3) new triangles.
+        old: the whole old surface.
+        reach: maximum distance of a ray's hit, metres.
     """
     corners = points[triangles]
     old_normal, new_normal = normals_of(part.vertices[part.faces]), normals_of(corners)
@@ -86,7 +86,7 @@ def deviation(
 
 
 class Surface:
-    """Triangles, and what lies near points.
+    """A searchable surface of triangles.
 
     Args:
         vertices: (V, 3) metres.
@@ -102,14 +102,14 @@ class Surface:
         self, places: NDArray[np.float64], normal: NDArray[np.float64], reach: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return a bound of the distance (N,) to the surface, and the triangle (N,) there."""
-        # One ray through the place from beyond it: both sides at once.
+        # one ray through the position from outside covers both sides
         start = places - normal * (2 * reach)
         face, along = self._rays.first(start, normal.astype(np.float32))
         found = face.astype(np.int64)
         distance = np.abs(along.astype(np.float64) - 2 * reach)
         again = np.flatnonzero(~(distance <= reach))
         if len(again):
-            # What lies in between may have stopped it: from the place itself, both ways.
+            # another surface may block it, so cast from the position itself, both ways
             for sign in (1.0, -1.0):
                 way = sign * normal[again]
                 face, along = self._rays.first(places[again] - way * 1e-4, way.astype(np.float32))
@@ -137,7 +137,7 @@ class Surface:
 
 
 def normals_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit normals (N, 3) of triangles (N, 3, 3); upwards where one has no area."""
+    """Return unit normals (N, 3) of triangles (N, 3, 3); up for triangles without area."""
     a, b, c = np.moveaxis(corners, 1, 0)
     (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
     cross = np.column_stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
@@ -151,8 +151,8 @@ def distances_to_triangles(
 ) -> NDArray[np.float64]:
     """Return the distance (N,) of points (N, 3) to triangles (N, 3, 3), one each.
 
-    Ericson 2005, "Real-time collision detection", 3.4: the projection where it falls inside,
-    else the nearest of the three edges.
+    Ericson 2005, "Real-time collision detection", 3.4: the projection if it is inside, otherwise
+    the nearest of the three edges.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = normals_of(corners)

@@ -1,4 +1,4 @@
-"""A square grid over a piece of the site, and heights of a mesh or of points on it."""
+"""A square grid over part of the site, with heights of a mesh or of points."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Grid:
     Attributes:
         west: edge of the first column, site frame, metres.
         south: edge of the first row.
-        step: side of a cell, metres.
-        rows: how many.
-        columns: how many.
+        step: cell size, metres.
+        rows: number of rows.
+        columns: number of columns.
     """
 
     west: float
@@ -35,7 +35,7 @@ class Grid:
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], step: float) -> Grid:
-        """Return the grid that covers bounds (west, south, east, north), whole cells."""
+        """Return the grid of whole cells that covers bounds (west, south, east, north)."""
         west = np.floor(bounds[0] / step) * step
         south = np.floor(bounds[1] / step) * step
         columns = max(int(np.ceil((bounds[2] - west) / step)), 1)
@@ -48,7 +48,7 @@ class Grid:
         return self.rows, self.columns
 
     def centres(self, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
-        """Return the middles (N, 2) of all cells, row by row, or of those of a mask."""
+        """Return the centres (N, 2) of all cells, row by row, or of those of a mask."""
         if mask is None:
             row, column = (k.ravel() for k in np.indices(self.shape))
         else:
@@ -58,13 +58,13 @@ class Grid:
         )
 
     def cells(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return rows and columns (N,) of points (N, 2), those beyond at the border."""
+        """Return rows and columns (N,) of points (N, 2), clipped to the grid."""
         row = np.floor((xy[:, 1] - self.south) / self.step).astype(np.int64)
         column = np.floor((xy[:, 0] - self.west) / self.step).astype(np.int64)
         return np.clip(row, 0, self.rows - 1), np.clip(column, 0, self.columns - 1)
 
     def inside(self, shape: shapely.Geometry) -> NDArray[np.bool_]:
-        """Return which cells (rows, columns) have their middle in an area."""
+        """Return the mask of cells (rows, columns) with their centre in an area."""
         mask = np.zeros(self.shape, bool)
         if shape.is_empty:
             return mask
@@ -85,7 +85,7 @@ class Grid:
         return shapely.union_all([shapely.geometry.shape(one) for one, _ in found])
 
     def lowest(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the least height of points (N, 3) in each cell, nan where none is."""
+        """Return the minimum height of points (N, 3) in each cell, nan without points."""
         out = np.full(self.shape, np.inf)
         row, column = self.cells(points)
         np.minimum.at(out, (row, column), points[:, 2])
@@ -93,12 +93,12 @@ class Grid:
         return out
 
     def highest(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the greatest height of points (N, 3) in each cell, nan where none is."""
+        """Return the maximum height of points (N, 3) in each cell, nan without points."""
         return -self.lowest(points * np.array([1.0, 1.0, -1.0]))
 
 
 def filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a grid's values with those missing (nan) taken from the nearest that is there."""
+    """Return a grid with missing values (nan) replaced by the nearest known ones."""
     missing = np.isnan(values)
     if not missing.any() or missing.all():
         return np.nan_to_num(values) if missing.all() else values

@@ -1,3 +1,3 @@
-"""Loops over points of recordings that numba compiles."""
+"""Loops over points of recordings, compiled by numba."""
 
 __all__: list[str] = []

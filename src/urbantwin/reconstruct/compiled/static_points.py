@@ -8,20 +8,20 @@ __all__ = ["stand_still"]
 
 @njit(cache=True, nogil=True)
 def stand_still(name, range_m, known, stands, static_m, reach_m, side, turns, rows):
-    """Return which points (N,) stand at a static range of their cell or of one beside it.
+    """Return the mask of points (N,) at a static range of their cell or a neighbouring one.
 
-    And those that lie beyond all static ranges of their own cell.
+    Points beyond all static ranges of their own cell are static, too.
 
     Args:
-        name: (N,) cell of each point: row times ``side``, and column.
-        range_m: (N,) of each point.
-        known: (C,) cells in order.
-        stands: (C, M) which of their ranges there are.
+        name: (N,) cell of each point: row times ``side``, plus column.
+        range_m: (N,) range of each point.
+        known: (C,) sorted cells.
+        stands: (C, M) mask of their valid ranges.
         static_m: (C, M) the ranges.
-        reach_m: (C, M) how near to them a point is.
-        side: columns of a row, whether there are so many or not.
-        turns: columns of a whole turn.
-        rows: of the rows above and below, how many are beside a cell.
+        reach_m: (C, M) tolerance of the ranges.
+        side: index stride of a row.
+        turns: columns of a whole rotation.
+        rows: number of neighbouring rows above and below.
     """
     found = np.zeros(len(name), np.bool_)
     for i in range(len(name)):
