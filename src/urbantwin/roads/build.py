@@ -92,7 +92,7 @@ BESIDE_M = 150.0
 #: Maximum distance between a crossing and its node of the map, metres.
 FOUND_M = 3.0
 #: Maximum number of consecutive lanes of a connection through a junction.
-_MOST_PARTS = 4
+_MOST_INTERNAL_LANES = 4
 
 
 @dataclass(frozen=True)
@@ -166,13 +166,13 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             place="highway",
             expected=f"ways of the classes {', '.join(sorted(NETWORK_CLASSES))}",
         )
-    lines = {way.id: extract.way_line(way, frame) for way in ways}
+    lines = {osm_way.id: extract.way_line(osm_way, frame) for osm_way in ways}
     crossings = [
         crossing
         for crossing in find_crossings(
             lines,
-            {way.id: frozenset(way.nodes) for way in ways},
-            {way.id: way_layer(way.tags) for way in ways},
+            {osm_way.id: frozenset(osm_way.nodes) for osm_way in ways},
+            {osm_way.id: way_layer(osm_way.tags) for osm_way in ways},
         )
         if region.intersects(shapely.Point(crossing.point))
     ]
@@ -181,20 +181,20 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     country = country_of(frame.latitude, frame.longitude)
     with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         osm = Path(scratch) / "network.osm"
-        found = region_pieces(extract, frame, region, ways, tunnels)
-        loop = OuterRoads(found.joined)
+        clipped = region_pieces(extract, frame, region, ways, tunnels)
+        loop = OuterRoads(clipped.joined)
         if closed_loop:
-            apart_nodes = {node for piece in found.before_portals for node in piece.nodes}
+            apart_nodes = {node for piece in clipped.before_portals for node in piece.nodes}
             loop = close_loop(
-                found.joined,
+                clipped.joined,
                 extract.nodes.keys() | apart_nodes,
                 driving_side=driving_side,
                 country=country,
-                buildings=[*buildings, *found.ground_before_portals],
+                buildings=[*buildings, *clipped.ground_before_portals],
                 standing=houses.within,
                 region=region,
             )
-        pieces = found.with_others(loop.pieces)
+        pieces = clipped.with_others(loop.pieces)
         prepared = prepare_ways(
             pieces,
             signals=_signalised(extract, pieces, signals.tags),
@@ -239,7 +239,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             out=out,
         )
     tell(0.25, "signals")
-    _serve(out, pieces, bus_ways(extract), per_hour or {})
+    _set_merging_and_signals(out, pieces, bus_ways(extract), per_hour or {})
     planned = set_programs(out, plans, frame)
     raw = corners_before_buildings(
         read_sumo_network(
@@ -295,13 +295,13 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         ),
         "signal_programs": len(network.programs),
         "signal_programs_set": planned,
-        "signals_inferred_from_stop_lines_and_crossings": _within(
+        "signals_inferred_from_stop_lines_and_crossings": _count_in_region(
             extract, frame, region, signals.inferred
         ),
-        "signalised_crossings_between_junctions": _within(
+        "signalised_crossings_between_junctions": _count_in_region(
             extract, frame, region, signals.mid_block
         ),
-        "signalised_crossings_left_out": _within(
+        "signalised_crossings_left_out": _count_in_region(
             extract, frame, region, _unlit(extract, frame, signals.left_out, raw)
         ),
         "signal_heads": sum(signal.dynamic for signal in model.signals),
@@ -312,8 +312,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),
-        "roads_before_portals": len(found.before_portals),
-        "left_out": [item.as_note() for item in found.left_out],
+        "roads_before_portals": len(clipped.before_portals),
+        "left_out": [item.as_note() for item in clipped.left_out],
         "reinterpreted": _reinterpreted(ways, prepared.segments, frame),
         "netconvert_warnings": len(warnings),
     }
@@ -323,7 +323,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
 
 def _with_lines_of_map(model: LaneModel, ways: Sequence[Way]) -> LaneModel:
     """Return the model without lines on streets with ``lane_markings=no``."""
-    bare = {way.id for way in ways if way.tags.get("lane_markings") == "no"}
+    bare = {osm_way.id for osm_way in ways if osm_way.tags.get("lane_markings") == "no"}
     return model.with_roads(
         tuple(
             without_lines(road) if road.ways and bare.issuperset(road.ways) else road
@@ -337,18 +337,18 @@ def _reinterpreted(
 ) -> list[str]:
     """Return messages on reinterpreted tags, each with its way and position."""
     first = {segment.way: segment for segment in reversed(segments)}
-    found = []
-    for way in ways:
-        segment = first.get(way.id)
-        said = [] if segment is None else reinterpreted(way.tags, segment.section)
-        if segment is not None and said:
+    messages = []
+    for osm_way in ways:
+        segment = first.get(osm_way.id)
+        way_messages = [] if segment is None else reinterpreted(osm_way.tags, segment.section)
+        if segment is not None and way_messages:
             longitude, latitude = frame.lonlat_from_site(segment.points[:1])[0]
-            place = f"way {way.id} at {latitude:.5f}, {longitude:.5f}"
-            found += [f"{place}: {words}" for words in said]
-    return found
+            place = f"way {osm_way.id} at {latitude:.5f}, {longitude:.5f}"
+            messages += [f"{place}: {words}" for words in way_messages]
+    return messages
 
 
-def _serve(
+def _set_merging_and_signals(
     net: Path, pieces: Sequence[WayPiece], bus: Set[int], per_hour: Mapping[str, float]
 ) -> None:
     """Set zipper merging at merging lanes, and default signal programs for the expected flows."""
@@ -369,11 +369,11 @@ def _unlit(
         if lane.kind == "crossing" and lane.id in lit
     ]
     xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
-    far = [not shapely.dwithin(lines, shapely.Point(at), FOUND_M).any() for at in xy]
+    far = [not shapely.dwithin(lines, shapely.Point(position), FOUND_M).any() for position in xy]
     return list(compress(nodes, far))
 
 
-def _within(
+def _count_in_region(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon, nodes: Sequence[int]
 ) -> int:
     """Return the number of nodes in the region."""
@@ -389,23 +389,23 @@ def _network_ways(
     If most of the streets are not open to the public (a port, a test track), they count as open:
     the traffic is that of permitted users.
     """
-    kept: list[Way] = []
+    streets: list[Way] = []
     tunnels: list[Way] = []
     closed_m = 0.0
-    for way in extract.highways():
-        if way.tags["highway"] not in NETWORK_CLASSES or way.tags.get("area") == "yes":
+    for osm_way in extract.highways():
+        if osm_way.tags["highway"] not in NETWORK_CLASSES or osm_way.tags.get("area") == "yes":
             continue
-        line = extract.way_line(way, frame)
+        line = extract.way_line(osm_way, frame)
         if len(line) < 2 or not region.intersects(shapely.LineString(line)):
             continue
-        below = way.tags.get("tunnel") not in (None, "no", "building_passage")
-        (tunnels if below else kept).append(way)
-        if not below and is_driven(opened(way.tags)):
+        below = osm_way.tags.get("tunnel") not in (None, "no", "building_passage")
+        (tunnels if below else streets).append(osm_way)
+        if not below and is_driven(opened(osm_way.tags)):
             metres = shapely.length(shapely.intersection(region, shapely.LineString(line)))
-            closed_m += -metres if is_driven(way.tags) else metres
+            closed_m += -metres if is_driven(osm_way.tags) else metres
     if closed_m > 0:
-        kept = [replace(way, tags=opened(way.tags)) for way in kept]
-    return kept, tunnels
+        streets = [replace(osm_way, tags=opened(osm_way.tags)) for osm_way in streets]
+    return streets, tunnels
 
 
 def _is_crossed(tags: Mapping[str, str]) -> bool:
@@ -420,20 +420,20 @@ def _places(
 ) -> NDArray[np.float64]:
     """Return the positions (N, 2) of street nodes with certain tags, site frame."""
     nodes = sorted({node for piece in pieces for node in piece.nodes})
-    found = [extract.nodes[node] for node in nodes if only(extract.node_tags.get(node, {}))]
-    return frame.site_from_lonlat(np.array(found).reshape(-1, 2))
+    lonlat = [extract.nodes[node] for node in nodes if only(extract.node_tags.get(node, {}))]
+    return frame.site_from_lonlat(np.array(lonlat).reshape(-1, 2))
 
 
 def _signalised(
     extract: Extract, pieces: Sequence[WayPiece], told: Mapping[int, Mapping[str, str]]
 ) -> list[int]:
     """Return the nodes at which netconvert sets signals."""
-    found = []
+    signal_nodes = []
     for node in sorted({node for piece in pieces for node in piece.nodes}):
         tags = told.get(node, extract.node_tags.get(node, {}))
         if "traffic_signals" in (tags.get("highway"), tags.get("crossing")):
-            found.append(node)
-    return found
+            signal_nodes.append(node)
+    return signal_nodes
 
 
 def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
@@ -444,7 +444,7 @@ def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
         inner, outer = lanes[-1], lanes[0]
         lines = [lane.centre[:, :2] for lane in reversed(lanes)]
         lines += [
-            _beside(lane, side)
+            _points_beside(lane, side)
             for lane in {inner.id: inner, outer.id: outer}.values()
             for side in (-0.5, 0.5)
         ]
@@ -453,18 +453,18 @@ def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
     turns = []
     for lane in network.lanes:
         for name in lane.successors if lane.road else ():
-            way: list[NDArray[np.float64]] = []
+            centre_lines: list[NDArray[np.float64]] = []
             after = network.lane_by_id.get(name)
-            while after is not None and not after.road and len(way) < _MOST_PARTS:
-                way.append(after.centre[:, :2])
+            while after is not None and not after.road and len(centre_lines) < _MOST_INTERNAL_LANES:
+                centre_lines.append(after.centre[:, :2])
                 after = network.lane_by_id.get(next(iter(after.successors), ""))
-            if way and after is not None and after.road:
-                centre = np.concatenate(way)
+            if centre_lines and after is not None and after.road:
+                centre = np.concatenate(centre_lines)
                 turns.append(LiftedTurn(centre, number[lane.road], number[after.road]))
     return lift_of_network(roads, turns, crossings)
 
 
-def _beside(lane: Lane, share: float) -> NDArray[np.float64]:
+def _points_beside(lane: Lane, share: float) -> NDArray[np.float64]:
     """Return points (N, 2) beside a lane's centre line, by a share of its width to the left."""
     points = lane.centre[:, :2]
     ahead = np.gradient(points, axis=0)

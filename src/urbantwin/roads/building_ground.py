@@ -92,20 +92,23 @@ def building_grounds(features: Iterable[OsmFeature], region: shapely.Geometry) -
     standing = [
         feature.geometry
         for feature in features
-        if feature.geometry.geom_type in ("Polygon", "MultiPolygon") and _stands(feature.tags)
+        if feature.geometry.geom_type in ("Polygon", "MultiPolygon")
+        and _has_walls_on_ground(feature.tags)
     ]
     passages = area_union([passage.corridor for passage in passages_of(features)])
     shapely.prepare(region)
     within = [shape for shape in standing if region.intersects(shape)]
-    return BuildingGround(*(_without(shapes, passages) for shapes in (standing, within)))
+    return BuildingGround(*(_without_passages(shapes, passages) for shapes in (standing, within)))
 
 
-def _without(shapes: list[shapely.Geometry], passages: shapely.Geometry) -> list[shapely.Polygon]:
+def _without_passages(
+    shapes: list[shapely.Geometry], passages: shapely.Geometry
+) -> list[shapely.Polygon]:
     ground = area_difference(area_union(shapes), passages)
     return [part for part in shapely.get_parts(ground) if not part.is_empty]
 
 
-def _stands(tags: Mapping[str, str]) -> bool:
+def _has_walls_on_ground(tags: Mapping[str, str]) -> bool:
     """Return whether a feature is a building with walls on the ground."""
     kind = tags.get("building", "no")
     if kind == "no" or kind in (*ROOFS, "underground") or tags.get("location") == "underground":
@@ -119,7 +122,7 @@ def _stands(tags: Mapping[str, str]) -> bool:
 
 def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
     """Return the mapped ways through or under buildings."""
-    found = []
+    passages = []
     for feature in features:
         tags = feature.tags
         covered = tags.get("tunnel") == "building_passage" or tags.get("covered") in COVERED
@@ -132,8 +135,8 @@ def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
             continue
         clearance = PATH_CLEARANCE_M if kind in PATHS else ROAD_CLEARANCE_M
         has_columns = tags.get("covered") in ARCADES or tags.get("arcade:type") is not None
-        found.append(Passage(feature.geometry, corridor, clearance, has_columns))
-    return found
+        passages.append(Passage(feature.geometry, corridor, clearance, has_columns))
+    return passages
 
 
 def _longer(line: LineString) -> LineString:

@@ -42,8 +42,8 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
         extract: the map.
         frame: the site frame.
     """
-    ways = bus_ways(extract)
-    roads = tuple(road.id for road in network.roads if ways.intersection(road.ways))
+    served_ways = bus_ways(extract)
+    roads = tuple(road.id for road in network.roads if served_ways.intersection(road.ways))
     side = 1.0 if network.driving_side == "left" else -1.0
     kerbs = list(_kerb_lanes(network))
     lines = [shapely.LineString(lane.centre[:, :2]) for _, lane in kerbs]
@@ -51,26 +51,26 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
     driven = [lane for lane in network.lanes if lane.road and lane.kind in DRIVEN]
     ground = shapely.STRtree([lane.polygon for lane in driven])
     on_line = set(roads)
-    found: dict[str, list[tuple[float, str]]] = {}
+    places_of: dict[str, list[tuple[float, str]]] = {}
     for place, name in _poles(extract, frame):
         point = shapely.Point(place)
-        near = []
+        candidates = []
         for k in tree.query(point.buffer(BESIDE_M)).tolist():
             road, lane = kerbs[k]
-            along, aside = _beside(lines[k], lane.centre[:, :2], place)
+            along, offset_m = _station_and_offset(lines[k], lane.centre[:, :2], place)
             wrong = lane.width / 2 + WRONG_SIDE_M
-            if aside * side >= -wrong and lines[k].distance(point) <= BESIDE_M:
+            if offset_m * side >= -wrong and lines[k].distance(point) <= BESIDE_M:
                 off_line = bool(on_line) and road.id not in on_line
-                way = shapely.shortest_line(lines[k], point)
-                met = ground.query(way, predicate="intersects").tolist()
-                beyond = any(driven[j].road != road.id for j in met)
-                near.append((beyond, off_line, lines[k].distance(point), lane.id, along))
-        if near:
-            *_, lane_id, along = min(near)
-            found.setdefault(lane_id, []).append((along, name))
+                shortest = shapely.shortest_line(lines[k], point)
+                crossed = ground.query(shortest, predicate="intersects").tolist()
+                beyond = any(driven[j].road != road.id for j in crossed)
+                candidates.append((beyond, off_line, lines[k].distance(point), lane.id, along))
+        if candidates:
+            *_, lane_id, along = min(candidates)
+            places_of.setdefault(lane_id, []).append((along, name))
     stops = [
         stop
-        for lane_id, places in sorted(found.items())
+        for lane_id, places in sorted(places_of.items())
         for stop in _stops(network.lane_by_id[lane_id], sorted(places))
     ]
     return replace(network, bus_roads=roads, stops=tuple(stops))
@@ -108,9 +108,9 @@ def _poles(extract: Extract, frame: SiteFrame) -> Iterator[tuple[NDArray[np.floa
     for node, tags in sorted(extract.node_tags.items()):
         if _is_stop(tags) and node in extract.nodes:
             yield frame.site_from_lonlat([extract.nodes[node]])[0], tags.get("name", "")
-    for _, way in sorted(extract.ways.items()):
-        if _is_stop(way.tags) and len(line := extract.way_line(way, frame)):
-            yield line.mean(axis=0), way.tags.get("name", "")
+    for _, osm_way in sorted(extract.ways.items()):
+        if _is_stop(osm_way.tags) and len(line := extract.way_line(osm_way, frame)):
+            yield line.mean(axis=0), osm_way.tags.get("name", "")
 
 
 def _is_stop(tags: Mapping[str, str]) -> bool:
@@ -120,7 +120,7 @@ def _is_stop(tags: Mapping[str, str]) -> bool:
     return platform and (tags.get("bus") == "yes" or tags.get("trolleybus") == "yes")
 
 
-def _beside(
+def _station_and_offset(
     line: shapely.LineString, points: NDArray[np.float64], place: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return the station of a place along a line, and its offset to the left, metres."""
@@ -135,8 +135,8 @@ def _beside(
 
 def _stops(lane: Lane, places: list[tuple[float, str]]) -> Iterator[BusStop]:
     while places:
-        near = [place for place in places if place[0] - places[0][0] < SAME_STOP_M]
-        places = places[len(near) :]
-        along, name = next((place for place in near if place[1]), near[0])
+        same_stop = [place for place in places if place[0] - places[0][0] < SAME_STOP_M]
+        places = places[len(same_stop) :]
+        along, name = next((place for place in same_stop if place[1]), same_stop[0])
         end = min(max(along + PAST_POLE_M, STOP_M + END_M), lane.length - END_M)
         yield BusStop(lane.id, name, round(end - STOP_M, 2), round(end, 2))

@@ -42,15 +42,15 @@ def with_central_islands(
         name = next(
             (j.id for j in network.junctions if j.polygon.contains(shapely.Point(ring.centre))), ""
         )
-        near = [lane for lane in lanes if lane.junction == name and lane.kind == "connection"]
-        if not name or not near:
+        through = [lane for lane in lanes if lane.junction == name and lane.kind == "connection"]
+        if not name or not through:
             continue
-        used = shapely.union_all([lane.polygon for lane in near])
+        used = shapely.union_all([lane.polygon for lane in through])
         radius = min(ring.island_radius, float(used.distance(shapely.Point(ring.centre))))
         if radius < LEAST_M:
             continue
         outline = _circle(ring.centre, radius)
-        top = height(outline, near[0].level)
+        top = height(outline, through[0].level)
         lanes.append(
             Lane(
                 id=f"{name}_island",
@@ -60,7 +60,7 @@ def with_central_islands(
                 speed_limit=0.0,
                 centre=np.column_stack([outline, top])[[SIDES // 2, 0]],
                 outline=outline,
-                level=near[0].level,
+                level=through[0].level,
                 allowed=(),
                 successors=(),
                 junction=name,
@@ -90,9 +90,9 @@ def with_painted_islands(
     """
     areas = []
     for place in places:
-        at = shapely.Point(place)
-        near = [j for j in network.junctions if j.polygon.distance(at) < NEAR_M]
-        junction = min(near, key=lambda j: float(j.polygon.distance(at)), default=None)
+        point = shapely.Point(place)
+        candidates = [j for j in network.junctions if j.polygon.distance(point) < NEAR_M]
+        junction = min(candidates, key=lambda j: float(j.polygon.distance(point)), default=None)
         road = None if junction is None else _road_at(model, junction.id)
         if junction is not None and road is not None:
             outline = _circle(place, PAINTED_M)

@@ -75,13 +75,13 @@ class _Map:
     def cut(self, way: Way, first: float, last: float) -> int:
         """Cut a stretch out of a way, which keeps its other parts; return the id of the stretch."""
         points, nodes = self.line(way), self.known(way)
-        along = _along(points)
-        cuts = [at for at in (first, last) if END_M < at < along[-1] - END_M]
+        along = _stations(points)
+        cuts = [station_m for station_m in (first, last) if END_M < station_m < along[-1] - END_M]
         if not cuts:
             return way.id
-        for at in cuts:
-            nodes, points, along = self._with_node(nodes, points, along, at)
-        ends = [0, *(int(np.abs(along - at).argmin()) for at in cuts), len(nodes) - 1]
+        for station_m in cuts:
+            nodes, points, along = self._with_node(nodes, points, along, station_m)
+        ends = [0, *(int(np.abs(along - station_m).argmin()) for station_m in cuts), len(nodes) - 1]
         parts = [tuple(nodes[a : b + 1]) for a, b in pairwise(ends)]
         ids = [way.id, *range(self.next_way, self.next_way + len(parts) - 1)]
         self.next_way += len(parts) - 1
@@ -111,9 +111,9 @@ class _Map:
 
     def _replace(self, way: int, ids: Sequence[int]) -> None:
         """Replace a cut way in relations by all its parts, in their order."""
-        for known in self.parts.values():
-            if way in known:
-                known[known.index(way) : known.index(way) + 1] = ids
+        for part_ids in self.parts.values():
+            if way in part_ids:
+                part_ids[part_ids.index(way) : part_ids.index(way) + 1] = ids
         self.parts.setdefault(way, list(ids))
         for identity, relation in self.relations.items():
             if any(kind == "w" and ref == way for kind, ref, _ in relation.members):
@@ -151,11 +151,13 @@ def with_lanes_corrected(
     """
     edited = _Map(extract, frame)
     outcomes = []
-    for one in corrections:
-        if isinstance(one.asked, AddLane | RemoveLane):
-            if one.asked.element is not None:
-                known_element(extract, one.asked.element, one)
-            outcomes.append(_corrected(edited, one, one.asked, region, driving_side, country))
+    for correction in corrections:
+        if isinstance(correction.asked, AddLane | RemoveLane):
+            if correction.asked.element is not None:
+                known_element(extract, correction.asked.element, correction)
+            outcomes.append(
+                _corrected(edited, correction, correction.asked, region, driving_side, country)
+            )
     if not outcomes:
         return extract, []
     changed = replace(extract, nodes=edited.nodes, ways=edited.ways, relations=edited.relations)
@@ -174,61 +176,66 @@ def _corrected(
     among = None if asked.element is None else edited.parts.get(asked.element.id)
     if asked.element is not None and among is None:
         among = [asked.element.id]
-    ways = [
-        way
+    candidates = [
+        osm_way
         for identity in (sorted(edited.ways) if among is None else among)
-        if _is_street(way := edited.ways[identity]) and len(edited.known(way)) > 1
+        if _is_street(osm_way := edited.ways[identity]) and len(edited.known(osm_way)) > 1
     ]
-    if not ways:
+    if not candidates:
         return Outcome(one, False, f"{asked.element} is no street with lanes")
     if one.shapes:
-        stretches = _stretches(edited, ways, one.shapes)
+        stretches = _stretches(edited, candidates, one.shapes)
     else:
-        stretches = [_Stretch(way.id, 0.0, float(_along(edited.line(way))[-1])) for way in ways]
+        stretches = [
+            _Stretch(osm_way.id, 0.0, float(_stations(edited.line(osm_way))[-1]))
+            for osm_way in candidates
+        ]
     if not stretches:
-        return Outcome(one, False, f"runs along no street: {_nearest(edited, ways, one.shapes)}")
-    others = [
-        shapely.LineString(edited.line(way))
-        for way in edited.ways.values()
-        if _is_street(way)
-        and way.tags.get("oneway") in ("yes", "1", "true")
-        and len(edited.known(way)) > 1
+        return Outcome(
+            one, False, f"runs along no street: {_nearest(edited, candidates, one.shapes)}"
+        )
+    one_way_lines = [
+        shapely.LineString(edited.line(osm_way))
+        for osm_way in edited.ways.values()
+        if _is_street(osm_way)
+        and osm_way.tags.get("oneway") in ("yes", "1", "true")
+        and len(edited.known(osm_way)) > 1
     ]
-    done, why, at = [], [], []
+    changes, why, places = [], [], []
     for stretch in stretches:
-        way = edited.ways[stretch.way]
-        line = edited.line(way)
+        osm_way = edited.ways[stretch.way]
+        line = edited.line(osm_way)
         where = substring(shapely.LineString(line), stretch.first, stretch.last)
         if shapely.distance(where, region) > 0:
-            why.append(f"way/{way.id} lies outside the region")
+            why.append(f"way/{osm_way.id} lies outside the region")
             continue
         side = asked.side if stretch.aligned else OTHER[asked.side]
-        sides = sidewalk_sides(way.tags, line, others, side=driving_side)
+        sides = sidewalk_sides(osm_way.tags, line, one_way_lines, side=driving_side)
         street = Street(driving_side, sides, country)
         try:
             if isinstance(asked, AddLane):
-                tags = with_lane(way.tags, side, asked.kind, asked.width_m, street)
+                tags = with_lane(osm_way.tags, side, asked.kind, asked.width_m, street)
             else:
-                tags = without_lane(way.tags, side, asked.kind, street)
+                tags = without_lane(osm_way.tags, side, asked.kind, street)
         except ImpossibleLaneError as error:
-            why.append(f"way/{way.id}: {error}")
+            why.append(f"way/{osm_way.id}: {error}")
             continue
-        part = edited.cut(way, stretch.first, stretch.last)
+        part = edited.cut(osm_way, stretch.first, stretch.last)
         edited.ways[part] = replace(edited.ways[part], tags=tags)
-        at.append(where)
-        done.append(f"{stretch.last - stretch.first:.0f} m of way/{way.id}")
-    if not done:
+        places.append(where)
+        changes.append(f"{stretch.last - stretch.first:.0f} m of way/{osm_way.id}")
+    if not changes:
         return Outcome(one, False, "; ".join(why))
     verb = "added to" if isinstance(asked, AddLane) else "removed from"
-    told = f"{asked.kind} lane {verb} {', '.join(done)}"
-    return Outcome(one, True, "; ".join([told, *(f"not: {text}" for text in why)]), at)
+    summary = f"{asked.kind} lane {verb} {', '.join(changes)}"
+    return Outcome(one, True, "; ".join([summary, *(f"not: {text}" for text in why)]), places)
 
 
 def _is_street(way: Way) -> bool:
     return way.tags.get("highway") in NETWORK_CLASSES and way.tags.get("area") != "yes"
 
 
-def _along(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stations(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the distance of each point along a line (N,), metres."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -242,9 +249,9 @@ def _stretches(
     Each metre of a drawn line belongs to the nearest way that is parallel to it in either
     direction.
     """
-    lines = [shapely.LineString(edited.line(way)) for way in ways]
+    lines = [shapely.LineString(edited.line(osm_way)) for osm_way in ways]
     tree = shapely.STRtree(lines)
-    found: dict[int, list[tuple[float, bool]]] = {}
+    samples: dict[int, list[tuple[float, bool]]] = {}
     for shape in shapes:
         whole = shapely.segmentize(shape, STEP_M)
         points = shapely.get_coordinates(whole)
@@ -258,9 +265,9 @@ def _stretches(
                 if abs(cosine) > ALONG and (best is None or gap < best[0]):
                     best = gap, k, station, cosine > 0
             if best is not None:
-                found.setdefault(best[1], []).append((best[2], best[3]))
+                samples.setdefault(best[1], []).append((best[2], best[3]))
     stretches = []
-    for k, rows in found.items():
+    for k, rows in samples.items():
         stations = np.array([station for station, _ in rows])
         length = lines[k].length
         first, last = float(stations.min()) - STEP_M / 2, float(stations.max()) + STEP_M / 2
@@ -285,7 +292,8 @@ def _nearest(edited: _Map, ways: Sequence[Way], shapes: Sequence[shapely.Geometr
     """Return a text on the nearest way."""
     drawn = shapely.GeometryCollection(list(shapes))
     gaps: Mapping[int, float] = {
-        way.id: shapely.distance(drawn, shapely.LineString(edited.line(way))) for way in ways
+        osm_way.id: shapely.distance(drawn, shapely.LineString(edited.line(osm_way)))
+        for osm_way in ways
     }
-    near = min(gaps, key=lambda identity: (gaps[identity], identity))
-    return f"the nearest is way/{near}, {gaps[near]:.0f} m away"
+    nearest_id = min(gaps, key=lambda identity: (gaps[identity], identity))
+    return f"the nearest is way/{nearest_id}, {gaps[nearest_id]:.0f} m away"

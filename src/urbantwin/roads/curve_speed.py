@@ -48,8 +48,8 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
     along = stations_of_points(line)
     places = np.arange(0.0, along[-1] + SPACING_M, SPACING_M)
     speed = np.full(len(places), LEAST_MS)
-    bends = np.maximum(_bends(line, along, places), STRAIGHT_PER_M)
-    for k, (chord, bend) in enumerate(zip(CHORDS_M, bends, strict=True)):
+    curvatures = np.maximum(_curvatures(line, along, places), STRAIGHT_PER_M)
+    for k, (chord, bend) in enumerate(zip(CHORDS_M, curvatures, strict=True)):
         allowed = np.sqrt(SIDEWAYS_MS2 / bend)
         # Longer chords apply to vehicles that are fast enough to steer along them.
         fast = allowed >= (chord / STEERING_S if k else 0.0)
@@ -98,37 +98,37 @@ def lane_speeds(
         after.setdefault(via, end)
         if start.startswith(":"):
             after[start] = via
-    found = {}
+    by_lane = {}
     for name, line in lines.items():
         if only is not None and name not in only:
             continue
         drawn = float(stations_of_points(line)[-1])
         stretch = drawn / lengths[name] if lengths[name] > 0 else 1.0
-        speeds = _along_its_way(name, lines, before, after)
+        speeds = _speeds_on_lane(name, lines, before, after)
         places = np.arange(0.0, drawn / stretch + SPACING_M, SPACING_M) * stretch
-        found[name] = np.interp(places, np.arange(len(speeds)) * SPACING_M, speeds) / stretch
-    return found
+        by_lane[name] = np.interp(places, np.arange(len(speeds)) * SPACING_M, speeds) / stretch
+    return by_lane
 
 
-def _along_its_way(
+def _speeds_on_lane(
     name: str,
     lines: Mapping[str, NDArray[np.float64]],
     before: Mapping[str, str],
     after: Mapping[str, str],
 ) -> NDArray[np.float64]:
     """Return the speeds (M,) on a lane, ``lines[name]``, m/s."""
-    own = lines[name]
-    count = int(stations_of_points(own)[-1] / SPACING_M) + 1
+    lane_line = lines[name]
+    count = int(stations_of_points(lane_line)[-1] / SPACING_M) + 1
     if not name.startswith(":"):
-        return curve_speeds(own)[:count]
-    came = _beginning(lines.get(before.get(name, ""), own[:1])[::-1], BEFORE_M)[::-1]
-    parts, at = [own], name
-    while at.startswith(":") and len(parts) < MOST_LANES and after.get(at, "") in lines:
-        at = after[at]
-        parts.append(lines[at])
+        return curve_speeds(lane_line)[:count]
+    came = _beginning(lines.get(before.get(name, ""), lane_line[:1])[::-1], BEFORE_M)[::-1]
+    parts, current = [lane_line], name
+    while current.startswith(":") and len(parts) < MOST_LANES and after.get(current, "") in lines:
+        current = after[current]
+        parts.append(lines[current])
     line = _beginning(np.vstack(parts), count * SPACING_M + BEHIND_M)
     whole = _distinct(np.vstack([came, line]))
-    first = int(stations_of_points(np.vstack([came, own[:1]]))[-1] / SPACING_M)
+    first = int(stations_of_points(np.vstack([came, lane_line[:1]]))[-1] / SPACING_M)
     return curve_speeds(whole)[first : first + count]
 
 
@@ -145,7 +145,7 @@ def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(line[np.concatenate([[True], far])]) if len(line) else line
 
 
-def _bends(
+def _curvatures(
     line: NDArray[np.float64], along: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the curvature (C, M) at places of a line from C pairs of chords, 1/m."""

@@ -81,35 +81,37 @@ class Lift:
     def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
         """Return the lift (M,) at points (M, 2) of a level by local linear regression, metres."""
         lift = np.zeros(len(xy))
-        known = self._of_level(level)
-        if known is None or not len(xy):
+        samples = self._of_level(level)
+        if samples is None or not len(xy):
             return lift
-        tree, height = known
-        near = np.arange(len(xy))
+        tree, height = samples
+        rows = np.arange(len(xy))
         count = min(NEIGHBOURS, len(height))
-        distance, index = tree.query(xy[near], k=np.arange(1, count + 1))
+        distance, index = tree.query(xy[rows], k=np.arange(1, count + 1))
         risen = height[index].any(axis=1)
-        near, distance, index = near[risen], distance[risen], index[risen]
-        gap = tree.data[index] - xy[near, None]
+        rows, distance, index = rows[risen], distance[risen], index[risen]
+        gap = tree.data[index] - xy[rows, None]
         # Weights decrease from the nearest sample: far from all samples its height dominates.
         weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / SMOOTHING_M**2)
-        own = self.wide._of_level(level) if self.wide else None
-        if own is not None:
-            there = own[0].query(xy[near])[1]
-            nearest = own[1][there]
-            apart = np.linalg.norm(tree.data[index] - own[0].data[there][:, None], axis=2)
+        wide_samples = self.wide._of_level(level) if self.wide else None
+        if wide_samples is not None:
+            wide_index = wide_samples[0].query(xy[rows])[1]
+            nearest = wide_samples[1][wide_index]
+            apart = np.linalg.norm(
+                tree.data[index] - wide_samples[0].data[wide_index][:, None], axis=2
+            )
             rise = np.abs(height[index] - nearest[:, None])
             weight *= rise <= STEP_UP_M + STEEPEST * apart
             alone = weight.sum(axis=1) < LEAST_WEIGHT
-            lift[near[alone]] = nearest[alone]
-            near, gap, index, weight = near[~alone], gap[~alone], index[~alone], weight[~alone]
+            lift[rows[alone]] = nearest[alone]
+            rows, gap, index, weight = rows[~alone], gap[~alone], index[~alone], weight[~alone]
         design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
         weighted = design * weight[..., None]
         normal = np.einsum("mki,mkj->mij", weighted, design)
         # Samples lie along roads: the slope across them is unknown, and assumed zero.
         normal[:, [1, 2], [1, 2]] += STIFFNESS * weight.sum(axis=1)[:, None]
         right = np.einsum("mki,mk->mi", weighted, height[index])
-        lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
+        lift[rows] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
         return lift
 
     def is_above_another(self, xy: NDArray[np.float64], level: int) -> bool:
@@ -119,16 +121,16 @@ class Lift:
         """
         height = float(self.at(xy[None], level)[0])
         wide = self.wide or self
-        near = np.linalg.norm(wide.xy - xy, axis=1) < UNDER_M
+        is_near = np.linalg.norm(wide.xy - xy, axis=1) < UNDER_M
         below = wide.height < height - CLEARANCE_M / 2
-        return bool((near & below & (wide.level == 0)).any())
+        return bool((is_near & below & (wide.level == 0)).any())
 
     def _of_level(self, level: int) -> tuple[cKDTree, NDArray[np.float64]] | None:
         if level not in self._trees:
-            mine = self.level == level
-            lifted = bool(self.height[mine].any())
-            tree = cKDTree(self.xy[mine]) if lifted else None
-            self._trees[level] = None if tree is None else (tree, self.height[mine])
+            on_level = self.level == level
+            lifted = bool(self.height[on_level].any())
+            tree = cKDTree(self.xy[on_level]) if lifted else None
+            self._trees[level] = None if tree is None else (tree, self.height[on_level])
         return self._trees[level]
 
     @cached_property
@@ -165,14 +167,14 @@ def find_crossings(
     ids = sorted(lines)
     shapes = [shapely.LineString(lines[i]) for i in ids]
     tree = shapely.STRtree(shapes)
-    found = []
+    crossings = []
     for first, second in sorted(map(tuple, tree.query(shapes, predicate="crosses").T.tolist())):
         lower, upper = ids[first], ids[second]
         if layers[upper] <= layers[lower] or nodes[upper] & nodes[lower]:
             continue
         meet = shapely.get_parts(shapely.intersection(shapes[first], shapes[second]))
-        found += [Crossing(upper, lower, shapely.get_coordinates(part)[0]) for part in meet]
-    return found
+        crossings += [Crossing(upper, lower, shapely.get_coordinates(part)[0]) for part in meet]
+    return crossings
 
 
 def levels_of_ways(crossings: list[Crossing]) -> dict[int, int]:
@@ -252,14 +254,14 @@ def lift_of_network(
         for crossing in crossings:
             if crossing.upper in road.ways:
                 gap = np.linalg.norm(xy - crossing.point, axis=1)
-                for near in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
-                    key = int(index[near])
+                for sample in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
+                    key = int(index[sample])
                     seeds[key] = max(seeds.get(key, 0.0), level * CLEARANCE_M)
         share = along / max(line.length, 1e-9)
         for points_beside in road.lines[1:]:
             other = shapely.LineString(points_beside)
-            at = other.interpolate(share, normalized=True)
-            beside.append((start, shapely.get_coordinates(at)))
+            matching = other.interpolate(share, normalized=True)
+            beside.append((start, shapely.get_coordinates(matching)))
         starts.append(start)
         points.append(xy)
         levels.append(np.full(len(xy), level))
@@ -277,8 +279,8 @@ def lift_of_network(
     # A virtual source tops every seed, so that one shortest-path run gives the envelope
     # max over seeds of (needed height - grade x distance along the network).
     links += [(start, seed, (highest - need) / RAMP_GRADE) for seed, need in seeds.items()]
-    one, other_end, costs = (np.array(part) for part in zip(*links, strict=True))
-    graph = coo_matrix((costs + 1e-9, (one, other_end)), shape=(start + 1, start + 1)).tocsr()
+    first_end, other_end, costs = (np.array(part) for part in zip(*links, strict=True))
+    graph = coo_matrix((costs + 1e-9, (first_end, other_end)), shape=(start + 1, start + 1)).tocsr()
     distance = dijkstra(graph, directed=False, indices=start)[:start]
     height = np.maximum(0.0, highest - RAMP_GRADE * distance)
     level_of = np.concatenate(levels)
@@ -289,8 +291,8 @@ def lift_of_network(
     # The same height across a road.
     rows = [(xy, level_of, height)]
     for first, places in beside:
-        mine = first + np.arange(len(places))
-        rows.append((places, level_of[mine], height[mine]))
+        sample_index = first + np.arange(len(places))
+        rows.append((places, level_of[sample_index], height[sample_index]))
     last = [*(k - 1 for k in starts[1:]), start - 1]
     for turn in turns:
         joined = [last[turn.before], starts[turn.after]]
@@ -313,25 +315,25 @@ def _crosses(
     height: NDArray[np.float64],
 ) -> bool:
     """Return whether one of other samples (N,) is far above or below a sample."""
-    near = np.linalg.norm(xy - xy[sample], axis=1) < UNDER_M
-    return bool((others & near & (np.abs(height - height[sample]) > CLEARANCE_M / 2)).any())
+    is_near = np.linalg.norm(xy - xy[sample], axis=1) < UNDER_M
+    return bool((others & is_near & (np.abs(height - height[sample]) > CLEARANCE_M / 2)).any())
 
 
 def _shared(
     ends: Mapping[str, list[int]], level: NDArray[np.int64], starts: list[int]
 ) -> list[tuple[int, int]]:
     """Return (sample, level) of samples that also count for the level of an adjoining road."""
-    found = []
+    extra = []
     bounds = [*starts, len(level)]
     for samples in ends.values():
-        here = {int(level[k]) for k in samples}
+        levels = {int(level[k]) for k in samples}
         for k in samples:
             road = int(np.searchsorted(bounds, k, side="right")) - 1
             first, last = bounds[road], bounds[road + 1]
-            mine = (
+            near_samples = (
                 range(k, min(k + SHARED, last))
                 if k == first
                 else range(max(first, k - SHARED + 1), k + 1)
             )
-            found += [(j, other) for other in here - {int(level[k])} for j in mine]
-    return sorted(set(found))
+            extra += [(j, other) for other in levels - {int(level[k])} for j in near_samples]
+    return sorted(set(extra))

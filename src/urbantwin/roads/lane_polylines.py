@@ -51,18 +51,18 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
         raw: netconvert's network: topology, crossings, walking areas, programs.
         height: heights of the surface, for crossings and walking areas, which the lane model lacks.
     """
-    known = raw.lane_by_id
+    raw_lanes = raw.lane_by_id
     placed: dict[str, Lane] = {}
     chains = []
     for run in sorted(_runs(model), key=_turn):
-        pieces = _named(run, known)
+        pieces = _named(run, raw_lanes)
         chains.append(list(pieces))
         for name, piece in pieces.items():
             # If several movements share a lane, the straightest one determines it.
             if name not in placed:
-                placed[name] = _lane(name, piece, known.get(name))
+                placed[name] = _lane(name, piece, raw_lanes.get(name))
     _join(placed, chains)
-    _draw_to_corners(placed, known, height)
+    _draw_to_corners(placed, raw_lanes, height)
     outlines = {junction.name: junction.outline for junction in model.junctions}
     inside = [lane for lane in raw.lanes if lane.id not in placed]
     ground = dict(zip((lane.id for lane in inside), _on_ground(inside, height), strict=True))
@@ -110,7 +110,7 @@ def _outlined(
 
 def _runs(model: LaneModel) -> list[_Run]:
     """Return all lanes of the model, joined by strip over the sections of a road."""
-    found: list[_Run] = []
+    runs: list[_Run] = []
     for road in model.roads:
         ends = road.section_ends
         stations = _stations(road)
@@ -120,8 +120,8 @@ def _runs(model: LaneModel) -> list[_Run]:
             s = np.concatenate([[section.s], inner, [end]])
             for part in _section_runs(road, k, section, s):
                 parts.setdefault(part.lane.strip, []).append(part)
-        found += [_joined(pieces) for pieces in parts.values()]
-    return found
+        runs += [_joined(pieces) for pieces in parts.values()]
+    return runs
 
 
 def _section_runs(
@@ -209,15 +209,15 @@ def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
         return {names[0]: run}
     share = np.cumsum([max(known[name].length, 1e-3) for name in names])
     cuts = np.concatenate([[0.0], share / share[-1]]) * run.road.length
-    at = run.s if run.lane.forward else run.road.length - run.s
-    found = {}
+    stations = run.s if run.lane.forward else run.road.length - run.s
+    cut_runs = {}
     for name, a, b in zip(names, cuts, cuts[1:], strict=False):
-        inner = at[(at > a + 1e-3) & (at < b - 1e-3)]
+        inner = stations[(stations > a + 1e-3) & (stations < b - 1e-3)]
         where = np.concatenate([[a], inner, [b]])
         columns = (run.s, *run.points.T, run.width)
-        s, x, y, z, width = (np.interp(where, at, value) for value in columns)
-        found[name] = _Run(run.road, run.lane, s, np.column_stack([x, y, z]), width)
-    return found
+        s, x, y, z, width = (np.interp(where, stations, value) for value in columns)
+        cut_runs[name] = _Run(run.road, run.lane, s, np.column_stack([x, y, z]), width)
+    return cut_runs
 
 
 def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
@@ -245,25 +245,27 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
 
 
 #: Minimum cosine between a footway's direction and its extension to its end in the network.
-_AHEAD = 0.5
+_MIN_COSINE = 0.5
 
 
 def _draw_to_corners(
     placed: dict[str, Lane], known: Mapping[str, Lane], height: SurfaceHeight
 ) -> None:
     """Extend footways to their ends in the network, which are not cut back like roads."""
-    found: dict[int, list[tuple[str, int, NDArray[np.float64]]]] = {}
+    extensions: dict[int, list[tuple[str, int, NDArray[np.float64]]]] = {}
     for name, lane in placed.items():
         if name not in known or known[name].kind != "sidewalk":
             continue
         for end, inner in ((0, 1), (-1, -2)):
-            corner, at = known[name].centre[end, :2], lane.centre[end, :2]
-            leg, rest = at - lane.centre[inner, :2], float(np.linalg.norm(corner - at))
+            corner, lane_end = known[name].centre[end, :2], lane.centre[end, :2]
+            leg, rest = lane_end - lane.centre[inner, :2], float(np.linalg.norm(corner - lane_end))
             # An extension beside the end, not ahead of it, would be a jog wider than long.
-            ahead = leg @ (corner - at) > _AHEAD * rest * np.linalg.norm(leg)
+            ahead = leg @ (corner - lane_end) > _MIN_COSINE * rest * np.linalg.norm(leg)
             if ahead and 0.02 < rest < REACH_M:
-                found.setdefault(lane.level, []).append((name, end, np.array([at, corner])))
-    for level, rows in sorted(found.items()):
+                extensions.setdefault(lane.level, []).append(
+                    (name, end, np.array([lane_end, corner]))
+                )
+    for level, rows in sorted(extensions.items()):
         z = height(np.concatenate([xy for _, _, xy in rows]), level).reshape(-1, 2)
         # Only the slope is that of the surface: the footway continues without a step.
         for (name, end, xy), rise in zip(rows, z[:, 1] - z[:, 0], strict=True):
@@ -285,10 +287,10 @@ def _on_ground(lanes: Sequence[Lane], height: SurfaceHeight) -> list[Lane]:
     ]
     result = list(lanes)
     for level in sorted({lane.level for lane in lanes}):
-        mine = [k for k, lane in enumerate(lanes) if lane.level == level]
-        z = height(np.concatenate([places[k] for k in mine]), level)
-        cuts = np.cumsum([len(places[k]) for k in mine])[:-1]
-        for k, heights in zip(mine, np.split(z, cuts), strict=True):
+        on_level = [k for k, lane in enumerate(lanes) if lane.level == level]
+        z = height(np.concatenate([places[k] for k in on_level]), level)
+        cuts = np.cumsum([len(places[k]) for k in on_level])[:-1]
+        for k, heights in zip(on_level, np.split(z, cuts), strict=True):
             centre = np.column_stack([places[k], heights])
             result[k] = dataclasses.replace(lanes[k], centre=centre)
     return result
@@ -298,6 +300,6 @@ def _moved(head: SignalHead, lane: Lane) -> SignalHead:
     """Return a signal with its stop line at the lane's end (or its crossing's start)."""
     if lane.kind == "crossing":
         return head
-    before, at = lane.centre[-2, :2], lane.centre[-1, :2]
-    yaw = float(np.arctan2(*(at - before)[::-1]))
-    return dataclasses.replace(head, x=float(at[0]), y=float(at[1]), yaw=yaw)
+    before, end = lane.centre[-2, :2], lane.centre[-1, :2]
+    yaw = float(np.arctan2(*(end - before)[::-1]))
+    return dataclasses.replace(head, x=float(end[0]), y=float(end[1]), yaw=yaw)

@@ -42,8 +42,8 @@ def zip_merging_lanes(net: Path) -> int:
             if item.get("tl") is None and edges[item.get("to")].get("function") is None:
                 merging[item.get("from"), item.get("to"), item.get("toLane")].append(row)
         for together in merging.values():
-            others = (_marked(table[row].get("response")) - set(together) for row in together)
-            if len(together) < 2 or any(others):
+            foreign = (_marked(table[row].get("response")) - set(together) for row in together)
+            if len(together) < 2 or any(foreign):
                 continue
             zipped += 1
             for row in together:

@@ -80,10 +80,10 @@ def sumo_home() -> Path:
     Raises:
         StageError: the package is not installed.
     """
-    found = importlib.util.find_spec("sumo")
-    if found is None or not found.submodule_search_locations:
+    spec = importlib.util.find_spec("sumo")
+    if spec is None or not spec.submodule_search_locations:
         raise StageError("SUMO is not installed: pip install eclipse-sumo")
-    return Path(found.submodule_search_locations[0])
+    return Path(spec.submodule_search_locations[0])
 
 
 def sumo_binary(name: str) -> Path:
@@ -144,8 +144,8 @@ def sumo_network(
         plain = plain if reshape is None else reshape(plain)
         plain, loops = _without_self_loops(plain)
         apart = [
-            f"{sign}{way}{piece}"
-            for way in keep_apart
+            f"{sign}{way_id}{piece}"
+            for way_id in keep_apart
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
@@ -183,9 +183,9 @@ def _make(
         # netconvert loses crossed edges when it joins edges.
         crossed = {edge for crossing in plain.crossings for edge in crossing.edges}
         keep = ",".join([*apart, *sorted(crossed)])
-        told = ["--geometry.remove.keep-edges.explicit", keep] if keep else []
-        warnings = run_netconvert([*write_plain(made, plain), *options, *told], raw)
-        nowhere = {frozenset(found[1].split()) for found in map(NOWHERE.search, warnings) if found}
+        keep_option = ["--geometry.remove.keep-edges.explicit", keep] if keep else []
+        warnings = run_netconvert([*write_plain(made, plain), *options, *keep_option], raw)
+        nowhere = {frozenset(match[1].split()) for match in map(NOWHERE.search, warnings) if match}
         dropped = any(DROPPED in line for line in warnings)
         if not nowhere or not dropped or attempt == MOST_ATTEMPTS - 1:
             break
@@ -237,7 +237,7 @@ def run_netconvert(options: list[str], raw: Path) -> list[str]:
         StageError: it failed.
     """
     command = [str(sumo_binary("netconvert")), *options, "--output-file", str(raw)]
-    done = subprocess.run(
+    process = subprocess.run(
         command,
         capture_output=True,
         encoding="utf-8",
@@ -245,8 +245,8 @@ def run_netconvert(options: list[str], raw: Path) -> list[str]:
         check=False,
         env=sumo_environment(),
     )
-    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    if done.returncode or not raw.exists():
+    lines = [line.strip() for line in process.stderr.splitlines() if line.strip()]
+    if process.returncode or not raw.exists():
         errors = [line for line in lines if line.startswith("Error")] or lines[-1:]
         raise StageError(f"netconvert failed: {' '.join(errors[:2]) or 'no message'}")
     return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning")]

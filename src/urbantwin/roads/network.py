@@ -46,7 +46,7 @@ SEAM_M, FIN_M, SPECK_M2 = 0.6, 0.4, 0.5
 #: Tolerance for parts at the end of a crossing, metres.
 END_M = 0.05
 #: Maximum width of a lane, metres, and maximum level of a road.
-_WIDEST_M, _HIGHEST = 1000.0, 100
+_WIDEST_M, _MAX_LEVEL = 1000.0, 100
 
 
 @dataclass(frozen=True)
@@ -238,11 +238,11 @@ class RoadNetwork:
     @cached_property
     def lanes_into(self) -> dict[str, tuple[str, ...]]:
         """Lane id -> ids of the lanes that lead to it."""
-        found: dict[str, list[str]] = {}
+        feeders: dict[str, list[str]] = {}
         for lane in self.lanes:
             for name in lane.successors:
-                found.setdefault(name, []).append(lane.id)
-        return {name: tuple(before) for name, before in found.items()}
+                feeders.setdefault(name, []).append(lane.id)
+        return {name: tuple(before) for name, before in feeders.items()}
 
     def lanes_beyond(self, lane: Lane) -> Iterator[Lane]:
         """Yield the first lanes of roads beyond the junction that a lane leads to."""
@@ -375,8 +375,8 @@ class RoadNetwork:
                 place="driving_side",
                 expected="right or left",
             )
-        known = self.lane_by_id
-        if len(known) < len(self.lanes):
+        lane_of = self.lane_by_id
+        if len(lane_of) < len(self.lanes):
             raise InputError("has a lane twice", file=file, place="lanes")
         for number, lane in enumerate(self.lanes):
             place = f"lanes[{number}]"
@@ -384,7 +384,7 @@ class RoadNetwork:
                 raise InputError(
                     "is not a lane", file=file, place=place, expected="a line with its widths"
                 )
-            if not 0 <= lane.width <= _WIDEST_M or not 0 <= lane.level <= _HIGHEST:
+            if not 0 <= lane.width <= _WIDEST_M or not 0 <= lane.level <= _MAX_LEVEL:
                 raise InputError(
                     "is not a lane", file=file, place=place, expected="a width, a level"
                 )
@@ -395,18 +395,18 @@ class RoadNetwork:
                 raise InputError("is not a track", file=file, place=f"tracks[{number}]")
         if not {stop.lane for stop in self.tram_stops} <= rails:
             raise InputError("names a track that is not there", file=file, place="tram_stops")
-        named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
-        named += [(f"stops[{k}].lane", (one.lane,)) for k, one in enumerate(self.stops)]
+        named = [(f"roads[{k}].lanes", road.lanes) for k, road in enumerate(self.roads)]
+        named += [(f"stops[{k}].lane", (stop.lane,)) for k, stop in enumerate(self.stops)]
         for place, names in named:
-            if not set(names) <= known.keys():
+            if not set(names) <= lane_of.keys():
                 raise InputError("names a lane that is not there", file=file, place=place)
 
 
 def _reached(area: shapely.Geometry, driven: shapely.Geometry) -> shapely.Geometry:
     """Return the parts of an area that traffic reaches through more than a narrow neck."""
     parts = shapely.get_parts(area.buffer(-NECK_M))
-    kept = [part for part in parts if part.intersection(driven).area > NECK_M]
-    return area_intersection(area, area_union(kept).buffer(2 * NECK_M))
+    wide_parts = [part for part in parts if part.intersection(driven).area > NECK_M]
+    return area_intersection(area, area_union(wide_parts).buffer(2 * NECK_M))
 
 
 def _between_kerbs(lane: Lane, driven: shapely.Geometry) -> list[shapely.Geometry]:

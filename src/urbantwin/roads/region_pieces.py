@@ -58,8 +58,8 @@ class RegionPieces:
     def with_others(self, pieces: Sequence[WayPiece]) -> tuple[WayPiece, ...]:
         """Return other pieces followed by the roads before portals, with unique ids."""
         unused = max((piece.id for piece in (*pieces, *self.before_portals)), default=0) + 1
-        own = (replace(piece, id=unused + k) for k, piece in enumerate(self.before_portals))
-        return (*pieces, *own)
+        renumbered = (replace(piece, id=unused + k) for k, piece in enumerate(self.before_portals))
+        return (*pieces, *renumbered)
 
     @property
     def ground_before_portals(self) -> list[shapely.Geometry]:
@@ -122,20 +122,20 @@ def region_pieces(
         ways: the streets.
         tunnels: streets in tunnels.
     """
-    below = {way.id for way in tunnels}
+    below = {osm_way.id for osm_way in tunnels}
     pieces = extract.clipped(frame, region, [*ways, *tunnels])
     open_pieces = [piece for piece in pieces if piece.way not in below]
-    kept, left_out = main_component(_parts(open_pieces, extract.nodes))
+    main, left_out = main_component(_parts(open_pieces, extract.nodes))
     if tunnels and left_out:
         more, _ = main_component(_parts(pieces, extract.nodes))
-        portals = {piece.id for piece in open_pieces if piece.id in more} - kept
-        others = [piece for piece in open_pieces if piece.id not in portals]
-        rest = _parts(others, extract.nodes)
+        portals = {piece.id for piece in open_pieces if piece.id in more} - main
+        linked = [piece for piece in open_pieces if piece.id not in portals]
+        rest = _parts(linked, extract.nodes)
         _, left_out = main_component(rest)
     else:
         portals = set()
     return RegionPieces(
-        tuple(piece for piece in open_pieces if piece.id in kept),
+        tuple(piece for piece in open_pieces if piece.id in main),
         tuple(piece for piece in open_pieces if piece.id in portals),
         tuple(left_out),
     )
@@ -164,20 +164,20 @@ def _carriageways(
     exits: list[CutEnd] = []
     entries: list[CutEnd] = []
     for piece in pieces:
-        way = one_way(piece.tags)
-        if way == "both" or not is_driven(piece.tags):
+        oneway = one_way(piece.tags)
+        if oneway == "both" or not is_driven(piece.tags):
             continue
-        points = piece.points if way == "forward" else piece.points[::-1]
-        nodes = piece.nodes if way == "forward" else piece.nodes[::-1]
+        points = piece.points if oneway == "forward" else piece.points[::-1]
+        nodes = piece.nodes if oneway == "forward" else piece.nodes[::-1]
         if nodes[0] not in known:
             entries.append(CutEnd(piece.id, points[0], outward(points)))
         if nodes[-1] not in known:
             exits.append(CutEnd(piece.id, points[-1], outward(points[::-1])))
-    found = defaultdict[int, list[Hashable]](list)
+    links = defaultdict[int, list[Hashable]](list)
     for a, b in near_pairs(exits, entries):
-        for one in (a, b):
-            found[one.piece].append(("beside", a.piece, b.piece))
-    return found
+        for end in (a, b):
+            links[end.piece].append(("beside", a.piece, b.piece))
+    return links
 
 
 def main_component(parts: Mapping[Key, Part]) -> tuple[set[Key], list[LeftOut]]:
@@ -197,21 +197,21 @@ def main_component(parts: Mapping[Key, Part]) -> tuple[set[Key], list[LeftOut]]:
     )
     if not len(weight):
         return set(), []
-    kept = {int(np.argmax(weight))} | {k for k, lanes in enumerate(weight) if lanes == 0.0}
+    kept_ids = {int(np.argmax(weight))} | {k for k, lanes in enumerate(weight) if lanes == 0.0}
     lines = {k: shapely.MultiLineString([parts[key].line for key, n in
              zip(keys, numbers, strict=True) if n == k]) for k in range(len(weight))}  # fmt: skip
     grown = {int(np.argmax(weight))}
     while grown:
-        near = shapely.union_all([lines[k] for k in sorted(grown)])
-        grown = {k for k in lines if k not in kept and shapely.crosses(lines[k], near)}
-        kept |= grown
+        network = shapely.union_all([lines[k] for k in sorted(grown)])
+        grown = {k for k in lines if k not in kept_ids and shapely.crosses(lines[k], network)}
+        kept_ids |= grown
     left = []
-    for k in sorted(set(range(len(weight))) - kept):
-        mine = [parts[key] for key, n in zip(keys, numbers, strict=True) if n == k]
-        names = tuple(dict.fromkeys(part.name for part in mine if part.name))
-        left.append(LeftOut(len(mine), float(sum(part.line.length for part in mine)), names))
+    for k in sorted(set(range(len(weight))) - kept_ids):
+        members = [parts[key] for key, n in zip(keys, numbers, strict=True) if n == k]
+        names = tuple(dict.fromkeys(part.name for part in members if part.name))
+        left.append(LeftOut(len(members), float(sum(part.line.length for part in members)), names))
     left.sort(key=lambda item: (-item.metres, item.names))
-    return {key for key, n in zip(keys, numbers, strict=True) if n in kept}, left
+    return {key for key, n in zip(keys, numbers, strict=True) if n in kept_ids}, left
 
 
 def _components(parts: list[Part]) -> list[int]:

@@ -54,8 +54,8 @@ def standing_on_ground(mesh: LabelledMesh, elevation: Elevation) -> list[shapely
     corners = mesh.vertices[mesh.faces[solid]]
     ground = elevation.raw_at(corners[..., :2].mean(axis=1))
     low, high = corners[..., 2].min(axis=1) - ground, corners[..., 2].max(axis=1) - ground
-    met = corners[(high > KNEE_M) & (low < HEAD_M)]
-    return list(shapely.convex_hull(shapely.linestrings(met[..., :2])))
+    obstructing = corners[(high > KNEE_M) & (low < HEAD_M)]
+    return list(shapely.convex_hull(shapely.linestrings(obstructing[..., :2])))
 
 
 def islands(features: Iterable[OsmFeature]) -> list[shapely.Geometry]:
@@ -78,10 +78,10 @@ def warnings_of_ways(
         if lane.kind != "connection" or "car" not in lane.allowed:
             continue
         line = shapely.LineString(lane.centre[:, :2])
-        near = tree.query(line, predicate="dwithin", distance=HALF_CAR_M)
-        if len(near):
-            met = shapely.shortest_line(line, standing[int(near[0])])
-            over.append(shapely.get_coordinates(met)[0])
+        near_index = tree.query(line, predicate="dwithin", distance=HALF_CAR_M)
+        if len(near_index):
+            contact = shapely.shortest_line(line, standing[int(near_index[0])])
+            over.append(shapely.get_coordinates(contact)[0])
     if not over:
         return ()
     places = ", ".join(f"{x:.1f}, {y:.1f} m" for x, y in over[:NAMED])
@@ -110,49 +110,49 @@ def round_standing(
         beside: key of each path, equal for parallel ones.
         standing: outlines of static obstacles, site frame.
     """
-    things = _things(standing, curves)
-    if not things:
+    obstacles = _merged_obstacles(standing, curves)
+    if not obstacles:
         return {}
     groups: dict[Hashable, list[int]] = defaultdict(list)
     for k, name in enumerate(beside):
         groups[name].append(k)
-    tree = shapely.STRtree(things)
-    found: dict[int, Curve] = {}
-    for mine in groups.values():
-        old = {k: _line(curves[k]) for k in mine}
+    tree = shapely.STRtree(obstacles)
+    moved: dict[int, Curve] = {}
+    for group in groups.values():
+        old = {k: _line(curves[k]) for k in group}
         whole = [shapely.LineString(line) for line in old.values()]
-        near = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
+        near_index = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
         lines = old
         # Obstacles are processed one by one; a displaced path may come close to the next.
-        for number in np.unique(near).tolist():
-            thing = things[number]
-            if any(_inner(line).distance(thing) < NEAR_M for line in lines.values()):
-                lines = _moved(lines, thing) or lines
+        for number in np.unique(near_index).tolist():
+            obstacle = obstacles[number]
+            if any(_inner(line).distance(obstacle) < NEAR_M for line in lines.values()):
+                lines = _moved(lines, obstacle) or lines
         if lines is not old:
-            for k in mine:
+            for k in group:
                 start, end = curves[k].at([0.0, curves[k].length])[:, 2]
-                found[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
-    return found
+                moved[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
+    return moved
 
 
-def _things(
+def _merged_obstacles(
     standing: Sequence[shapely.Geometry], curves: Sequence[Curve]
 ) -> list[shapely.Geometry]:
     """Return obstacles near paths, merged if near each other, in a fixed order."""
     if not len(standing) or not len(curves):
         return []
     lines = [curve.line for curve in curves]
-    found = shapely.STRtree(standing).query(lines, predicate="dwithin", distance=CLEAR_M + MOST_M)[
-        1
-    ]
-    near = [standing[k] for k in np.unique(found)]
-    if not near:
+    near_index = shapely.STRtree(standing).query(
+        lines, predicate="dwithin", distance=CLEAR_M + MOST_M
+    )[1]
+    close = [standing[k] for k in np.unique(near_index)]
+    if not close:
         return []
-    tree = shapely.STRtree(near)
-    grown = shapely.union_all([one.buffer(ONE_THING_M / 2) for one in near])
+    tree = shapely.STRtree(close)
+    grown = shapely.union_all([obstacle.buffer(ONE_THING_M / 2) for obstacle in close])
     parts = sorted(shapely.get_parts(grown), key=lambda part: part.bounds)
     return [
-        shapely.union_all([near[k] for k in np.sort(tree.query(part, "intersects"))])
+        shapely.union_all([close[k] for k in np.sort(tree.query(part, "intersects"))])
         for part in parts
     ]
 
@@ -172,19 +172,19 @@ def _moved(
     lines: Mapping[int, NDArray[np.float64]], thing: shapely.Geometry
 ) -> dict[int, NDArray[np.float64]] | None:
     """Return lines moved around an obstacle; ``None`` if no displacement clears it."""
-    before = {way: _radius(line) for way, line in lines.items()}
-    for by, reach in _moves():
-        moved = {way: _bent(line, thing, by, reach) for way, line in lines.items()}
+    before = {index: _radius(line) for index, line in lines.items()}
+    for by, reach in _displacements():
+        moved = {index: _displaced(line, thing, by, reach) for index, line in lines.items()}
         if all(
             _inner(line).distance(thing) >= CLEAR_M
-            and _radius(line) >= min(TIGHTEST_M, before[way])
-            for way, line in moved.items()
+            and _radius(line) >= min(TIGHTEST_M, before[index])
+            for index, line in moved.items()
         ):
             return moved
     return None
 
 
-def _moves() -> Iterator[tuple[float, float]]:
+def _displacements() -> Iterator[tuple[float, float]]:
     """Yield displacement to the left and transition length, in order of increasing cost."""
     for k in range(1, round(MOST_M / STEP_M) + 1):
         for reach in REACHES_M[::-1]:
@@ -192,15 +192,15 @@ def _moves() -> Iterator[tuple[float, float]]:
                 yield sign * k * STEP_M, reach
 
 
-def _bent(
+def _displaced(
     line: NDArray[np.float64], thing: shapely.Geometry, by: float, reach: float
 ) -> NDArray[np.float64]:
     """Return a line moved ``by`` metres to the left at an obstacle, with a smooth transition."""
     along = stations_of_points(line)
     distance = shapely.distance(shapely.points(line), thing)
-    at = float(along[int(distance.argmin())])
-    room = np.where(along < at, at, along[-1] - at)
-    share = np.clip(np.abs(along - at) / np.maximum(np.minimum(reach, room), 1e-6), 0.0, 1.0)
+    station_m = float(along[int(distance.argmin())])
+    room = np.where(along < station_m, station_m, along[-1] - station_m)
+    share = np.clip(np.abs(along - station_m) / np.maximum(np.minimum(reach, room), 1e-6), 0.0, 1.0)
     leg = np.gradient(line, axis=0)
     pose = np.column_stack([line, np.arctan2(leg[:, 1], leg[:, 0])])
     return aside(pose, by * (1.0 - share * share * (3.0 - 2.0 * share)))

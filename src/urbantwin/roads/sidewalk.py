@@ -102,10 +102,10 @@ def _has_twin(
     for k in np.flatnonzero(shapely.intersects(probe, others)).tolist():
         other = others[k]
         meet = shapely.intersection(probe, other)
-        at = other.project(shapely.Point(shapely.get_coordinates(meet)[0]))
+        along = other.project(shapely.Point(shapely.get_coordinates(meet)[0]))
         step = min(1.0, other.length / 2)
         a, b = (
-            shapely.get_coordinates(other.interpolate(np.clip(at + d, 0, other.length)))[0]
+            shapely.get_coordinates(other.interpolate(np.clip(along + d, 0, other.length)))[0]
             for d in (-step, step)
         )
         if np.dot(b - a, direction) / max(float(np.linalg.norm(b - a)), 1e-9) < -0.7:

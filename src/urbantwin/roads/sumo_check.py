@@ -14,9 +14,9 @@ from urbantwin.number_text import finite_number, whole_number
 __all__ = ["check_sumo_network", "reading_sumo_network"]
 
 _EXPECTED = "a SUMO network, as netconvert writes it"
-_LARGEST = 1e7
+_MAX_COORDINATE = 1e7
 #: Required attributes of elements: texts, numbers within bounds, whole numbers, and shapes.
-_TEXTS = {
+_TEXT_ATTRIBUTES = {
     "lane": ("id",),
     "junction": ("id", "type"),
     "connection": ("from", "to"),
@@ -25,12 +25,15 @@ _TEXTS = {
     "request": ("response", "foes"),
 }
 _NUMBERS = {
-    "lane": {"speed": (1e-6, 1000.0), "length": (1e-6, _LARGEST), "width": (0.0, 1000.0)},
-    "junction": {"x": (-_LARGEST, _LARGEST), "y": (-_LARGEST, _LARGEST)},
+    "lane": {"speed": (1e-6, 1000.0), "length": (1e-6, _MAX_COORDINATE), "width": (0.0, 1000.0)},
+    "junction": {
+        "x": (-_MAX_COORDINATE, _MAX_COORDINATE),
+        "y": (-_MAX_COORDINATE, _MAX_COORDINATE),
+    },
     "phase": {"duration": (1e-3, 1e6)},
     "tlLogic": {"offset": (-1e9, 1e9)},
 }
-_WHOLE = {
+_INTEGER_ATTRIBUTES = {
     "lane": ("index",),
     "connection": ("fromLane", "toLane", "linkIndex"),
     "request": ("index",),
@@ -54,7 +57,7 @@ def check_sumo_network(path: Path) -> None:
         for item in root.iter(etree.Element):
             problem = _problem_of(item)
             if problem:
-                raise _wrong(problem, path, item)
+                raise _input_error(problem, path, item)
         _check_names(root, path)
 
 
@@ -78,14 +81,14 @@ def reading_sumo_network(path: Path) -> Iterator[None]:
         raise InputError(problem, file=path, expected=_EXPECTED) from None
 
 
-def _wrong(problem: str, path: Path, item: etree._Element) -> InputError:
+def _input_error(problem: str, path: Path, item: etree._Element) -> InputError:
     return InputError(problem, file=path, place=f"line {item.sourceline}", expected=_EXPECTED)
 
 
 def _problem_of(item: etree._Element) -> str | None:
     """Return the error message of an element, apart from references; ``None`` if it is valid."""
     tag = item.tag
-    for name in _TEXTS.get(tag, ()):
+    for name in _TEXT_ATTRIBUTES.get(tag, ()):
         if not item.get(name) and tag != "request":
             return f"{tag} has no {name}"
     for name, (low, high) in _NUMBERS.get(tag, {}).items():
@@ -94,7 +97,7 @@ def _problem_of(item: etree._Element) -> str | None:
         value = finite_number(item.get(name))
         if value is None or not low <= value <= high:
             return f"{tag} has no {name} that can be"
-    for name in _WHOLE.get(tag, ()):
+    for name in _INTEGER_ATTRIBUTES.get(tag, ()):
         if name in _OPTIONAL and not item.get(name):
             continue
         number = whole_number(item.get(name))
@@ -108,10 +111,10 @@ def _problem_of(item: etree._Element) -> str | None:
 def _is_shape(item: etree._Element) -> bool:
     least = 2 if item.tag == "lane" else 0
     points = (item.get("shape") or "").split()
-    numbers = [[finite_number(one) for one in point.split(",")] for point in points]
+    numbers = [[finite_number(word) for word in point.split(",")] for point in points]
     return len(points) >= least and all(
-        len(one) in (2, 3) and all(v is not None and abs(v) <= _LARGEST for v in one)
-        for one in numbers
+        len(row) in (2, 3) and all(v is not None and abs(v) <= _MAX_COORDINATE for v in row)
+        for row in numbers
     )
 
 
@@ -124,45 +127,45 @@ def _check_names(root: etree._Element, path: Path) -> None:
     for edge in edges.values():
         own = edge.findall("lane")
         if not own or [lane.get("index") for lane in own] != [str(k) for k in range(len(own))]:
-            raise _wrong("edge has no lanes in order", path, edge)
+            raise _input_error("edge has no lanes in order", path, edge)
         lanes |= {lane.get("id"): lane for lane in own}
         inside = bool(edge.get("function"))
         ends = [] if inside else [edge.get("from"), edge.get("to")]
         crossed = edge.get("crossingEdges", "").split()
-        if any(end not in junctions for end in ends) or any(one not in edges for one in crossed):
-            raise _wrong("edge names what is not there", path, edge)
+        if any(end not in junctions for end in ends) or any(name not in edges for name in crossed):
+            raise _input_error("edge names what is not there", path, edge)
         if any(lane.get("id") != f"{edge.get('id')}_{k}" for k, lane in enumerate(own)):
-            raise _wrong("edge has lanes of another", path, edge)
+            raise _input_error("edge has lanes of another", path, edge)
     for junction in junctions.values():
         named = f"{junction.get('incLanes', '')} {junction.get('intLanes', '')}".split()
-        if any(one not in lanes for one in named):
-            raise _wrong("junction names a lane that is not there", path, junction)
+        if any(name not in lanes for name in named):
+            raise _input_error("junction names a lane that is not there", path, junction)
     states = {name: _width_of(logic, path) for name, logic in logics.items()}
     for item in root.iter("connection"):
-        ends = [f"{item.get(one)}_{item.get(one + 'Lane')}" for one in ("from", "to")]
+        ends = [f"{item.get(end)}_{item.get(end + 'Lane')}" for end in ("from", "to")]
         ends += [item.get("via")] if item.get("via") else []
-        if any(one not in lanes for one in ends):
-            raise _wrong("connection names a lane that is not there", path, item)
+        if any(name not in lanes for name in ends):
+            raise _input_error("connection names a lane that is not there", path, item)
         program = item.get("tl")
         if program and not int(item.get("linkIndex") or -1) < states.get(program, 0):
-            raise _wrong("connection names a signal that is not there", path, item)
+            raise _input_error("connection names a signal that is not there", path, item)
         if program and not item.get("linkIndex"):
-            raise _wrong("connection has no linkIndex", path, item)
+            raise _input_error("connection has no linkIndex", path, item)
 
 
 def _named(root: etree._Element, tag: str, path: Path) -> dict[str, etree._Element]:
-    found: dict[str, etree._Element] = {}
+    elements: dict[str, etree._Element] = {}
     for item in root.iter(tag):
         name = item.get("id")
-        if not name or name in found:
-            raise _wrong(f"{tag} has no id of its own", path, item)
-        found[name] = item
-    return found
+        if not name or name in elements:
+            raise _input_error(f"{tag} has no id of its own", path, item)
+        elements[name] = item
+    return elements
 
 
 def _width_of(logic: etree._Element, path: Path) -> int:
     """Return the number of links in a program's states, which is equal in all phases."""
     widths = {len(phase.get("state")) for phase in logic.iter("phase")}
     if len(widths) != 1:
-        raise _wrong("tlLogic has states of different lengths", path, logic)
+        raise _input_error("tlLogic has states of different lengths", path, logic)
     return widths.pop()

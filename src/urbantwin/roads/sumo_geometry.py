@@ -40,7 +40,7 @@ class Walls:
     """
 
     def __init__(self, buildings: Sequence[shapely.Polygon], driving_side: str) -> None:
-        self._tree = shapely.STRtree([one.buffer(CLEAR_M) for one in buildings])
+        self._tree = shapely.STRtree([building.buffer(CLEAR_M) for building in buildings])
         self._inwards = 1 if driving_side == "right" else -1
 
     def walked(self, lane: Lane) -> tuple[NDArray[np.float64], float | None]:
@@ -54,17 +54,17 @@ class Walls:
             lane: the sidewalk.
         """
         line = lane.centre[:, :2]
-        near = self._tree.query(shapely.LineString(line), predicate="intersects")
-        if not len(near) or lane.level:
+        wall_index = self._tree.query(shapely.LineString(line), predicate="intersects")
+        if not len(wall_index) or lane.level:
             return line, max(float(lane.widths.min()), BAND_M) if len(lane.widths) else None
-        taken = shapely.union_all(self._tree.geometries[np.sort(near)])
+        walls = shapely.union_all(self._tree.geometries[np.sort(wall_index)])
         points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), STEP_M))
         leg = np.diff(points, axis=0)
         leg = np.vstack([leg[:1], leg[:-1] + leg[1:], leg[-1:]])
         inwards = self._inwards * np.column_stack([-leg[:, 1], leg[:, 0]])
         inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-9)
         across = shapely.linestrings(np.stack([points, points + MOST_M * inwards], axis=1))
-        free = shapely.difference(across, taken)
+        free = shapely.difference(across, walls)
         move = np.nan_to_num(shapely.distance(shapely.points(points), free), nan=0.0)
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         ramp = TAPER * along

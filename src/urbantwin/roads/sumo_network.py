@@ -78,7 +78,7 @@ def read_sumo_network(
                 Road(
                     id=edge.get("id"),
                     name=edge.get("name", ""),
-                    ways=_ways(edge, origin),
+                    ways=_osm_way_ids(edge, origin),
                     kind=edge.get("type", "").split("|")[-1].removeprefix("highway."),
                     lanes=tuple(str(row["id"]) for row in rows),
                     from_junction=edge.get("from"),
@@ -122,7 +122,7 @@ def _shared_lanes(
         edges: edges of streets with one lane for both directions.
         driving_side: ``right`` or ``left``.
     """
-    found: dict[str, Lane] = {}
+    shared: dict[str, Lane] = {}
     edge_of = {(edge.id, edge.from_junction, edge.to_junction): edge for edge in edges}
     inward = 1 if driving_side == "right" else -1
     for edge in edges:
@@ -134,8 +134,8 @@ def _shared_lanes(
         centre = lane.centre.copy()
         centre[:, :2] = moved_left(centre[:, :2], inward * half.width / 2)
         width = lane.width + half.width
-        found[lane.id] = replace(lane, centre=centre, width=width, opposite=half.id)
-    return found
+        shared[lane.id] = replace(lane, centre=centre, width=width, opposite=half.id)
+    return shared
 
 
 def edges_of_pieces(net: Path, pieces: Set[int]) -> frozenset[str]:
@@ -144,8 +144,8 @@ def edges_of_pieces(net: Path, pieces: Set[int]) -> frozenset[str]:
 
 
 def _edges_of_pieces(root: etree._Element, pieces: Set[int]) -> frozenset[str]:
-    own = ((str(edge.get("id")), _ways(edge, {})) for edge in root.iterfind("edge"))
-    return frozenset(name for name, found in own if found and set(found) <= pieces)
+    ways_of = ((str(edge.get("id")), _osm_way_ids(edge, {})) for edge in root.iterfind("edge"))
+    return frozenset(name for name, ids in ways_of if ids and set(ids) <= pieces)
 
 
 def _shape(item: etree._Element) -> NDArray[np.float64]:
@@ -153,16 +153,16 @@ def _shape(item: etree._Element) -> NDArray[np.float64]:
     return np.array([[float(v) for v in p.split(",")[:2]] for p in text.split()]).reshape(-1, 2)
 
 
-def _ways(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
-    found: set[int] = set()
+def _osm_way_ids(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
+    way_ids: set[int] = set()
     for item in edge.iter("param"):
         if item.get("key") == "origId":
             for word in item.get("value").split():
                 if word.lstrip("-").isdigit():
                     piece = abs(int(word))
-                    found.add(origin.get(piece, piece))
-    found.discard(0)  # pieces that are not in the map
-    return tuple(sorted(found))
+                    way_ids.add(origin.get(piece, piece))
+    way_ids.discard(0)  # pieces that are not in the map
+    return tuple(sorted(way_ids))
 
 
 def _last_part(edge: etree._Element) -> str:
@@ -177,18 +177,18 @@ def _last_part(edge: etree._Element) -> str:
 
 
 def _edge_level(edge: etree._Element, level_of_way: dict[int, int], origin: dict[int, int]) -> int:
-    return min((level_of_way.get(way, 0) for way in _ways(edge, origin)), default=0)
+    return min((level_of_way.get(way_id, 0) for way_id in _osm_way_ids(edge, origin)), default=0)
 
 
 def _junction_levels(root: etree._Element, levels: dict[str, int]) -> dict[str, int]:
     """Return the level of each junction: that of its lowest road."""
-    found: dict[str, int] = {}
+    lowest: dict[str, int] = {}
     for edge in root.findall("edge"):
         if edge.get("function") is None:
             for end in (edge.get("from"), edge.get("to")):
                 level = levels[edge.get("id")]
-                found[end] = min(found.get(end, level), level)
-    return found
+                lowest[end] = min(lowest.get(end, level), level)
+    return lowest
 
 
 def _connections(
@@ -238,8 +238,8 @@ def _lane(
 
 def _marking(item: etree._Element) -> str:
     """Return the marking of a crossing from its parameters; empty if there is none."""
-    told = (row.get("value") for row in item.iterfind("param") if row.get("key") == "marking")
-    return next(told, "")
+    values = (row.get("value") for row in item.iterfind("param") if row.get("key") == "marking")
+    return next(values, "")
 
 
 def _allowed(item: etree._Element) -> tuple[str, ...]:
@@ -268,6 +268,6 @@ def _head(program: str, lane: Lane, links: list[int]) -> SignalHead:
     """Return the signal of a lane: at a vehicle lane's end, or at a crossing's start."""
     xy = lane.centre[:, :2]
     a, b = (xy[0], xy[1]) if lane.kind == "crossing" else (xy[-2], xy[-1])
-    at = a if lane.kind == "crossing" else b
+    stop = a if lane.kind == "crossing" else b
     yaw = math.atan2(*(b - a)[::-1])
-    return SignalHead(program, tuple(sorted(links)), lane.id, float(at[0]), float(at[1]), yaw)
+    return SignalHead(program, tuple(sorted(links)), lane.id, float(stop[0]), float(stop[1]), yaw)
