@@ -183,13 +183,13 @@ def _by_id(
     path: Path, kind: str, items: Iterable[_Numbered], dropped: list[InputError]
 ) -> dict[int, _Numbered]:
     """Return items by id, the first of each."""
-    found: dict[int, _Numbered] = {}
+    by_id: dict[int, _Numbered] = {}
     for item in items:
-        if item.id in found:
+        if item.id in by_id:
             place = f"{kind} {item.id}"
             dropped.append(InputError("has the id of another one", file=path, place=place))
-        found.setdefault(item.id, item)
-    return found
+        by_id.setdefault(item.id, item)
+    return by_id
 
 
 def places_in(read: MapFile) -> NDArray[np.float64]:
@@ -268,8 +268,8 @@ def _line(path: Path, place: str, fields: dict[str, object], name: str) -> NDArr
 
 def city_of(path: Path) -> str | None:
     """Return the city in a map's file name; ``None`` if it names no known city."""
-    found = _NAME.search(path.name)
-    return found[1] if found and found[1] in CITIES else None
+    match = _NAME.search(path.name)
+    return match[1] if match and match[1] in CITIES else None
 
 
 def is_placed(path: Path) -> bool:

@@ -69,12 +69,12 @@ def drivable_area(path: Path, frame: SiteFrame) -> shapely.Geometry:
 def translate(path: Path, frame: SiteFrame) -> Translation:
     """Return the result of ``read_argoverse`` with the place of each lane segment in the model."""
     read = read_file(path)
-    found = translated(lanelets_of_map(read), frame)
-    found.notes["speeds"] = "none in the map: 50 km/h, bicycle lanes 25 km/h"
+    translation = translated(lanelets_of_map(read), frame)
+    translation.notes["speeds"] = "none in the map: 50 km/h, bicycle lanes 25 km/h"
     beyond = {i for s in read.segments.values() for i in s.successors} - set(read.segments)
     if beyond:
-        found.notes["successors_beyond_the_map"] = len(beyond)
-    return found
+        translation.notes["successors_beyond_the_map"] = len(beyond)
+    return translation
 
 
 def lanelets_of_map(read: MapFile) -> Document:
@@ -151,9 +151,9 @@ class _Drawn:
     def _join(self) -> None:
         """Merge the ends of consecutive segments that differ by rounding."""
         segments = self.read.segments
-        for one in segments.values():
-            for two in (segments[i] for i in one.successors if i in segments):
-                for a, b in ((one.left[-1], two.left[0]), (one.right[-1], two.right[0])):
+        for first in segments.values():
+            for second in (segments[i] for i in first.successors if i in segments):
+                for a, b in ((first.left[-1], second.left[0]), (first.right[-1], second.right[0])):
                     if np.linalg.norm(a[:2] - b[:2]) <= SAME_M:
                         key = round(float(b[0]), 3), round(float(b[1]), 3)
                         self._numbers.setdefault(key, self._number(a))
@@ -168,16 +168,16 @@ class _Drawn:
         ids = [n for k, n in enumerate(ids) if k == 0 or n != ids[k - 1]]
         if len(set(ids)) < 2:
             raise InputError("has a boundary without length", file=self.read.path)
-        way = self._ways.get(tuple(ids))
-        turned = way is None and tuple(ids[::-1]) in self._ways
+        way_id = self._ways.get(tuple(ids))
+        turned = way_id is None and tuple(ids[::-1]) in self._ways
         if turned:
-            way = self._ways[tuple(ids[::-1])]
-        elif way is None:
-            way = self._ways[tuple(ids)] = len(self._ways) + 1
-            self.ways[way] = Way(tuple(ids), _paint(mark, turned=False))
-        if self.ways[way].tags["type"] == "virtual":
-            self.ways[way] = Way(self.ways[way].nodes, _paint(mark, turned=turned))
-        return way
+            way_id = self._ways[tuple(ids[::-1])]
+        elif way_id is None:
+            way_id = self._ways[tuple(ids)] = len(self._ways) + 1
+            self.ways[way_id] = Way(tuple(ids), _paint(mark, turned=False))
+        if self.ways[way_id].tags["type"] == "virtual":
+            self.ways[way_id] = Way(self.ways[way_id].nodes, _paint(mark, turned=turned))
+        return way_id
 
     def nodes(self) -> dict[int, Node]:
         """Return all points, in degrees if the map's city is known, else in its own x and y."""

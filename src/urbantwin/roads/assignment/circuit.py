@@ -23,7 +23,7 @@ __all__ = ["Circuit"]
 #: Penalty for a route over another gate, seconds.
 _DETOUR_S = 1000.0
 #: Number of passages that is equivalent to infinitely many; minimum share that counts.
-_ROUNDS, _SELDOM = 400, 1e-9
+_ROUNDS, _MIN_SHARE = 400, 1e-9
 #: Minimum length of streets inside the region for a separate part of the network to be used,
 #: metres.
 _PART_M = 60.0
@@ -82,7 +82,7 @@ class Circuit:
             return None
         starts = at_gate[used[part[at_gate]]]
         gates = np.unique(graph.gate[starts])
-        cost, before = _ways(graph, starts)
+        cost, before = _fastest_routes(graph, starts)
         target = np.full((len(starts), len(gates)), -1, np.int64)
         weight = np.zeros((len(starts), len(gates)))
         for column, gate in enumerate(gates):
@@ -99,8 +99,8 @@ class Circuit:
         weight = np.where((elsewhere.sum(axis=1) > 0)[:, None], elsewhere, weight)
         chance = weight / weight.sum(axis=1, keepdims=True)
         row = {int(state): k for k, state in enumerate(starts)}
-        own = np.flatnonzero(used[part])
-        length = dict(zip((graph.edges[n] for n in own), graph.length_m[own], strict=True))
+        in_use = np.flatnonzero(used[part])
+        length = dict(zip((graph.edges[n] for n in in_use), graph.length_m[in_use], strict=True))
         room_m = float(sum(length.values()))
         load = graph.weight[graph.gate[starts]]
         return cls(graph, starts, part[starts], gates, target, chance, load, room_m, before, row)
@@ -134,13 +134,13 @@ class Circuit:
             return seconds
         often = self._visits()[:, None] * self.chance
         total = np.zeros_like(often)
-        for row, column in np.argwhere(often > _SELDOM).tolist():
-            way = self._whole_way(row, column)
-            total[row, column] = sum(float(self.graph.seconds[pair]) for pair in pairwise(way))
+        for row, column in np.argwhere(often > _MIN_SHARE).tolist():
+            route = self._whole_way(row, column)
+            total[row, column] = sum(float(self.graph.seconds[pair]) for pair in pairwise(route))
         for number in parts:
-            mine = self.part == number
-            share = max(float(often[mine].sum()), _SELDOM)
-            seconds[mine] = float((often * total)[mine].sum()) / share
+            in_part = self.part == number
+            share = max(float(often[in_part].sum()), _MIN_SHARE)
+            seconds[in_part] = float((often * total)[in_part].sum()) / share
         return seconds
 
     def usual(self) -> tuple[float, float]:
@@ -160,15 +160,15 @@ class Circuit:
 
         ``states`` is the length of the sequences; those at the end of a passage are padded with -1.
         """
-        found: dict[tuple[int, ...], float] = defaultdict(float)
+        frequency: dict[tuple[int, ...], float] = defaultdict(float)
         often = self._visits()[:, None] * self.chance
-        for row, column in np.argwhere(often > _SELDOM).tolist():
-            way = self._whole_way(row, column)
-            padded = [*way, *[-1] * (states - 2)]
-            for first in range(len(way) - 1):
-                found[tuple(padded[first : first + states])] += float(often[row, column])
-        entries = max(self._entries(often), _SELDOM)
-        return {part: share / entries for part, share in found.items()}
+        for row, column in np.argwhere(often > _MIN_SHARE).tolist():
+            route = self._whole_way(row, column)
+            padded = [*route, *[-1] * (states - 2)]
+            for first in range(len(route) - 1):
+                frequency[tuple(padded[first : first + states])] += float(often[row, column])
+        entries = max(self._entries(often), _MIN_SHARE)
+        return {part: share / entries for part, share in frequency.items()}
 
     def lowered(self, share: Mapping[tuple[str, str], float]) -> tuple[Circuit, float]:
         """Return it with fewer passages over some movements, and the remaining share of entries.
@@ -185,9 +185,9 @@ class Circuit:
         often = self._visits()[:, None] * self.chance
         left = often.copy()
         edges = self.graph.edges
-        for row, column in np.argwhere(often > _SELDOM).tolist():
-            way = self._whole_way(row, column)
-            left[row, column] *= min(share.get((edges[a], edges[b]), 1.0) for a, b in pairwise(way))
+        for row, column in np.argwhere(often > _MIN_SHARE).tolist():
+            seq = self._whole_way(row, column)
+            left[row, column] *= min(share.get((edges[a], edges[b]), 1.0) for a, b in pairwise(seq))
         end = np.array([[self._row.get(int(state), 0) for state in row] for row in self.target])
         for _ in range(_BALANCING):
             begins = left.sum(axis=1)
@@ -203,7 +203,7 @@ class Circuit:
         chance = np.where(
             begins[:, None] > 0, left / np.maximum(begins, 1e-300)[:, None], self.chance
         )
-        still = self._entries(left) / max(self._entries(often), _SELDOM)
+        still = self._entries(left) / max(self._entries(often), _MIN_SHARE)
         return replace(self, chance=chance, load=begins), still
 
     def _whole_way(self, row: int, column: int) -> list[int]:
@@ -213,10 +213,10 @@ class Circuit:
     def _entries(self, often: NDArray[np.float64]) -> float:
         """Return the number of entries into the region for given frequencies of passages (K, G)."""
         outer, entries = self.graph.outer, 0.0
-        for row, column in np.argwhere(often > _SELDOM).tolist():
-            way = self._whole_way(row, column)
-            came = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(way))
-            entries += float(often[row, column]) * (came or not outer[way].any())
+        for row, column in np.argwhere(often > _MIN_SHARE).tolist():
+            route = self._whole_way(row, column)
+            came = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(route))
+            entries += float(often[row, column]) * (came or not outer[route].any())
         return entries
 
     def _visits(self) -> NDArray[np.float64]:
@@ -225,14 +225,14 @@ class Circuit:
         for k, targets in enumerate(self.target):
             for column in np.flatnonzero(self.chance[k]):
                 onward[k, self._row[int(targets[column])]] += self.chance[k, column]
-        found = self.load / self.load.sum()
+        visits = self.load / self.load.sum()
         for _ in range(_ROUNDS):
             # Half of them stay in place, to avoid oscillation between two gates.
-            found = 0.5 * (found + found @ onward)
-        return np.asarray(found)
+            visits = 0.5 * (visits + visits @ onward)
+        return np.asarray(visits)
 
 
-def _ways(
+def _fastest_routes(
     graph: WayGraph, starts: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return cost (K, S) and predecessor (K, S) of the fastest non-empty routes.

@@ -42,7 +42,7 @@ def movement_flows(
     if not outer:
         return {}
     network = StreetNetwork(net, None)
-    found = []
+    circuits = []
     for vclass, names, preferred in (
         ("passenger", IN_CARS.keys() - {"bus"}, frozenset[str]()),
         ("bus", {"bus"}, bus_roads),
@@ -52,18 +52,18 @@ def movement_flows(
         circuit = None if graph is None else Circuit.of(graph)
         if circuit is not None:
             cars = sum(per_hour.get(name, 0.0) * ON_LANES_IN_CARS[name] for name in sorted(names))
-            found.append((circuit, cars))
-    return flows_of_circuits(found)
+            circuits.append((circuit, cars))
+    return flows_of_circuits(circuits)
 
 
 def flows_of_circuits(
     circuits: Iterable[tuple[Circuit, float]],
 ) -> dict[tuple[str, str, str], float]:
     """Return the result of ``movement_flows`` for circuits and their entering cars per hour."""
-    found: dict[tuple[str, str, str], float] = defaultdict(float)
+    flows: dict[tuple[str, str, str], float] = defaultdict(float)
     for circuit, cars in circuits:
         edges, apart = (*circuit.graph.edges, ""), circuit.graph.apart
         for (a, b, c), share in circuit.flows(3).items():
             if not apart[a]:
-                found[edges[a], edges[b], edges[c]] += cars * share
-    return dict(found)
+                flows[edges[a], edges[b], edges[c]] += cars * share
+    return dict(flows)

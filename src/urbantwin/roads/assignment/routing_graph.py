@@ -166,14 +166,14 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
             for corner in begins_at[back][k]:
                 states_at[corner].append(2 * k + back)
     for k, edge in enumerate(streets):
-        own = edge.getLength() / WALKING_MS
+        street_s = edge.getLength() / WALKING_MS
         for back in (0, 1):
             for corner in runs_into[back][k]:
                 for other in np.flatnonzero(np.isfinite(seconds[corner])):
                     for state in states_at[int(other)]:
                         if state // 2 == k:
                             continue
-                        cost = own + float(seconds[corner, other]) / WALKING_MS
+                        cost = street_s + float(seconds[corner, other]) / WALKING_MS
                         key = (2 * k + back, state)
                         arcs[key] = min(arcs.get(key, np.inf), cost)
     gate, weight = _walkers_gates(network, streets, outer, arcs)
@@ -264,13 +264,13 @@ def _walkers_gates(
         links = _matrix({(a // 2, b // 2): 1.0 for a, b in arcs}, len(streets))
         _, place = scipy.sparse.csgraph.connected_components(links, directed=False)
         at_gate = outside.copy()
-        for one in np.unique(place[outside]):
-            here, inside = outside & (place == one), ~outside & (place == one)
-            if len(np.unique(part[here])) == 1 and inside.any():
-                at_gate = (at_gate & ~here) | inside
-        names, own = np.unique(part[at_gate], return_inverse=True)
-        gate[np.repeat(at_gate, 2)] = np.repeat(own, 2)
-        return gate, np.array([rank[at_gate][own == k].max() for k in range(len(names))])
+        for component in np.unique(place[outside]):
+            outer_part, inside = outside & (place == component), ~outside & (place == component)
+            if len(np.unique(part[outer_part])) == 1 and inside.any():
+                at_gate = (at_gate & ~outer_part) | inside
+        names, number = np.unique(part[at_gate], return_inverse=True)
+        gate[np.repeat(at_gate, 2)] = np.repeat(number, 2)
+        return gate, np.array([rank[at_gate][number == k].max() for k in range(len(names))])
     leads_on = {a for a, _ in arcs}
     ends = [state for state in range(len(gate)) if state not in leads_on]
     gate[ends] = np.arange(len(ends))

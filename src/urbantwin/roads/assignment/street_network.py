@@ -106,8 +106,8 @@ class StreetNetwork:
             )
         self._border = None if region is None else shapely.boundary(region)
         streets = self._net.getEdges(withInternal=False)
-        there = (edge for edge in streets if edge.getID() not in without)
-        self._streets = sorted(there, key=lambda edge: str(edge.getID()))
+        edges = (edge for edge in streets if edge.getID() not in without)
+        self._streets = sorted(edges, key=lambda edge: str(edge.getID()))
 
     @property
     def streets(self) -> list[Edge]:
@@ -118,8 +118,8 @@ class StreetNetwork:
     def corners(self) -> list[Edge]:
         """Walking areas and crossings, sorted by id."""
         inside = self._net.getEdges(withInternal=True)
-        found = [edge for edge in inside if edge.getFunction() in ("walkingarea", "crossing")]
-        return sorted(found, key=lambda edge: str(edge.getID()))
+        edges = [edge for edge in inside if edge.getFunction() in ("walkingarea", "crossing")]
+        return sorted(edges, key=lambda edge: str(edge.getID()))
 
     def allowing(self, vclass: str) -> list[Edge]:
         """Return the streets that a SUMO class may use; trams use rails only."""
@@ -212,12 +212,12 @@ class StreetNetwork:
 
     def _neighbours(self) -> dict[str, set[str]]:
         """Return the adjacent nodes of each node."""
-        near: dict[str, set[str]] = defaultdict(set)
+        neighbours: dict[str, set[str]] = defaultdict(set)
         for edge in self._streets:
             start, end = edge.getFromNode().getID(), edge.getToNode().getID()
-            near[start].add(end)
-            near[end].add(start)
-        return near
+            neighbours[start].add(end)
+            neighbours[end].add(start)
+        return neighbours
 
     def rank(self, edge: Edge, vclass: str) -> float:
         """Return the relative traffic of an edge for a class: that of its kind times its lanes."""
