@@ -55,7 +55,7 @@ def cycleways(
         return Cycleways(sides[driving_side], sides[other])
     # Seen along the traffic, a one-way road against its OSM way has its sides swapped.
     outer, inner = (driving_side, other) if way == "forward" else (other, driving_side)
-    if sides[inner] is None or not _against(tags, inner):
+    if sides[inner] is None or not _is_contraflow(tags, inner):
         against, same = None, sides[inner]
     else:
         against, same = sides[inner], None
@@ -74,9 +74,9 @@ def _side(
         return None
     width = next(
         (
-            found
+            length
             for key in (f"cycleway:{side}:width", "cycleway:both:width", "cycleway:width")
-            if (found := metres(tags.get(key))) is not None
+            if (length := metres(tags.get(key))) is not None
         ),
         None,
     )
@@ -105,11 +105,11 @@ def _general(tags: Mapping[str, str], side: str, way: str, driving_side: str) ->
     return value if outer != opposite else None
 
 
-def _against(tags: Mapping[str, str], side: str) -> bool:
+def _is_contraflow(tags: Mapping[str, str], side: str) -> bool:
     """Whether cyclists at the inner side of a one-way road ride against its traffic."""
-    own = tags.get(f"cycleway:{side}:oneway", tags.get("cycleway:both:oneway"))
-    if own is not None:
-        return own in ("-1", "no", "reverse")
+    direction_tag = tags.get(f"cycleway:{side}:oneway", tags.get("cycleway:both:oneway"))
+    if direction_tag is not None:
+        return direction_tag in ("-1", "no", "reverse")
     values = (tags.get("cycleway"), tags.get(f"cycleway:{side}"))
     return tags.get("oneway:bicycle") in ("no", "-1") or any(
         value is not None and value.startswith("opposite") for value in values

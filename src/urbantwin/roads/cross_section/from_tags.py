@@ -75,7 +75,7 @@ CONTEXTS = {
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?")
 ZONE = re.compile(r"zone:?\s*(\d+)|^(\d+)$")
 #: Values of ``oneway`` that are fully supported.
-_KNOWN = frozenset({"yes", "true", "1", "-1", "reverse", "no", "false", "0"})
+_ONEWAY_VALUES = frozenset({"yes", "true", "1", "-1", "reverse", "no", "false", "0"})
 
 
 def cross_section(
@@ -92,34 +92,34 @@ def cross_section(
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     standard = standard_of(country)
-    way = one_way(tags)
+    oneway = one_way(tags)
     forward_tags, backward_tags, shared = direction_tags(tags, driving_side)
-    cycles = cycleways(tags, way, driving_side, standard)
+    cycles = cycleways(tags, oneway, driving_side, standard)
     permissions = {
         name: permission_of(tags, walkers_on_lanes=sidewalks == "no", direction=name)
         for name in ("forward", "backward")
     }
     forward, backward = (
-        _lanes(tags, found, name, driving_side, permissions[name], standard, country)
-        for name, found in (("forward", forward_tags), ("backward", backward_tags))
+        _lanes(tags, directed_tags, name, driving_side, permissions[name], standard, country)
+        for name, directed_tags in (("forward", forward_tags), ("backward", backward_tags))
     )
     if shared and forward:
         turn = "left" if driving_side == "right" else "right"
         middle = replace(forward[0], kind="driving", turns=(turn,), both_ways=True, listed=False)
         middle = replace(middle, allowed=permissions["forward"].motor, width=0.0)
         forward = [middle] * shared + forward
-    forward, backward = _with_cycleways(tags, way, forward, backward, cycles, country)
+    forward, backward = _with_cycleways(tags, oneway, forward, backward, cycles, country)
     one_lane = _is_one_lane(tags, forward, backward, standard)
     forward, backward = _with_widths(tags, forward, backward, standard, one_lane=one_lane)
     outward = 1 if driving_side == "left" else -1
     sides = {}
     for side in ("left", "right"):
-        against = (side == driving_side) == (way != "backward")
+        against = (side == driving_side) == (oneway != "backward")
         sides[side] = roadside(
             tags,
             side,
             sidewalk=sidewalks in (side, "both"),
-            outer=way == "both" or against,
+            outer=oneway == "both" or against,
             standard=standard,
             speed=speed_limit(tags, "forward", country),
         )
@@ -154,12 +154,12 @@ def _is_one_lane(
     if any(lane.both_ways for lane in (*forward, *backward)):
         return False
     parts = sum(count(tags.get(f"lanes:{name}")) or 0 for name in ("forward", "backward"))
-    said = tags.get("lanes", "").strip() in ("1", "1.0") and parts < 2
+    one_tagged = tags.get("lanes", "").strip() in ("1", "1.0") and parts < 2
     alternating = tags.get("oneway") == "alternating" and "lanes" not in tags
     beside = (lane for lane in (*forward, *backward) if lane.kind == "bicycle" and not lane.track)
-    taken = sum(lane.width for lane in beside)
-    room = (_carriageway(tags) or 0.0) - taken - _parked(tags, standard)
-    return (said or alternating) and room < PASSING_M
+    cycle_lanes_m = sum(lane.width for lane in beside)
+    room = (_carriageway(tags) or 0.0) - cycle_lanes_m - _parked(tags, standard)
+    return (one_tagged or alternating) and room < PASSING_M
 
 
 def _lanes(
@@ -177,7 +177,7 @@ def _lanes(
     usual = speed_limit(tags, name, country)
     lanes = []
     for slot in range(found.slots):
-        kind, allowed = _use(found, slot, permission)
+        kind, allowed = _kind_and_users(found, slot, permission)
         kind = "bicycle" if tags.get("highway") == CYCLE_TRACK else kind
         speed = speed_of(found.value("maxspeed:lanes", slot), country) or usual
         turns = tuple(w for w in found.value("turn:lanes", slot).split(";") if w in ARROWS)
@@ -202,7 +202,9 @@ def _lanes(
     return lanes
 
 
-def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, tuple[str, ...]]:
+def _kind_and_users(
+    found: DirectionTags, slot: int, permission: Permission
+) -> tuple[str, tuple[str, ...]]:
     """Return the kind of a lane and the classes of actors that may use it."""
     access = next((v for key in _ACCESS if (v := found.value(key, slot))), "")
     bus = {found.value("bus:lanes", slot), found.value("psv:lanes", slot)}
@@ -245,15 +247,15 @@ def _with_cycleways(
         ("forward", forward, cycles.forward),
         ("backward", backward, cycles.backward),
     ):
-        found = list(lanes)
-        own = any(item.kind == "bicycle" for item in lanes)
-        if outer is not None and not (own and not outer.track):
-            found.append(lane(outer, name))
-        if cycles.inner is not None and way == name and not own:
-            found.insert(0, lane(cycles.inner, name))
-        if any(item.kind == "bicycle" for item in found):
-            found = [_without_cyclists(item) for item in found]
-        result.append(found)
+        with_cycleway = list(lanes)
+        has_cycle_lane = any(item.kind == "bicycle" for item in lanes)
+        if outer is not None and not (has_cycle_lane and not outer.track):
+            with_cycleway.append(lane(outer, name))
+        if cycles.inner is not None and way == name and not has_cycle_lane:
+            with_cycleway.insert(0, lane(cycles.inner, name))
+        if any(item.kind == "bicycle" for item in with_cycleway):
+            with_cycleway = [_without_cyclists(item) for item in with_cycleway]
+        result.append(with_cycleway)
     return result[0], result[1]
 
 
@@ -279,12 +281,12 @@ def _with_widths(
         )
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
-    known = sum(lane.width for lane in lanes if not lane.track)
+    known_m = sum(lane.width for lane in lanes if not lane.track)
     highway = tags.get("highway", "")
     single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
     half = (ONE_LANE_M if one_lane else LANE_AND_A_HALF_M) / 2
     least = ONE_LANE_LEAST_M / 2 if one_lane else NARROWEST_M
-    each = _share(tags, known, open_lanes, standard, least) if open_lanes else None
+    each = _width_per_lane(tags, known_m, open_lanes, standard, least) if open_lanes else None
 
     def filled(lane: CarriagewayLane) -> CarriagewayLane:
         if lane.width:
@@ -297,7 +299,7 @@ def _with_widths(
     return [filled(lane) for lane in forward], [filled(lane) for lane in backward]
 
 
-def _share(
+def _width_per_lane(
     tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard, least: float
 ) -> float | None:
     """Return the width per unmapped lane that ``width`` (curb to curb) leaves, metres."""
@@ -313,9 +315,9 @@ def _share(
 
 def _parked(tags: Mapping[str, str], standard: Standard) -> float:
     """Return the width of a carriageway that parked cars occupy, metres."""
-    found = (parking(tags, side, standard) for side in ("left", "right"))
+    strips = (parking(tags, side, standard) for side in ("left", "right"))
     on_road = ("lane", "yes", "half_on_kerb")
-    return sum(one.width for one in found if one is not None and one.position in on_road)
+    return sum(strip.width for strip in strips if strip is not None and strip.position in on_road)
 
 
 def _carriageway(tags: Mapping[str, str]) -> float | None:
@@ -336,8 +338,8 @@ def speed_of(value: str, country: str = "") -> float | None:
     """
     # The lowest of several values (``50;30``) is on the safe side.
     if ";" in value:
-        found = [speed_of(part, country) for part in value.split(";")]
-        return min((speed for speed in found if speed is not None), default=None)
+        speeds = [speed_of(part, country) for part in value.split(";")]
+        return min((speed for speed in speeds if speed is not None), default=None)
     text = value.strip()
     plain = NUMBER.fullmatch(text.lower())
     if plain:
@@ -356,8 +358,8 @@ def speed_of(value: str, country: str = "") -> float | None:
     if zone:
         speed = float(zone[1] or zone[2]) * (MPH if code in LAW_MPH else KM_H)
         return speed if 0.0 < speed < 100.0 else None
-    known = CONTEXTS.get(context.removeprefix("zone:"))
-    return None if known is None else _law(code)[known]
+    context_key = CONTEXTS.get(context.removeprefix("zone:"))
+    return None if context_key is None else _law(code)[context_key]
 
 
 def speed_limit(tags: Mapping[str, str], direction: str, country: str) -> float:
@@ -412,61 +414,63 @@ def reinterpreted(tags: Mapping[str, str], section: CrossSection) -> list[str]:
 
 
 def _direction(tags: Mapping[str, str], section: CrossSection) -> list[str]:
-    found = []
+    messages = []
     oneway = tags.get("oneway", "no")
     if oneway == "reversible":
-        found.append("oneway=reversible: traffic runs as the way is drawn")
+        messages.append("oneway=reversible: traffic runs as the way is drawn")
     elif oneway == "alternating" and not section.one_lane:
-        found.append("oneway=alternating: each direction has its lane, and nobody waits")
-    elif oneway not in (*_KNOWN, "alternating"):
-        found.append(f"oneway={oneway:.20}: taken for no")
+        messages.append("oneway=alternating: each direction has its lane, and nobody waits")
+    elif oneway not in (*_ONEWAY_VALUES, "alternating"):
+        messages.append(f"oneway={oneway:.20}: taken for no")
     if any(lane.both_ways for lane in section.forward):
-        found.append("a lane for both directions: a turning lane of the way's own direction")
-    way = one_way(tags)
-    against = section.lanes(forward=way == "backward")
-    if way == "both" or any("bicycle" in lane.allowed for lane in against):
-        return found
+        messages.append("a lane for both directions: a turning lane of the way's own direction")
+    direction = one_way(tags)
+    against = section.lanes(forward=direction == "backward")
+    if direction == "both" or any("bicycle" in lane.allowed for lane in against):
+        return messages
     opposite = {key: value for key, value in tags.items() if key.startswith("cycleway")}
-    told = [f"{key}={value}" for key, value in opposite.items() if value.startswith("opposite")]
+    contraflow_tags = [
+        f"{key}={value}" for key, value in opposite.items() if value.startswith("opposite")
+    ]
     if tags.get("oneway:bicycle") in ("no", "-1"):
-        told.insert(0, f"oneway:bicycle={tags['oneway:bicycle']}")
-    if told:
-        found.append(f"{told[0]:.40}: bicycles ride with the traffic only")
-    return found
+        contraflow_tags.insert(0, f"oneway:bicycle={tags['oneway:bicycle']}")
+    if contraflow_tags:
+        messages.append(f"{contraflow_tags[0]:.40}: bicycles ride with the traffic only")
+    return messages
 
 
 def _counts(tags: Mapping[str, str]) -> list[str]:
     """Return a message if the total number of lanes contradicts the mapped parts."""
     total = count(tags.get("lanes"))
     parts = [count(tags.get(f"lanes:{name}")) for name in ("forward", "backward")]
-    known = [number for number in parts if number is not None]
-    if total is None or not known:
+    tagged = [number for number in parts if number is not None]
+    if total is None or not tagged:
         return []
-    made = sum(known) + (count(tags.get("lanes:both_ways")) or 0)
-    whole = len(known) == 2 or one_way(tags) != "both"
+    made = sum(tagged) + (count(tags.get("lanes:both_ways")) or 0)
+    whole = len(tagged) == 2 or one_way(tags) != "both"
     if "turn:lanes:both_ways" in tags and "lanes:both_ways" not in tags:
         made += 1
     if made == total or (made < total and not whole):
         return []
-    told = " and ".join(
+    parts_text = " and ".join(
         f"lanes:{name}={number}"
         for name, number in zip(("forward", "backward"), parts, strict=True)
         if number is not None
     )
-    return [f"lanes={total}, but {told}: the parts are taken"]
+    return [f"lanes={total}, but {parts_text}: the parts are taken"]
 
 
 def _lists(tags: Mapping[str, str], section: CrossSection) -> list[str]:
     """Return messages on lists of turns whose length differs from the number of lanes."""
-    found = []
-    way = one_way(tags)
-    for direction in ("forward", "backward") if way == "both" else (way,):
+    messages = []
+    oneway = one_way(tags)
+    for direction in ("forward", "backward") if oneway == "both" else (oneway,):
         lanes = section.lanes(forward=direction == "forward")
         listed = [lane for lane in lanes if lane.listed]
         counts = {len(listed), sum(lane.kind != "bicycle" for lane in listed)}
-        for suffix in (direction, "") if way != "both" else (direction,):
+        for suffix in (direction, "") if oneway != "both" else (direction,):
             values = lane_list(tags, "turn:lanes", suffix)
             if values is not None and len(values) not in counts:
                 key = f"turn:lanes:{suffix}" if suffix else "turn:lanes"
-                found.append(f"{key} of {len(values)} values for {len(listed)} lanes: not used")
-    return found
+                messages.append(f"{key} of {len(values)} values for {len(listed)} lanes: not used")
+    return messages

@@ -78,7 +78,7 @@ def with_lane(
     if kind in ("driving", "bus"):
         after = _with_motor_lane(tags, side, kind, width_m, street)
     else:
-        if _has(before, side, kind, street):
+        if _has_lane(before, side, kind, street):
             raise ImpossibleLaneError(f"it has a lane of kind {kind} on its {side} already")
         after = _sided(tags, kind, street)
         after[f"{BESIDE[kind]}:{side}"] = "yes" if kind in ("shoulder", "sidewalk") else "lane"
@@ -86,7 +86,7 @@ def with_lane(
             after["parking:" + side + ":orientation"] = "parallel"
         if width_m is not None:
             after[f"{BESIDE[kind]}:{side}:width"] = f"{width_m:.10g}"
-        after = _with_whole(after, _beside_m(street.section(after), side, kind))
+        after = _with_carriageway_width(after, _beside_m(street.section(after), side, kind))
     return _in_place(after, before, side, street)
 
 
@@ -106,20 +106,20 @@ def without_lane(tags: Mapping[str, str], side: str, kind: str, street: Street) 
     if kind in ("driving", "bus"):
         after = _without_motor_lane(tags, side, kind, before, street)
     else:
-        if not _has(before, side, kind, street):
+        if not _has_lane(before, side, kind, street):
             raise ImpossibleLaneError(f"it has no lane of kind {kind} on its {side}")
         after = _sided(tags, kind, street)
         after[f"{BESIDE[kind]}:{side}"] = "no"
-        if kind == "bicycle" and _has(street.section(after), side, kind, street):
+        if kind == "bicycle" and _has_lane(street.section(after), side, kind, street):
             raise ImpossibleLaneError("its cycle lane is in its lists of lanes: tag these")
-        after = _with_whole(after, -_beside_m(before, side, kind))
+        after = _with_carriageway_width(after, -_beside_m(before, side, kind))
     return _in_place(after, before, side, street)
 
 
 def _forward(tags: Mapping[str, str], side: str, street: Street) -> bool:
     """Return whether the lanes of a side run along the way."""
-    way = one_way(tags)
-    return side == street.driving_side if way == "both" else way == "forward"
+    oneway = one_way(tags)
+    return side == street.driving_side if oneway == "both" else oneway == "forward"
 
 
 def _lanes_of(section: CrossSection, side: str) -> tuple[CarriagewayLane, ...]:
@@ -132,7 +132,7 @@ def _lanes_of(section: CrossSection, side: str) -> tuple[CarriagewayLane, ...]:
     return section.lanes(forward=side == section.driving_side)
 
 
-def _has(section: CrossSection, side: str, kind: str, street: Street) -> bool:
+def _has_lane(section: CrossSection, side: str, kind: str, street: Street) -> bool:
     beside = section.left if side == "left" else section.right
     if kind == "parking":
         return beside.parking is not None
@@ -153,7 +153,7 @@ def _sided(tags: Mapping[str, str], kind: str, street: Street) -> Tags:
         former = ("parking:lane", "parking:condition")
         after = {name: value for name, value in after.items() if not name.startswith(former)}
     for side in ("left", "right"):
-        if not _has(section, side, kind, street):
+        if not _has_lane(section, side, kind, street):
             after[f"{key}:{side}"] = "no"
             continue
         lane = _lanes_of(section, side)[-1:]
@@ -181,11 +181,11 @@ def _with_motor_lane(
     standard = standard_of(street.country)
     usual = standard.bus if kind == "bus" else standard.lane(tags.get("highway", ""))
     width = usual if width_m is None else width_m
-    found, after, name, at_end = _direction(tags, side, street)
-    if found.motor >= MOST:
-        raise ImpossibleLaneError(f"it has {found.motor} lanes on that side already")
-    lists = dict(found.lists)
-    blank = [""] * found.slots
+    directed, after, name, at_end = _direction(tags, side, street)
+    if directed.motor >= MOST:
+        raise ImpossibleLaneError(f"it has {directed.motor} lanes on that side already")
+    lists = dict(directed.lists)
+    blank = [""] * directed.slots
     lists.setdefault("width:lanes", blank)
     if kind == "bus":
         lists.setdefault("bus:lanes", blank)
@@ -194,37 +194,37 @@ def _with_motor_lane(
         row = [*values]
         row.insert(len(row) if at_end else 0, new.get(key, ""))
         after[f"{key}:{name}"] = "|".join(row)
-    after[f"lanes:{name}"] = str(found.motor + 1)
+    after[f"lanes:{name}"] = str(directed.motor + 1)
     _count(after, 1)
-    return _with_whole(after, width)
+    return _with_carriageway_width(after, width)
 
 
 def _without_motor_lane(
     tags: Mapping[str, str], side: str, kind: str, before: CrossSection, street: Street
 ) -> Tags:
-    found, after, name, at_end = _direction(tags, side, street)
+    directed, after, name, at_end = _direction(tags, side, street)
     row = [lane for lane in _lanes_of(before, side) if lane.listed]
-    own = [k for k, lane in enumerate(row) if lane.kind == kind]
-    if not own:
+    matching = [k for k, lane in enumerate(row) if lane.kind == kind]
+    if not matching:
         raise ImpossibleLaneError(f"it has no lane of kind {kind} on its {side}")
     motor = sum(lane.kind in ("driving", "bus") for lane in row)
     if motor < 2:
         raise ImpossibleLaneError("it is the only lane of its direction: tag the way (oneway)")
     # Lists run from left to right in the direction of travel; ``row`` runs outwards to the side.
-    slot = own[-1] if at_end else len(row) - 1 - own[-1]
-    lists = dict(found.lists)
+    slot = matching[-1] if at_end else len(row) - 1 - matching[-1]
+    lists = dict(directed.lists)
     for key, values in lists.items():
-        kept = [value for k, value in enumerate(values) if k != slot]
-        after[f"{key}:{name}"] = "|".join(kept)
-    after[f"lanes:{name}"] = str(found.motor - 1)
+        remaining = [value for k, value in enumerate(values) if k != slot]
+        after[f"{key}:{name}"] = "|".join(remaining)
+    after[f"lanes:{name}"] = str(directed.motor - 1)
     _count(after, -1)
-    return _with_whole(after, -row[own[-1]].width)
+    return _with_carriageway_width(after, -row[matching[-1]].width)
 
 
-def _with_whole(tags: Tags, more_m: float) -> Tags:
+def _with_carriageway_width(tags: Tags, more_m: float) -> Tags:
     """Return tags whose carriageway widths, if any, are changed by ``more_m`` metres."""
-    known = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
-    return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in known.items()}
+    widths = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
+    return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in widths.items()}
 
 
 def _beside_m(section: CrossSection, side: str, kind: str) -> float:
@@ -253,21 +253,21 @@ def _direction(
     """
     forward = _forward(tags, side, street)
     ahead, back, shared = direction_tags(tags, street.driving_side)
-    ways = {
-        name: _with_bus_list(one, street)
-        for name, one in (("forward", ahead), ("backward", back))
-        if one is not None
+    directions = {
+        name: _with_bus_list(directed, street)
+        for name, directed in (("forward", ahead), ("backward", back))
+        if directed is not None
     }
     after = {key: value for key, value in tags.items() if not key.startswith(BUS_COUNTS)}
-    for key in {key for one in ways.values() for key in one.lists}:
+    for key in {key for directed in directions.values() for key in directed.lists}:
         after.pop(key, None)
-    for name, one in ways.items():
-        after[f"lanes:{name}"] = str(one.motor)
-        after |= {f"{key}:{name}": "|".join(values) for key, values in one.lists.items()}
-    after["lanes"] = str(sum(one.motor for one in ways.values()) + shared)
+    for name, directed in directions.items():
+        after[f"lanes:{name}"] = str(directed.motor)
+        after |= {f"{key}:{name}": "|".join(values) for key, values in directed.lists.items()}
+    after["lanes"] = str(sum(directed.motor for directed in directions.values()) + shared)
     name = "forward" if forward else "backward"
     # On a way driven against its line, the right side along the traffic is the way's left side.
-    return ways[name], after, name, (side == "right") == forward
+    return directions[name], after, name, (side == "right") == forward
 
 
 def _with_bus_list(one: DirectionTags, street: Street) -> DirectionTags:
@@ -298,6 +298,6 @@ def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> T
     if side == inner and not (then.forward and then.backward):
         # The middle of a one-way road is the inner border of its lanes.
         moved = (sum(now) - sum(was)) * (-then.outward if then.forward else then.outward)
-    kept = {key: value for key, value in after.items() if not key.startswith("placement")}
-    kept[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"
-    return kept
+    result = {key: value for key, value in after.items() if not key.startswith("placement")}
+    result[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"
+    return result

@@ -123,20 +123,20 @@ def direction_tags(
     tags: Mapping[str, str], driving_side: str
 ) -> tuple[DirectionTags | None, DirectionTags | None, int]:
     """Return the forward lanes, the backward lanes and the number of lanes shared by both."""
-    way = one_way(tags)
-    if way == "both":
+    oneway = one_way(tags)
+    if oneway == "both":
         return _two_way(tags, driving_side)
     total = count(tags.get("lanes"))
-    against = "backward" if way == "forward" else "forward"
+    against = "backward" if oneway == "forward" else "forward"
     contraflow = _contraflow_buses(tags, against)
-    wanted = count(tags.get(f"lanes:{way}"))
+    wanted = count(tags.get(f"lanes:{oneway}"))
     if wanted is None and total is not None:
         wanted = max(1, total - contraflow)
-    lists = _lists(tags, way) or _lists(tags, "")
-    main = _fitted(tags, way, wanted, lists, ("left", "right"))
-    main = _with_lanes_for_cars(main, tags, way, driving_side)
+    lists = _lists(tags, oneway) or _lists(tags, "")
+    main = _fitted(tags, oneway, wanted, lists, ("left", "right"))
+    main = _with_lanes_for_cars(main, tags, oneway, driving_side)
     other = DirectionTags(contraflow, contraflow, {}, contraflow) if contraflow else None
-    return (main, other, 0) if way == "forward" else (other, main, 0)
+    return (main, other, 0) if oneway == "forward" else (other, main, 0)
 
 
 def _two_way(
@@ -153,9 +153,9 @@ def _two_way(
     if total is not None:
         rest = total - shared
         for name, other in (("forward", "backward"), ("backward", "forward")):
-            known = wanted[other]
-            if wanted[name] is None and known is not None:
-                wanted[name] = max(1, rest - known)
+            other_count = wanted[other]
+            if wanted[name] is None and other_count is not None:
+                wanted[name] = max(1, rest - other_count)
         if wanted["forward"] is None:
             # Of an odd number of lanes, the forward direction has one more.
             wanted["forward"] = max(1, (rest + 1) // 2)
@@ -196,13 +196,13 @@ def _with_lanes_for_cars(
 
 def _lists(tags: Mapping[str, str], direction: str) -> dict[str, list[str]]:
     """Return the lists of a direction that have the most common length."""
-    found = {key: values for key in LISTS if (values := lane_list(tags, key, direction))}
-    if not found:
+    lists = {key: values for key in LISTS if (values := lane_list(tags, key, direction))}
+    if not lists:
         return {}
-    lengths = Counter(len(values) for values in found.values())
-    first = len(next(iter(found.values())))
+    lengths = Counter(len(values) for values in lists.values())
+    first = len(next(iter(lists.values())))
     length = max(lengths, key=lambda n: (lengths[n], n == first))
-    return {key: values for key, values in found.items() if len(values) == length}
+    return {key: values for key, values in lists.items() if len(values) == length}
 
 
 def _share_whole_lists(
@@ -225,10 +225,10 @@ def _share_whole_lists(
         elif backward is not None and len(values) == ahead + backward:
             first, last = (backward, ahead) if driving_side == "right" else (ahead, backward)
             left, right = values[:first], values[first : first + last]
-            mine, theirs = (right, left) if driving_side == "right" else (left, right)
-            lists["forward"].setdefault(key, mine)
+            along, against = (right, left) if driving_side == "right" else (left, right)
+            lists["forward"].setdefault(key, along)
             if key != "turn:lanes":
-                lists["backward"].setdefault(key, theirs[::-1])
+                lists["backward"].setdefault(key, against[::-1])
 
 
 def _fitted(
@@ -242,23 +242,23 @@ def _fitted(
 
     ``sides`` are the sides of the road with its kerbs: both for a one-way road.
     """
-    one = len(sides) == 2
+    is_oneway = len(sides) == 2
     slots = len(next(iter(lists.values()))) if lists else 0
     cycles = len(_cycle_slots(lists, slots)) if slots else 0
     if wanted is None:
-        wanted = slots - cycles or default_lanes(tags.get("highway", ""), one_way=one)
+        wanted = slots - cycles or default_lanes(tags.get("highway", ""), one_way=is_oneway)
     buses = _bus_lanes(tags, name, sides)
     if lists and slots == wanted + cycles:
         return DirectionTags(slots, wanted, lists, min(buses, wanted))
     if lists and slots == wanted:
         return DirectionTags(slots, slots - cycles, lists, min(buses, wanted))
-    kept = {key: values for key, values in lists.items() if len(values) == wanted}
-    return DirectionTags(wanted, wanted, kept, min(buses, wanted))
+    used = {key: values for key, values in lists.items() if len(values) == wanted}
+    return DirectionTags(wanted, wanted, used, min(buses, wanted))
 
 
 def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
     """Return the indices of the lanes in lists that are for bicycles only."""
-    found = []
+    cycle_slots = []
     for k in range(slots):
         values = {key: row[k] for key, row in lists.items() if k < len(row)}
         closed = any(
@@ -266,10 +266,10 @@ def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
             for key in ("vehicle:lanes", "motor_vehicle:lanes", "access:lanes")
         )
         buses = any(values.get(key) in RESERVED for key in ("bus:lanes", "psv:lanes"))
-        known = any(key in values for key in ("vehicle:lanes", "motor_vehicle:lanes"))
-        if values.get("bicycle:lanes") in RESERVED and not buses and (closed or not known):
-            found.append(k)
-    return found
+        is_explicit = any(key in values for key in ("vehicle:lanes", "motor_vehicle:lanes"))
+        if values.get("bicycle:lanes") in RESERVED and not buses and (closed or not is_explicit):
+            cycle_slots.append(k)
+    return cycle_slots
 
 
 def _bus_lanes(tags: Mapping[str, str], name: str, sides: tuple[str, ...]) -> int:

@@ -75,11 +75,11 @@ def middles_of(segments: Sequence[Segment], sections: Sequence[CrossSection]) ->
         for at_end, row in ((False, 0), (True, -1)):
             other = _continuation(k, at_end, segments, meeting)
             if other is not None:
-                theirs = _end_direction(segments[other[0]], other[1])
-                mine = _end_direction(segment, at_end)
+                other_dir = _end_direction(segments[other[0]], other[1])
+                own_dir = _end_direction(segment, at_end)
                 # Both directions lead away from the node; the road goes through it.
-                through = (theirs - mine) if not at_end else (mine - theirs)
-                normal[row] = _mitre(mine if at_end else -mine, through)
+                through = (other_dir - own_dir) if not at_end else (own_dir - other_dir)
+                normal[row] = _mitre(own_dir if at_end else -own_dir, through)
         result.append(Middle(points, normal, offset))
     return result
 
@@ -94,16 +94,16 @@ def _offset(
 ) -> float:
     """Return the offset at an end; where the tags leave it open, that of the continuing road."""
     section = sections[k]
-    own = section.middle[int(at_end)]
+    own_offset = section.middle[int(at_end)]
     usual = centred_middle(section.forward, section.backward, section.outward)
-    if own is not None:
-        return own
+    if own_offset is not None:
+        return own_offset
     other = _continuation(k, at_end, segments, meeting)
     if other is None:
         return usual
     next_section = sections[other[0]]
-    theirs = next_section.middle[int(other[1])]
-    if theirs is None:
+    other_offset = next_section.middle[int(other[1])]
+    if other_offset is None:
         return usual
     # A way drawn in the other direction has its sides swapped.
     same = other[1] != at_end
@@ -112,15 +112,15 @@ def _offset(
         if same
         else (next_section.backward, next_section.forward)
     )
-    theirs = theirs if same else -theirs
+    other_offset = other_offset if same else -other_offset
     extra = sum(x.width for x in ahead) - sum(x.width for x in section.forward)
     if len(back) != len(section.backward) or abs(extra) < 1e-6 or not section.forward:
-        return theirs
+        return other_offset
     wider = ahead if extra > 0 else section.forward
     inner = "left" if section.driving_side == "right" else "right"
     turning = any(inner in turn for turn in wider[0].turns) if wider else False
     # An inner turn lane opens at the inner side: the outer border continues.
-    return theirs + (section.outward * extra if turning and not section.backward else 0.0)
+    return other_offset + (section.outward * extra if turning and not section.backward else 0.0)
 
 
 def _continuation(
@@ -128,8 +128,8 @@ def _continuation(
 ) -> End | None:
     """Return the only other segment end at a node; ``None`` at junctions and dead ends."""
     node = segments[k].piece.nodes[-1 if at_end else 0]
-    others = [end for end in meeting[node] if end != (k, at_end)]
-    return others[0] if len(others) == 1 else None
+    ends = [end for end in meeting[node] if end != (k, at_end)]
+    return ends[0] if len(ends) == 1 else None
 
 
 def _end_direction(segment: Segment, at_end: bool) -> NDArray[np.float64]:
@@ -182,8 +182,8 @@ def middle_of_road(
     Returns:
         ``None`` where ``placement=transition`` leaves it to the adjacent ways.
     """
-    if (known := TWO_NUMBERS.fullmatch(tags.get(MIDDLE, ""))) is not None:
-        return float(known[1]), float(known[2])
+    if (numbers := TWO_NUMBERS.fullmatch(tags.get(MIDDLE, ""))) is not None:
+        return float(numbers[1]), float(numbers[2])
     usual = centred_middle(forward, backward, outward)
     ends = []
     for end in ("start", "end"):
@@ -192,9 +192,9 @@ def middle_of_road(
             if value == "transition":
                 offset = None
                 break
-            found = _placement_offset(key, value, forward, backward, outward)
-            if found is not None:
-                offset = found
+            placed = _placement_offset(key, value, forward, backward, outward)
+            if placed is not None:
+                offset = placed
                 break
         ends.append(offset)
     return ends[0], ends[1]
@@ -231,18 +231,18 @@ def _placement_offset(
     if key.endswith("backward"):
         # Lanes count from the left in the direction of travel: from right to left along the way.
         edge = 0.0 if outward < 0 else -sum(lane.width for lane in back)
-        position = _along(back[::-1], match[1], number)
+        position = _lane_position(back[::-1], match[1], number)
         return None if position is None else -(edge + position)
     if backward and not key.endswith("forward"):
         left, right = (back, ahead) if outward < 0 else (ahead, back)
         lanes, edge = left + right, sum(lane.width for lane in left)
     else:
         lanes, edge = ahead, 0.0 if outward < 0 else sum(lane.width for lane in ahead)
-    position = _along(lanes, match[1], number)
+    position = _lane_position(lanes, match[1], number)
     return None if position is None else position - edge
 
 
-def _along(lanes: Sequence[CarriagewayLane], word: str, number: int) -> float | None:
+def _lane_position(lanes: Sequence[CarriagewayLane], word: str, number: int) -> float | None:
     """Return the distance of a lane's place from the outer border of the first lane, metres."""
     share = {"left_of": 0.0, "middle_of": 0.5}.get(word, 1.0)
     before, counted = 0.0, 0

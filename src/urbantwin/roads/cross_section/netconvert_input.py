@@ -98,12 +98,12 @@ def prepare_ways(
         stops: (N, 2) bus stops, which imply a sidewalk, site frame.
     """
     one_way = ("yes", "1", "true")
-    others = [
+    oneway_lines = [
         shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
     ]
     section_of: dict[int, CrossSection] = {}
     for piece in pieces:
-        sides = sidewalk_sides(piece.tags, piece.points, others, side=driving_side)
+        sides = sidewalk_sides(piece.tags, piece.points, oneway_lines, side=driving_side)
         section_of[piece.id] = cross_section(
             piece.tags, driving_side=driving_side, sidewalks=sides, country=country
         )
@@ -162,17 +162,17 @@ def with_footways_at_stops(
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     result = list(sections)
-    lines = shapely.STRtree([shapely.LineString(one.piece.points) for one in segments])
+    lines = shapely.STRtree([shapely.LineString(segment.piece.points) for segment in segments])
     width = standard_of(country).sidewalk
     for stop in stops:
-        near = []
+        candidates = []
         for k in lines.query(shapely.Point(stop).buffer(4 * BESIDE_M)).tolist():
             side, away = _side_of(segments[k], sections[k], lines.geometries[k], stop)
             if segments[k].piece.way and side and away < BESIDE_M:
-                near.append((away, k, side))
-        if not near:
+                candidates.append((away, k, side))
+        if not candidates:
             continue
-        _, k, side = min(near)
+        _, k, side = min(candidates)
         beside = getattr(result[k], side)
         if not beside.sidewalk:
             new = replace(beside, sidewalk=width, shoulder=0.0)
@@ -184,8 +184,8 @@ def _side_of(
     segment: Segment, section: CrossSection, line: shapely.LineString, stop: NDArray[np.float64]
 ) -> tuple[str, float]:
     """Return the side of a street (empty if no bus runs there) and the distance of a stop."""
-    at = float(np.clip(line.project(shapely.Point(stop)), 0.5, max(line.length - 0.5, 0.5)))
-    a, b = (shapely.get_coordinates(line.interpolate(at + d))[0] for d in (-0.5, 0.5))
+    along = float(np.clip(line.project(shapely.Point(stop)), 0.5, max(line.length - 0.5, 0.5)))
+    a, b = (shapely.get_coordinates(line.interpolate(along + d))[0] for d in (-0.5, 0.5))
     away, ahead = stop - (a + b) / 2, (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
     left = float(ahead[0] * away[1] - ahead[1] * away[0])
     side = "left" if left > 0 else "right"

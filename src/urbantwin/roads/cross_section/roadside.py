@@ -34,10 +34,10 @@ def parking(tags: Mapping[str, str], side: str, standard: Standard) -> Parking |
 
     Parking that is mapped as a separate area (``separate``) is not part of the road.
     """
-    found = _present(tags, side) or _former(tags, side)
-    if found is None:
+    parked = _present(tags, side) or _former(tags, side)
+    if parked is None:
         return None
-    position, orientation = found
+    position, orientation = parked
     share = POSITIONS.get(position)
     if share is None:
         return None
@@ -104,17 +104,17 @@ def _former(tags: Mapping[str, str], side: str) -> tuple[str, str] | None:
 
 def _shoulder(tags: Mapping[str, str], side: str, standard: Standard, speed: float) -> float:
     whole = tags.get("shoulder:both", tags.get("shoulder"))
-    own = tags.get(f"shoulder:{side}")
-    if own is None and whole is not None:
-        own = {"both": "yes", "left": "no", "right": "no", side: "yes"}.get(whole, whole)
+    tag = tags.get(f"shoulder:{side}")
+    if tag is None and whole is not None:
+        tag = {"both": "yes", "left": "no", "right": "no", side: "yes"}.get(whole, whole)
     width = _first_length(tags, (f"shoulder:{side}:width", "shoulder:both:width", "shoulder:width"))
     highway = tags.get("highway", "")
     fast = highway in ("motorway", "motorway_link", "trunk") and speed > FAST
     usual = standard.shoulder if highway in ("motorway", "trunk") else standard.minor_shoulder
-    if own is None:
+    if tag is None:
         return usual if fast else 0.0
-    return 0.0 if own in ("no", "none") else min(width or usual, 5.0)
+    return 0.0 if tag in ("no", "none") else min(width or usual, 5.0)
 
 
 def _first_length(tags: Mapping[str, str], keys: tuple[str, ...]) -> float | None:
-    return next((found for key in keys if (found := metres(tags.get(key))) is not None), None)
+    return next((length for key in keys if (length := metres(tags.get(key))) is not None), None)

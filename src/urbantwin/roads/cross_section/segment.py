@@ -48,29 +48,29 @@ def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Seg
         for node, (x, y) in zip(piece.nodes, piece.points, strict=True)
     }
     same: dict[tuple[float, float], int] = {}
-    for node, at in place.items():
-        same.setdefault(at, node)
+    for node, position in place.items():
+        same.setdefault(position, node)
     cuts = {same[place[node]] for node in nodes if node in place}
     use: Counter[int] = Counter()
     merged = []
     seen: set[tuple[int, ...]] = set()
     for piece in pieces:
-        one = _merged(piece, [same[place[node]] for node in piece.nodes])
-        if len(one.nodes) < 2 or one.nodes in seen:
+        distinct = _merged(piece, [same[place[node]] for node in piece.nodes])
+        if len(distinct.nodes) < 2 or distinct.nodes in seen:
             continue
-        seen.add(one.nodes)
-        merged.append(one)
-        use.update(one.nodes)
+        seen.add(distinct.nodes)
+        merged.append(distinct)
+        use.update(distinct.nodes)
     cuts |= {node for node, number in use.items() if number > 1}
     unused = max((piece.id for piece in pieces), default=0) + 1
-    found: list[Segment] = []
+    segments: list[Segment] = []
     for piece in merged:
         for number, segment in enumerate(_cut(piece, cuts)):
             if number:
                 segment = replace(segment, piece=replace(segment.piece, id=unused))  # noqa: PLW2901
                 unused += 1
-            found.append(segment)
-    return tuple(found)
+            segments.append(segment)
+    return tuple(segments)
 
 
 def _merged(piece: WayPiece, nodes: list[int]) -> WayPiece:
@@ -80,7 +80,7 @@ def _merged(piece: WayPiece, nodes: list[int]) -> WayPiece:
 
 
 def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Segment]:
-    along = _along(piece.points)
+    along = _shares_along(piece.points)
     inner = [k for k in range(1, len(piece.nodes) - 1) if piece.nodes[k] in cuts]
     ends = [0, *inner, len(piece.nodes) - 1]
     parts: list[tuple[int, int]] = []
@@ -101,7 +101,7 @@ def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Segment]:
     ]
 
 
-def _along(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shares_along(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the share of a line's length before each of its points (N,)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])

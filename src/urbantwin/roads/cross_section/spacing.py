@@ -126,10 +126,10 @@ def _roads(segments: Sequence[Segment]) -> tuple[list[int], list[int]]:
     for k in range(len(segments)):
         ahead = [(k, 1)] if group[k] < 0 else []
         while ahead:
-            at, way = ahead.pop()
-            if group[at] < 0:
-                group[at], sign[at] = k, way
-                ahead += [(other, way * turn) for other, turn in beside[at]]
+            current, direction = ahead.pop()
+            if group[current] < 0:
+                group[current], sign[current] = k, direction
+                ahead += [(other, direction * turn) for other, turn in beside[current]]
     return group, sign
 
 
@@ -143,35 +143,35 @@ def _pairs(
     # Segments that do not overlap yet may do so after others have moved.
     bands = [s.buffer(width + FURTHEST_M) for s, width in zip(shapes, half, strict=True)]
     tree = shapely.STRtree(bands)
-    found = []
+    pairs = []
     for a, b in tree.query(bands, predicate="intersects").T.tolist():
-        one, other = segments[a].piece, segments[b].piece
+        first, other = segments[a].piece, segments[b].piece
         if (
             a >= b
             or group[a] == group[b]
-            or not set(one.nodes).isdisjoint(other.nodes)
-            or way_layer(one.tags) != way_layer(other.tags)
-            or any(piece.tags.get("highway", "").endswith("_link") for piece in (one, other))
+            or not set(first.nodes).isdisjoint(other.nodes)
+            or way_layer(first.tags) != way_layer(other.tags)
+            or any(piece.tags.get("highway", "").endswith("_link") for piece in (first, other))
         ):
             continue
         pair = _pair(a, b, shapes, half)
         if pair is not None:
-            found.append(pair)
-    return found
+            pairs.append(pair)
+    return pairs
 
 
 def _pair(
     a: int, b: int, shapes: Sequence[shapely.LineString], half: Sequence[float]
 ) -> _Pair | None:
-    one, other = shapes[a], shapes[b]
-    at = np.arange(0.0, one.length, STEP_M)
-    points = shapely.line_interpolate_point(one, at)
+    line, other = shapes[a], shapes[b]
+    stations = np.arange(0.0, line.length, STEP_M)
+    points = shapely.line_interpolate_point(line, stations)
     along = shapely.line_locate_point(other, points)
     beside = (along > 0.0) & (along < other.length)
     xy = shapely.get_coordinates(points)
-    step = _directions(one, at)
-    there = _directions(other, along)
-    cosine = (step * there).sum(axis=1)
+    step = _directions(line, stations)
+    other_step = _directions(other, along)
+    cosine = (step * other_step).sum(axis=1)
     beside &= np.abs(cosine) > PARALLEL
     if beside.sum() * STEP_M < SHORTEST_M:
         return None

@@ -122,7 +122,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         section: its cross section.
         middle: the middle of the road along it.
     """
-    found = []
+    edges = []
     present = [f for f in (True, False) if _exists(section, forward=f)]
     for forward in present:
         lanes = section.lanes(forward=forward)
@@ -138,8 +138,8 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         identity = str(segment.piece.id) if forward else f"-{segment.piece.id}"
         shape = line if moved else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
-        found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
-    return found
+        edges.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
+    return edges
 
 
 def write_sumo_edges(path: Path, frame: SiteFrame, edges: Sequence[SumoEdge]) -> None:

@@ -94,7 +94,7 @@ def fitting_turns(
             if number:
                 arms[node].append(_Arm(math.atan2(step[1], step[0]), number, k))
     junctions = [node for node, number in ends.items() if number > 2]
-    alone = _alone(junctions, place)
+    alone = _without_near_junction(junctions, place)
     result = []
     for k, (segment, section) in enumerate(zip(segments, sections, strict=True)):
         points, nodes = segment.piece.points, segment.piece.nodes
@@ -106,31 +106,33 @@ def fitting_turns(
             lanes = changed[name]
             if node in alone and any(lane.turns for lane in lanes):
                 heading = math.atan2(step[1], step[0])
-                ways = _ways_on(heading, [arm for arm in arms[node] if arm.segment != k])
-                changed[name] = _fitted(lanes, ways, section.driving_side)
+                exits = _exit_lanes(heading, [arm for arm in arms[node] if arm.segment != k])
+                changed[name] = _fitted(lanes, exits, section.driving_side)
         result.append(replace(section, forward=changed["forward"], backward=changed["backward"]))
     return result
 
 
-def _alone(junctions: Sequence[int], place: Mapping[int, NDArray[np.float64]]) -> set[int]:
+def _without_near_junction(
+    junctions: Sequence[int], place: Mapping[int, NDArray[np.float64]]
+) -> set[int]:
     if not junctions:
         return set()
     xy = np.array([place[node] for node in junctions])
     gap = np.linalg.norm(xy[:, None] - xy[None], axis=2)
     np.fill_diagonal(gap, np.inf)
-    return {node for node, near in zip(junctions, gap.min(axis=1), strict=True) if near > ALONE_M}
+    return {node for node, away in zip(junctions, gap.min(axis=1), strict=True) if away > ALONE_M}
 
 
-def _ways_on(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:
+def _exit_lanes(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:
     """Return direction -> number of lanes; ``None`` if two streets share a direction."""
-    found: dict[str, int] = {}
+    exits: dict[str, int] = {}
     for arm in arms:
         bend = wrapped(arm.heading - heading)
         name = "through" if abs(bend) < TURN else ("left" if bend > 0 else "right")
-        if name in found:
+        if name in exits:
             return None
-        found[name] = arm.lanes
-    return found
+        exits[name] = arm.lanes
+    return exits
 
 
 def _fitted(
@@ -163,8 +165,8 @@ def _fitted(
     if lost:
         # A lane without a valid arrow gets the turns of its neighbour.
         for k in lost:
-            near = min((j for j in cars if turns[j]), key=lambda j: abs(j - k), default=None)
-            turns[k] = set(turns[near]) if near is not None else set()
+            closest = min((j for j in cars if turns[j]), key=lambda j: abs(j - k), default=None)
+            turns[k] = set(turns[closest]) if closest is not None else set()
     order = ("left", "through", "right")
     return tuple(
         replace(lane, turns=tuple(t for t in order if t in turns[k])) if k in turns else lane
