@@ -31,7 +31,7 @@ def _road(road: ModelRoad) -> ModelRoad:
         return road
     if shrink == 0.0:
         return road
-    if _reach(road) * shrink < NOTICED_M:
+    if _lane_extent(road) * shrink < NOTICED_M:
         return road
     sections = tuple(
         _section(road, section, end)
@@ -40,7 +40,7 @@ def _road(road: ModelRoad) -> ModelRoad:
     return replace(road, offset=_grown(road, road.offset, 0.0, road.length), sections=sections)
 
 
-def _reach(road: ModelRoad) -> float:
+def _lane_extent(road: ModelRoad) -> float:
     """Return the extent of lanes from the reference line at the road's start, metres."""
     reach = 0.0
     for side in (1, -1):

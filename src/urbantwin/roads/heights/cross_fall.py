@@ -146,9 +146,9 @@ def cross_falls(
     )
     if measured.any():
         seen = _measured(stations, elevation, ground, tilt, sided & (side == 0))
-        here = measured[stations.road]
-        level = np.where(here, ground + (seen[0] - ground) * share, level)
-        bank = np.where(here, tilt + (seen[1] - tilt) * share, bank)
+        is_measured = measured[stations.road]
+        level = np.where(is_measured, ground + (seen[0] - ground) * share, level)
+        bank = np.where(is_measured, tilt + (seen[1] - tilt) * share, bank)
         crown = np.where(measured, seen[2], crown)
     steepest = np.array([limit.bank for limit in limits])[stations.road]
     # A carriageway that is too steep is rotated about its centre.
@@ -167,7 +167,7 @@ def run_out(
         calm: id of a street -> ranges of stations without cross-fall.
     """
     length = np.array([road.length for road in stations.roads])[stations.road]
-    near = np.full(len(length), np.inf)
+    away = np.full(len(length), np.inf)
     for k, road in enumerate(stations.roads):
         part = stations.of(k)
         s = stations.s[part]
@@ -175,9 +175,9 @@ def run_out(
         spans += [(0.0, 0.0)] * (road.predecessor is not None)
         spans += [(road.length, road.length)] * (road.successor is not None)
         for first, last in spans:
-            near[part] = np.minimum(near[part], np.maximum(np.maximum(first - s, s - last), 0.0))
+            away[part] = np.minimum(away[part], np.maximum(np.maximum(first - s, s - last), 0.0))
     # Streets too short for a run-out at both ends have a smaller share in the middle.
-    return smooth_step(near / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
+    return smooth_step(away / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
         length / (2.0 * RUN_OUT_M)
     )
 
@@ -241,7 +241,7 @@ def _regressed(
     design = np.stack(columns, axis=-1)
     count = design.shape[-1]
     weight = np.ones_like(z)
-    found = np.zeros((len(z), count))
+    coefficients = np.zeros((len(z), count))
     for _ in range(ROUNDS):
         weighted = design * weight[..., None]
         system = np.concatenate(
@@ -257,10 +257,10 @@ def _regressed(
             system[part] = gaussian_filter1d(system[part], ALONG_M / step, axis=0, mode="nearest")
         normal = system[:, : count * count].reshape(-1, count, count)
         normal = normal + 1e-6 * np.eye(count)
-        found = np.linalg.solve(normal, system[:, count * count :, None])[..., 0]
-        off = np.abs(z - np.einsum("mki,mi->mk", design, found))
+        coefficients = np.linalg.solve(normal, system[:, count * count :, None])[..., 0]
+        off = np.abs(z - np.einsum("mki,mi->mk", design, coefficients))
         weight = np.minimum(1.0, HUBER_M / np.maximum(off, 1e-9))
-    return found.T
+    return coefficients.T
 
 
 def limits_of(road: ModelRoad) -> Limits:

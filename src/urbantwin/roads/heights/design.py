@@ -61,23 +61,23 @@ def smoothed(
     inner[ends[0]] = inner[ends[1]] = False
     k = np.flatnonzero(inner)
     weight = stiff[k]
-    for shift, own in ((-1, 1.0), (0, -2.0), (1, 1.0)):
-        bands[2, k + shift] += weight * own * own
+    for shift, factor in ((-1, 1.0), (0, -2.0), (1, 1.0)):
+        bands[2, k + shift] += weight * factor * factor
     bands[1, k] += weight * -2.0
     bands[1, k + 1] += weight * -2.0
     bands[0, k + 1] += weight
     for side, inwards in ((0, 1), (1, -1)):
-        at = ends[side][pins.pinned[side]]
-        bands[2, at] += PINNED
-        right[at] += PINNED * pins.value[side][pins.pinned[side]]
+        pinned = ends[side][pins.pinned[side]]
+        bands[2, pinned] += PINNED
+        right[pinned] += PINNED * pins.value[side][pins.pinned[side]]
         # The slope, by a mirrored neighbour beyond the end: (z1 - z0) = step x slope.
-        rise = inwards * step[at] * pins.slope[side][pins.pinned[side]]
-        weight = 2.0 * stiff[at]
-        bands[2, at] += weight
-        bands[2, at + inwards] += weight
-        bands[1, np.maximum(at, at + inwards)] -= weight
-        right[at] -= weight * rise
-        right[at + inwards] += weight * rise
+        rise = inwards * step[pinned] * pins.slope[side][pins.pinned[side]]
+        weight = 2.0 * stiff[pinned]
+        bands[2, pinned] += weight
+        bands[2, pinned + inwards] += weight
+        bands[1, np.maximum(pinned, pinned + inwards)] -= weight
+        right[pinned] -= weight * rise
+        right[pinned + inwards] += weight * rise
     z = np.asarray(solveh_banded(bands, right, check_finite=False))
     for side in (0, 1):
         z[ends[side][pins.pinned[side]]] = pins.value[side][pins.pinned[side]]
@@ -136,10 +136,10 @@ def _no_steeper(
     stations: Stations, z: NDArray[np.float64], ground: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return profiles moved towards the ground until no grade exceeds that of the ground."""
-    own, there = _differences(stations, z)[0], _differences(stations, ground)[0]
-    bound = _largest(stations, np.abs(there))[stations.road] + GRADE_TOLERANCE
+    grade, base = _differences(stations, z)[0], _differences(stations, ground)[0]
+    bound = _largest(stations, np.abs(base))[stations.road] + GRADE_TOLERANCE
     share = np.where(
-        np.abs(own) > bound, (bound - np.abs(there)) / np.maximum(np.abs(own - there), 1e-12), 1.0
+        np.abs(grade) > bound, (bound - np.abs(base)) / np.maximum(np.abs(grade - base), 1e-12), 1.0
     )
     part = np.minimum.reduceat(share, stations.first[:-1]) if len(share) else share
     part = np.clip(part, 0.0, 1.0)[stations.road]
@@ -153,11 +153,11 @@ def profile_slopes(stations: Stations, z: NDArray[np.float64], pins: Pins) -> ND
     slope[1:-1] = z[2:] - z[:-2]
     slope /= 2.0 * step
     for side, inwards in ((0, 1), (1, -1)):
-        at = stations.edges()[side]
-        one, two = z[at + inwards], z[at + 2 * inwards]
-        slope[at] = inwards * (-3.0 * z[at] + 4.0 * one - two) / (2.0 * step[at])
+        end = stations.edges()[side]
+        first, second = z[end + inwards], z[end + 2 * inwards]
+        slope[end] = inwards * (-3.0 * z[end] + 4.0 * first - second) / (2.0 * step[end])
         held = pins.pinned[side]
-        slope[at[held]] = pins.slope[side][held]
+        slope[end[held]] = pins.slope[side][held]
     return slope
 
 
@@ -175,8 +175,8 @@ def _differences(
     rise[:-1] = np.diff(z) / step[:-1]
     rise[stations.edges()[1]] = 0.0
     bend[1:-1] = (z[2:] - 2.0 * z[1:-1] + z[:-2]) / step[1:-1] ** 2
-    for at in stations.edges():
-        bend[at] = 0.0
+    for end in stations.edges():
+        bend[end] = 0.0
     return rise, bend
 
 

@@ -64,28 +64,30 @@ def with_heights(
         lift: height of roads above the ground.
     """
     streets = [road for road in model.roads if road.junction < 0]
-    ways = [road for road in model.roads if road.junction >= 0]
-    everything = stations_of([*streets, *ways], DENSE_M)
+    connecting = [road for road in model.roads if road.junction >= 0]
+    everything = stations_of([*streets, *connecting], DENSE_M)
     base = RoadGround(elevation, lift, _carriageway(everything))
     site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
     risen = _streets(streets, site, NO_OVERLAPS)
-    overlaps = find_overlaps(risen, ways, everything)
+    overlaps = find_overlaps(risen, connecting, everything)
     if overlaps.calm:
         again = [k for k, road in enumerate(streets) if road.id in overlaps.calm]
         first = [k for k in again if streets[k].id not in overlaps.yielding]
-        _put(risen, first, _streets([streets[k] for k in first], site, overlaps))
-        kept = [k for k, road in enumerate(streets) if road.id not in overlaps.yielding]
-        others = [*(risen[k] for k in kept), *ways]
-        kept += range(len(streets), len(streets) + len(ways))
-        surface = RoadSurface(model.with_roads(tuple(others)), base, everything.pick(others, kept))
+        _replace_at(risen, first, _streets([streets[k] for k in first], site, overlaps))
+        fixed_index = [k for k, road in enumerate(streets) if road.id not in overlaps.yielding]
+        fixed_roads = [*(risen[k] for k in fixed_index), *connecting]
+        fixed_index += range(len(streets), len(streets) + len(connecting))
+        surface = RoadSurface(
+            model.with_roads(tuple(fixed_roads)), base, everything.pick(fixed_roads, fixed_index)
+        )
         last = [k for k in again if streets[k].id in overlaps.yielding]
-        _put(risen, last, _streets([streets[k] for k in last], site, overlaps, surface))
-    surface = RoadSurface(model.with_roads((*risen, *ways)), base, everything)
-    found = {road.id: road for road in (*risen, *with_fitted_heights(ways, surface))}
-    return model.with_roads(tuple(found[road.id] for road in model.roads)), surface
+        _replace_at(risen, last, _streets([streets[k] for k in last], site, overlaps, surface))
+    surface = RoadSurface(model.with_roads((*risen, *connecting)), base, everything)
+    finished = {road.id: road for road in (*risen, *with_fitted_heights(connecting, surface))}
+    return model.with_roads(tuple(finished[road.id] for road in model.roads)), surface
 
 
-def _put(roads: list[ModelRoad], which: Sequence[int], other: Sequence[ModelRoad]) -> None:
+def _replace_at(roads: list[ModelRoad], which: Sequence[int], other: Sequence[ModelRoad]) -> None:
     for k, road in zip(which, other, strict=True):
         roads[k] = road
 
@@ -128,8 +130,8 @@ def _streets(
     ends = stations.edges()
     level = np.array([road.level for road in streets])[stations.road]
     # At a junction on the ground, a ramp joins the ground's surface.
-    for at, number in zip(ends, levels_at_ends(streets, site.levels), strict=True):
-        level[at] = number
+    for end_index, number in zip(ends, levels_at_ends(streets, site.levels), strict=True):
+        level[end_index] = number
     z = _sampled(stations.beside(t), level, base)
     weight = np.ones_like(t)
     if surface:
@@ -140,9 +142,9 @@ def _streets(
     lifted = _lifted(stations, site.ground)
     cross = cross_falls(stations, t, z, weight, elevation, limits, lifted, share)
     held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
-    grade = np.stack([_grades(stations, at, (t, weight), level, base) for at in ends])
-    height = np.stack([cross.ground[at] for at in ends])
-    tilt = np.stack([cross.tilt[at] for at in ends])
+    grade = np.stack([_grades(stations, end_index, (t, weight), level, base) for end_index in ends])
+    height = np.stack([cross.ground[end_index] for end_index in ends])
+    tilt = np.stack([cross.tilt[end_index] for end_index in ends])
     bend = np.clip(stations.bend, -SHARPEST, SHARPEST)
     along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
@@ -180,15 +182,15 @@ def _eased(
     z = z.copy()
     for k in range(len(stations.roads)):
         part = stations.of(k)
-        at = np.flatnonzero(on[part])
-        if not len(at) or len(at) == part.stop - part.start:
+        on_index = np.flatnonzero(on[part])
+        if not len(on_index) or len(on_index) == part.stop - part.start:
             continue
         s = stations.s[part]
-        near = at[np.abs(s[:, None] - s[at]).argmin(axis=1)]
-        room = np.where(s < s[near], s[near], s[-1] - s[near])
-        away = np.abs(s - s[near]) / np.maximum(np.minimum(EASING_M, room), 1e-9)
+        nearest = on_index[np.abs(s[:, None] - s[on_index]).argmin(axis=1)]
+        room = np.where(s < s[nearest], s[nearest], s[-1] - s[nearest])
+        away = np.abs(s - s[nearest]) / np.maximum(np.minimum(EASING_M, room), 1e-9)
         share = np.where(on[part], 0.0, 1.0 - smooth_step(away))
-        level, slope = (share * value[part][near] for value in ask)
+        level, slope = (share * value[part][nearest] for value in ask)
         z[part] += level[:, None] + slope[:, None] * t[part]
     return z
 
@@ -197,8 +199,8 @@ def _sampled(xy: NDArray[np.float64], level: NDArray[np.int64], base: Base) -> N
     """Return heights of the base (M, K) at points (M, K, 2) on levels (M,)."""
     z = np.zeros(xy.shape[:2])
     for number in np.unique(level):
-        here = level == number
-        z[here] = base(xy[here].reshape(-1, 2), int(number)).reshape(-1, xy.shape[1])
+        on_level = level == number
+        z[on_level] = base(xy[on_level].reshape(-1, 2), int(number)).reshape(-1, xy.shape[1])
     return z
 
 
@@ -220,9 +222,9 @@ def _grades(
 
 def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
     """Return the mask (R,) of roads that are above the ground somewhere."""
-    found = np.array([road.level > 0 for road in stations.roads])
+    is_raised = np.array([road.level > 0 for road in stations.roads])
     lift = base.lift_at(stations.pose[:, :2], 0)
-    return found | (np.maximum.reduceat(lift, stations.first[:-1]) > 0.02)
+    return is_raised | (np.maximum.reduceat(lift, stations.first[:-1]) > 0.02)
 
 
 def hermite_profiles(
@@ -246,12 +248,12 @@ def hermite_profiles(
     goes_on = np.zeros(len(abcd), bool)
     goes_on[1:] = line[1:] & line[:-1] & (np.abs(np.diff(abcd[:, 1])) < STRAIGHT)
     goes_on[stations.first[:-1]] = False
-    found = []
+    profiles = []
     for k in range(len(stations.roads)):
         part = slice(int(stations.first[k]), int(stations.first[k + 1]) - 1)
         keep = ~goes_on[part]
-        found.append(Profile(stations.s[part][keep], abcd[part][keep]))
-    return found
+        profiles.append(Profile(stations.s[part][keep], abcd[part][keep]))
+    return profiles
 
 
 def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tuple[ModelRoad, ...]:
@@ -269,15 +271,15 @@ def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tupl
     z = np.zeros(t.shape)
     levels = np.array([road.level for road in ways])[stations.road]
     for level in np.unique(levels):
-        here = levels == level
-        z[here] = surface.height(xy[here].reshape(-1, 2), int(level)).reshape(
+        on_level = levels == level
+        z[on_level] = surface.height(xy[on_level].reshape(-1, 2), int(level)).reshape(
             -1, SAMPLES_CONNECTING
         )
     rise, bank = line_across(t, z)
     along, across = _pins(stations, surface.mouths, surface.mouth_of)
-    for side, at in enumerate(stations.edges()):
-        rise[at] = np.where(along.pinned[side], along.value[side], rise[at])
-        bank[at] = np.where(along.pinned[side], across.value[side], bank[at])
+    for side, end_index in enumerate(stations.edges()):
+        rise[end_index] = np.where(along.pinned[side], along.value[side], rise[end_index])
+        bank[end_index] = np.where(along.pinned[side], across.value[side], bank[end_index])
     elevation = hermite_profiles(stations, rise, profile_slopes(stations, rise, along))
     turn = profile_slopes(stations, bank, across)
     banks = hermite_profiles(stations, np.arctan(bank), turn / (1.0 + bank**2))
@@ -299,16 +301,16 @@ def _pins(
         ]
     ).T
     held = number >= 0
-    which = np.where(held, number, 0)
-    place = np.stack([ways.pose[at] for at in ways.edges()])
-    t = mouths.seen_from(which, place[..., :2])[1]
+    mouth_index = np.where(held, number, 0)
+    place = np.stack([ways.pose[end_index] for end_index in ways.edges()])
+    t = mouths.seen_from(mouth_index, place[..., :2])[1]
     # 1 where the connecting road runs along the street's direction, -1 against it.
-    sign = np.array([[1.0], [-1.0]]) * mouths.out[which]
-    slope = sign * mouths.slope(which, t)
-    _, bank, crown = np.moveaxis(mouths.height[which], -1, 0)
+    sign = np.array([[1.0], [-1.0]]) * mouths.out[mouth_index]
+    slope = sign * mouths.slope(mouth_index, t)
+    _, bank, crown = np.moveaxis(mouths.height[mouth_index], -1, 0)
     # Along a curved path the surface is its tangent plane: grade turns into bank.
-    turn = mouths.turn(which, t) - ways.bend * slope
+    turn = mouths.turn(mouth_index, t) - ways.bend * slope
     return (
-        Pins(held, mouths.rise(which, t), ways.pace * slope),
+        Pins(held, mouths.rise(mouth_index, t), ways.pace * slope),
         Pins(held, sign * (bank - np.sign(t) * crown), ways.pace * turn),
     )

@@ -44,8 +44,8 @@ class Mouths:
 
     def of(self, level: int) -> Mouths:
         """Return the mouths at one level."""
-        here = self.level == level
-        return Mouths(*(getattr(self, field.name)[here] for field in fields(self)))
+        on_level = self.level == level
+        return Mouths(*(getattr(self, field.name)[on_level] for field in fields(self)))
 
     def seen_from(
         self, which: NDArray[np.int64], xy: NDArray[np.float64]
@@ -98,14 +98,14 @@ def levels_at_ends(streets: Sequence[ModelRoad], levels: Mapping[int, int]) -> N
         levels: id of a junction -> its level.
     """
     links = [(road.predecessor, road.successor) for road in streets]
-    found = [
+    level_of_end = [
         [
             levels.get(link.id, road.level) if link and link.element == "junction" else road.level
             for link in pair
         ]
         for road, pair in zip(streets, links, strict=True)
     ]
-    return np.array(found, np.int64).reshape(-1, 2).T
+    return np.array(level_of_end, np.int64).reshape(-1, 2).T
 
 
 def mouths_of(streets: Sequence[ModelRoad], stations: Stations, level: NDArray[np.int64]) -> Mouths:
@@ -126,14 +126,14 @@ def mouths_of(streets: Sequence[ModelRoad], stations: Stations, level: NDArray[n
         height[:, k] = np.column_stack([level_there, np.tan(angle), crown])
         turn, bow = road.bank.slope(ends) / c**2, road.crown.slope(ends) / c
         grade[:, k] = np.column_stack([road.elevation.slope(ends), turn, bow])
-    at = np.concatenate(stations.edges())
-    heading = stations.pose[at, 2]
+    end_index = np.concatenate(stations.edges())
+    heading = stations.pose[end_index, 2]
     return Mouths(
-        stations.pose[at, :2],
+        stations.pose[end_index, :2],
         np.column_stack([np.cos(heading), np.sin(heading)]),
         np.repeat([-1.0, 1.0], len(streets)),
-        stations.outer_right[at],
-        stations.outer_left[at],
+        stations.outer_right[end_index],
+        stations.outer_left[end_index],
         level.ravel(),
         height.reshape(-1, 3),
         grade.reshape(-1, 3),

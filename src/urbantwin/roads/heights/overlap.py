@@ -64,25 +64,25 @@ def find_overlaps(
     calm: dict[int, list[tuple[float, float]]] = defaultdict(list)
     yielding = set()
     for a, b, area in zip(first[big], second[big], shared[big], strict=True):
-        one, two = roads[a], roads[b]
+        road, other = roads[a], roads[b]
         points = shapely.get_coordinates(area)
-        t, u = one.curve.locate(points), two.curve.locate(points)
+        t, u = road.curve.locate(points), other.curve.locate(points)
         if a >= len(streets):
             # The connecting road is fitted to the street, whose crown would be a kink in it.
-            if not (two.crown.is_zero and _falls_little(two)):
-                calm[two.id].append(_interval(u[0]))
+            if not (other.crown.is_zero and _is_nearly_level(other)):
+                calm[other.id].append(_interval(u[0]))
             continue
-        gap = one.heights(np.clip(t[0], 0.0, one.length), t[1])
-        gap = gap - two.heights(np.clip(u[0], 0.0, two.length), u[1])
+        gap = road.heights(np.clip(t[0], 0.0, road.length), t[1])
+        gap = gap - other.heights(np.clip(u[0], 0.0, other.length), u[1])
         if np.abs(gap).max() > STEP_UP_M:
-            calm[one.id].append(_interval(t[0]))
-            calm[two.id].append(_interval(u[0]))
+            calm[road.id].append(_interval(t[0]))
+            calm[other.id].append(_interval(u[0]))
             narrow = min((a, b), key=lambda k: (_width(stations, k), roads[k].length, k))
             yielding.add(roads[narrow].id)
     return Overlaps(dict(calm), frozenset(yielding))
 
 
-def _falls_little(road: ModelRoad) -> bool:
+def _is_nearly_level(road: ModelRoad) -> bool:
     return bool(np.abs(road.bank.at(np.linspace(0.0, road.length, 9))).max() < 1e-3)
 
 

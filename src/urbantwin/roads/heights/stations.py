@@ -97,10 +97,10 @@ class Stations:
         order = np.argsort(np.tile(self.road, 2), kind="stable")
         ring = np.concatenate([corners[:, 0], corners[back, 1]])[order]
         rings = shapely.linearrings(ring, indices=np.repeat(self.road, 2))
-        found: NDArray[np.object_] = shapely.polygons(rings)
-        bad = ~shapely.is_valid(found)
-        found[bad] = shapely.buffer(found[bad], 0.0)
-        return found
+        polygons: NDArray[np.object_] = shapely.polygons(rings)
+        bad = ~shapely.is_valid(polygons)
+        polygons[bad] = shapely.buffer(polygons[bad], 0.0)
+        return polygons
 
     def pick(self, roads: Sequence[ModelRoad], which: Sequence[int]) -> Stations:
         """Return the stations of some roads: ``roads``, which had the indices ``which``."""
@@ -239,16 +239,16 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     ]
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     s = [np.linspace(0.0, road.length, n) for road, n in zip(roads, counts, strict=True)]
-    near = [min(NEAR_M, road.length / 50) for road in roads]
+    offsets = [min(NEAR_M, road.length / 50) for road in roads]
     curves = [road.curve for road in roads]
     pose = all_at(curves, s)
     # Curvature and pace at the ends are measured just inside.
-    inside = [np.array([d, road.length - d]) for road, d in zip(roads, near, strict=True)]
+    inside = [np.array([d, road.length - d]) for road, d in zip(roads, offsets, strict=True)]
     ends = pose[np.column_stack([first[:-1], first[1:] - 1])]
     change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]
-    reach = [_reach(road, x) for road, x in zip(roads, s, strict=True)]
+    reach = [_borders(road, x) for road, x in zip(roads, s, strict=True)]
     sides = np.concatenate([np.zeros((4, 0)), *reach], axis=1)
-    away = np.array(near, np.float64)[:, None]
+    away = np.array(offsets, np.float64)[:, None]
     turned = wrapped(change[:, :, 2])
     return Stations(
         tuple(roads),
@@ -279,9 +279,9 @@ def _values(
     return np.maximum(profile.at(s), least)
 
 
-def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _borders(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (4, N): right and left border of the carriageway, and of all lanes."""
-    found = np.zeros((4, len(s)))
+    borders = np.zeros((4, len(s)))
     starts = np.searchsorted(s, [section.s for section in road.sections[1:]]).tolist()
     for section, (begin, end) in zip(
         road.sections, itertools.pairwise([0, *starts, len(s)]), strict=True
@@ -290,7 +290,7 @@ def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
             continue
         inside = slice(begin, end)
         offset = _values(road.offset, s[inside])
-        found[:, inside] = offset
+        borders[:, inside] = offset
         for side in (-1, 1):
             t = offset
             flat = offset
@@ -301,9 +301,9 @@ def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
                 t = t + side * _values(lane.width, s[inside] - section.s, least=0.0)
                 if lane.kind not in RAISED_KINDS and lane.kind != "none":
                     flat = t
-            found[0 if side < 0 else 1, inside] = flat
-            found[2 if side < 0 else 3, inside] = t
+            borders[0 if side < 0 else 1, inside] = flat
+            borders[2 if side < 0 else 3, inside] = t
     # On a road of footways only, they are the carriageway.
-    bare = found[1] - found[0] < 0.5
-    found[:2, bare] = found[2:, bare]
-    return found
+    bare = borders[1] - borders[0] < 0.5
+    borders[:2, bare] = borders[2:, bare]
+    return borders

@@ -69,10 +69,12 @@ class RoadSurface:
     def __init__(self, model: LaneModel, base: Base, stations: Stations | None = None) -> None:
         self._base = base
         streets = [road for road in model.roads if road.junction < 0]
-        ways = [road for road in model.roads if road.junction >= 0]
-        whole = stations or stations_of([*streets, *ways], STEP_M)
+        connecting = [road for road in model.roads if road.junction >= 0]
+        whole = stations or stations_of([*streets, *connecting], STEP_M)
         stations = whole.pick(streets, range(len(streets)))
-        through = whole.pick(ways, range(len(streets), len(streets) + len(ways))).areas()
+        through = whole.pick(
+            connecting, range(len(streets), len(streets) + len(connecting))
+        ).areas()
         ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
         #: The ends of all streets, and (id of a street, ``start`` or ``end``) -> index of one.
         self.mouths = mouths_of(streets, stations, ends)
@@ -83,39 +85,39 @@ class RoadSurface:
         }
         self._levels = {}
         for level in sorted({*self.mouths.level.tolist(), *(road.level for road in streets)}):
-            which = [k for k, road in enumerate(streets) if road.level == level]
-            mine = stations.pick([streets[k] for k in which], which)
+            street_index = [k for k, road in enumerate(streets) if road.level == level]
+            level_stations = stations.pick([streets[k] for k in street_index], street_index)
             over = shapely.STRtree(
-                [a for a, w in zip(through, ways, strict=True) if w.level == level]
+                [a for a, w in zip(through, connecting, strict=True) if w.level == level]
             )
-            self._levels[level] = self._level(mine, self.mouths.of(level), over, level)
+            self._levels[level] = self._level(level_stations, self.mouths.of(level), over, level)
 
     def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
         """Return heights (N,) of the carriageway's surface at points (N, 2) of a level, metres."""
         points = np.asarray(xy, np.float64).reshape(-1, 2)
         z = np.asarray(self._base(points, level), np.float64).copy()
-        known = self._levels.get(level)
-        if known is None or not len(points):
+        layer = self._levels.get(level)
+        if layer is None or not len(points):
             return z
-        on, own = self._on_streets(known, points)
+        on, heights = self._on_streets(layer, points)
         rest = np.ones(len(points), bool)
         rest[on] = False
-        z[rest] += self._correction(known, points[rest], z[rest])
-        z[on] = own
+        z[rest] += self._correction(layer, points[rest], z[rest])
+        z[on] = heights
         return z
 
     def on_streets(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
         """Return 1 for points (N, 2) on a street of a level, else 0."""
         points = np.asarray(xy, np.float64).reshape(-1, 2)
-        found = np.zeros(len(points))
+        on_street = np.zeros(len(points))
         if level in self._levels:
-            found[self._on_streets(self._levels[level], points)[0]] = 1.0
-        return found
+            on_street[self._on_streets(self._levels[level], points)[0]] = 1.0
+        return on_street
 
     def ridges(self, level: int = 0) -> list[shapely.LineString]:
         """Return the ridges of the surface: reference lines of crowned streets."""
-        known = self._levels.get(level)
-        streets = known.streets if known else ()
+        layer = self._levels.get(level)
+        streets = layer.streets if layer else ()
         return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
 
     def _level(
@@ -152,22 +154,22 @@ class RoadSurface:
         self, known: _Level, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the indices of points on streets, and their heights."""
-        which, street = _inside(known.footprints, points)
+        point_index, street = _inside(known.footprints, points)
         order = np.argsort(street, kind="stable")
-        which, street = which[order], street[order]
+        point_index, street = point_index[order], street[order]
         bounds = np.searchsorted(street, np.arange(len(known.streets) + 1))
         total, weight = np.zeros(len(points)), np.zeros(len(points))
         paved = np.zeros(len(points), bool)
-        found = []
+        rows = []
         for k, road in enumerate(known.streets):
-            mine = which[bounds[k] : bounds[k + 1]]
-            if not len(mine):
+            index = point_index[bounds[k] : bounds[k + 1]]
+            if not len(index):
                 continue
             part = known.stations.of(k)
-            s, t = road.curve.locate(points[mine])
-            at = known.stations.s[part]
+            s, t = road.curve.locate(points[index])
+            grid_s = known.stations.s[part]
             right, left, outer_right, outer_left = (
-                np.interp(s, at, side[part])
+                np.interp(s, grid_s, side[part])
                 for side in (
                     known.stations.right,
                     known.stations.left,
@@ -179,19 +181,19 @@ class RoadSurface:
             margin = np.minimum(np.minimum(t - right, left - t), along)
             outer = np.minimum(np.minimum(t - outer_right, outer_left - t), along)
             z = road.heights(np.clip(s, 0.0, road.length), t)
-            found.append(np.column_stack([mine, z, margin, outer]))
-            paved[mine[margin >= -TOUCH_M]] = True
-        if found:
-            mine, z, margin, outer = np.concatenate(found).T
-            mine = mine.astype(np.int64)
-            inside = np.where(paved[mine], margin, outer)
+            rows.append(np.column_stack([index, z, margin, outer]))
+            paved[index[margin >= -TOUCH_M]] = True
+        if rows:
+            index, z, margin, outer = np.concatenate(rows).T
+            index = index.astype(np.int64)
+            inside = np.where(paved[index], margin, outer)
             # A connecting road that cuts a corner takes precedence over the footway there.
-            bare = np.flatnonzero(~paved[mine])
-            cut = _inside(known.ways, points[mine[bare]])[0]
+            bare = np.flatnonzero(~paved[index])
+            cut = _inside(known.ways, points[index[bare]])[0]
             inside[bare[cut]] = -1.0
             share = np.where(inside >= -TOUCH_M, np.maximum(inside, 1e-4) ** 2, 0.0)
-            np.add.at(total, mine, share * z)
-            np.add.at(weight, mine, share)
+            np.add.at(total, index, share * z)
+            np.add.at(weight, index, share)
         on = np.flatnonzero(weight > 0.0)
         return on, total[on] / weight[on]
 
@@ -205,26 +207,26 @@ class RoadSurface:
         # Distance is to the whole end of the street, not its centre: its width is added to the
         # range.
         count = max(1, min(ENDS, len(known.mouths.out)))
-        gap, which = known.mouth_tree.query(
+        gap, nearest = known.mouth_tree.query(
             points, k=np.arange(1, count + 1), distance_upper_bound=REACH_M + known.widest
         )
         row, column = np.nonzero(np.isfinite(gap))
         if len(row):
-            end = which[row, column]
+            end = nearest[row, column]
             u, t = known.mouths.seen_from(end, points[row])
             distance = known.mouths.distance(end, u, t)
-            share = _fading(distance, REACH_M)
+            share = _inverse_distance_weight(distance, REACH_M)
             offset = known.mouths.extended(end, u, t) - base[row]
             share = np.where(np.abs(offset) <= WALL_M, share, 0.0)
             total += np.bincount(row, share * offset, minlength=len(points))
             weight += np.bincount(row, share, minlength=len(points))
         count = max(1, min(SIDES, len(known.sides)))
-        gap, which = known.side_tree.query(
+        gap, nearest = known.side_tree.query(
             points, k=np.arange(1, count + 1), distance_upper_bound=SIDE_REACH_M
         )
         row, column = np.nonzero(np.isfinite(gap))
-        offset = known.side_offset[which[row, column]]
-        share = _fading(gap[row, column], SIDE_REACH_M)
+        offset = known.side_offset[nearest[row, column]]
+        share = _inverse_distance_weight(gap[row, column], SIDE_REACH_M)
         share = np.where(np.abs(offset) <= WALL_M, share, 0.0)
         total += np.bincount(row, share * offset, minlength=len(points))
         weight += np.bincount(row, share, minlength=len(points))
@@ -235,14 +237,14 @@ def _inside(
     areas: shapely.STRtree, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the indices of points (N, 2) and of the areas that contain them."""
-    which, area = areas.query(shapely.points(points))
+    point_index, area = areas.query(shapely.points(points))
     # Prepared areas are faster than the tree's own predicate.
     shapely.prepare(areas.geometries)
-    hit = shapely.intersects_xy(areas.geometries[area], points[which])
-    return which[hit], area[hit]
+    hit = shapely.intersects_xy(areas.geometries[area], points[point_index])
+    return point_index[hit], area[hit]
 
 
-def _fading(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+def _inverse_distance_weight(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
     """Return weights that diverge at zero distance and are 0 from ``reach`` on."""
-    near = np.maximum(distance, 1e-4)
-    return np.asarray((np.maximum(reach - near, 0.0) / (reach * near)) ** 2)
+    clipped = np.maximum(distance, 1e-4)
+    return np.asarray((np.maximum(reach - clipped, 0.0) / (reach * clipped)) ** 2)
