@@ -138,8 +138,8 @@ def build_imported_roads(
         InputError: a signal plan cannot be used.
         StageError: netconvert failed.
     """
-    said = [plan.spec.place for plan in plans]
-    lit = [frame.site_from_lonlat([(place[1], place[0])])[0] for place in said if place]
+    places = [plan.spec.place for plan in plans]
+    lit = [frame.site_from_lonlat([(place[1], place[0])])[0] for place in places if place]
     sumo = sumo_network_of_model(prepared.model, out, lit=lit)
     planned = set_programs(out, plans, frame)
     model = sumo.model

@@ -117,16 +117,16 @@ def closed_model(model: LaneModel, region: shapely.Polygon) -> tuple[LaneModel, 
     two_way = [end for end in ends if end.leaving and end.entering]
     exits = [end for end in ends if end.leaving and not end.entering]
     entries = [end for end in ends if end.entering and not end.leaving]
-    near = _near(exits, entries)
+    adjacent = _close_pairs(exits, entries)
     rest = (
-        [a for a in exits if all(a is not b for b, _ in near)],
-        [a for a in entries if all(a is not b for _, b in near)],
+        [a for a in exits if all(a is not b for b, _ in adjacent)],
+        [a for a in entries if all(a is not b for _, b in adjacent)],
     )
     round_it = _round(*rest)
     builder = _Builder(model)
     for end in two_way:
         builder.turn_round(end)
-    for exit_, entry in near:
+    for exit_, entry in adjacent:
         builder.lead_over(exit_, entry, None)
     hull = shapely.convex_hull(shapely.union_all([road.curve.line for road in model.roads]))
     for k, (exit_, entry) in enumerate(round_it):
@@ -134,9 +134,9 @@ def closed_model(model: LaneModel, region: shapely.Polygon) -> tuple[LaneModel, 
         builder.lead_over(exit_, entry, ring)
     notes = {
         "turning_drops": len(two_way),
-        "carriageways_joined": len(near),
+        "carriageways_joined": len(adjacent),
         "roads_round_the_region": len(round_it),
-        "open_ends": len(ends) - len(two_way) - 2 * (len(near) + len(round_it)),
+        "open_ends": len(ends) - len(two_way) - 2 * (len(adjacent) + len(round_it)),
     }
     return builder.result(), notes
 
@@ -147,7 +147,7 @@ def _loose_ends(model: LaneModel, region: shapely.Polygon) -> list[_End]:
     lines = [road.curve.line.buffer(ROOM_M, cap_style="flat") for road in streets]
     tree = shapely.STRtree(lines)
     border = shapely.boundary(region)
-    found = []
+    ends = []
     for number, road in enumerate(streets):
         for name, link in (("start", road.predecessor), ("end", road.successor)):
             if link is not None:
@@ -157,10 +157,10 @@ def _loose_ends(model: LaneModel, region: shapely.Polygon) -> list[_End]:
                 continue
             ahead = np.array([math.cos(end.heading), math.sin(end.heading)])
             ray = shapely.LineString([end.point + ahead * 3.0, end.point + ahead * FAR_M])
-            met = set(tree.query(ray, predicate="intersects").tolist()) - {number}
-            if not met or shapely.distance(border, shapely.Point(end.point)) < CUT_M:
-                found.append(end)
-    return found
+            hits = set(tree.query(ray, predicate="intersects").tolist()) - {number}
+            if not hits or shapely.distance(border, shapely.Point(end.point)) < CUT_M:
+                ends.append(end)
+    return ends
 
 
 def _end(road: ModelRoad, end: str) -> _End:
@@ -187,9 +187,9 @@ def _wide(road: ModelRoad, section: LaneSection, lane: SectionLane, *, at_end: b
     return float(lane.width.at([s])[0]) > 2.0
 
 
-def _near(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _End]]:
+def _close_pairs(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _End]]:
     """Return pairs of carriageways of one street: close ends with similar headings."""
-    found: list[tuple[_End, _End]] = []
+    pairs: list[tuple[_End, _End]] = []
     options = sorted(
         (float(np.linalg.norm(a.point - b.point)), i, j)
         for i, a in enumerate(exits)
@@ -199,9 +199,9 @@ def _near(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _E
     used: set[tuple[str, int]] = set()
     for away, i, j in options:
         if away <= NEAR_M and not used & {("out", i), ("in", j)}:
-            found.append((exits[i], entries[j]))
+            pairs.append((exits[i], entries[j]))
             used |= {("out", i), ("in", j)}
-    return found
+    return pairs
 
 
 def _round(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _End]]:
@@ -211,13 +211,13 @@ def _round(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_End, _
         for i, a in enumerate(exits)
         for j, b in enumerate(entries)
     )
-    found: list[tuple[_End, _End]] = []
+    pairs: list[tuple[_End, _End]] = []
     used: set[tuple[str, int]] = set()
     for _, i, j in options:
         if not used & {("out", i), ("in", j)}:
-            found.append((exits[i], entries[j]))
+            pairs.append((exits[i], entries[j]))
             used |= {("out", i), ("in", j)}
-    return found
+    return pairs
 
 
 class _Builder:
@@ -242,11 +242,11 @@ class _Builder:
             "outer": part_of_road(whole, cut, whole.length - cut, number),
             "in": part_of_road(whole, whole.length - cut, whole.length, self._new()),
         }
-        here = RoadLink("junction", junction)
+        junction_link = RoadLink("junction", junction)
         lanes = [lane.id for lane in whole.sections[0].lanes]
         after = {lane: lane for lane in lanes}
         first = whole.sections[0].lanes
-        ways = [
+        connecting = [
             _joined(
                 dataclasses.replace(parts["out"], junction=junction),
                 (RoadLink("road", end.road.id, end.end), {x.id: x.predecessor for x in first}),
@@ -258,7 +258,10 @@ class _Builder:
                 (RoadLink("road", end.road.id, end.end), {x.id: x.successor for x in first}),
             ),
         ]
-        self.roads += [_joined(parts["outer"], (here, {}), (here, {})), *ways]
+        self.roads += [
+            _joined(parts["outer"], (junction_link, {}), (junction_link, {})),
+            *connecting,
+        ]
         out = tuple((x.predecessor, x.id) for x in first if x.predecessor is not None)
         back = tuple((x.id, x.id) for x in first if x.successor is not None)
         self.junctions.append(
@@ -266,12 +269,12 @@ class _Builder:
                 junction,
                 "",
                 (
-                    Connection(end.road.id, ways[0].id, "start", out),
-                    Connection(number, ways[1].id, "start", back),
+                    Connection(end.road.id, connecting[0].id, "start", out),
+                    Connection(number, connecting[1].id, "start", back),
                 ),
             )
         )
-        self.links[end.road.id, end.end] = here
+        self.links[end.road.id, end.end] = junction_link
 
     def lead_over(self, exit_: _End, entry: _End, ring: shapely.Polygon | None) -> None:
         """Add a road from the outgoing lanes of one street to the incoming lanes of another."""
@@ -309,7 +312,7 @@ class _Builder:
     def _sections(self, road: ModelRoad) -> tuple[LaneSection, ...]:
         """Return a street's sections with the lanes at its ends linked to outer roads."""
         sections = list(road.sections)
-        for at, end in ((0, "start"), (-1, "end")):
+        for index, end in ((0, "start"), (-1, "end")):
             links = self.lanes.get((road.id, end), {})
             lanes = tuple(
                 lane
@@ -317,9 +320,9 @@ class _Builder:
                 else dataclasses.replace(lane, predecessor=links[lane.id])
                 if end == "start"
                 else dataclasses.replace(lane, successor=links[lane.id])
-                for lane in sections[at].lanes
+                for lane in sections[index].lanes
             )
-            sections[at] = dataclasses.replace(sections[at], lanes=lanes)
+            sections[index] = dataclasses.replace(sections[index], lanes=lanes)
         return tuple(sections)
 
     def _new(self) -> int:
@@ -342,7 +345,7 @@ class _Builder:
         _, z0, fall0 = exit_.inner(exit_.leaving[0])
         _, z1, fall1 = entry.inner(entry.entering[0])
         lanes = []
-        users = _users(exit_)
+        users = _own_lane_classes(exit_)
         for k, out in enumerate(exit_.leaving):
             into = entry.entering[k] if k < len(entry.entering) else None
             first = exit_.section.by_id[out]
@@ -378,7 +381,7 @@ class _Builder:
         )
 
 
-def _users(end: _End) -> tuple[str, ...]:
+def _own_lane_classes(end: _End) -> tuple[str, ...]:
     """Return the classes with outgoing lanes of their own: bicycles, buses."""
     onward = end.end == "end"
     return tuple(
@@ -411,11 +414,11 @@ def _round_curve(start: Pose2, end: Pose2, ring: shapely.Polygon) -> Curve:
     length = float(line.length)
     a, b = (float(line.project(shapely.Point(pose[:2]))) for pose in (start, end))
     sense = 1.0 if (b - a) % length <= length / 2 else -1.0
-    way = (sense * (b - a)) % length
+    distance_m = (sense * (b - a)) % length
     bend = 2.5 * RING_RADIUS_M
-    if way < 3 * bend:
+    if distance_m < 3 * bend:
         return dubins_path(start, end, radius=RING_RADIUS_M)
-    stations = a + sense * np.linspace(bend, way - bend, max(2, int(way / STEP_M)))
+    stations = a + sense * np.linspace(bend, distance_m - bend, max(2, int(distance_m / STEP_M)))
     points = shapely.get_coordinates(line.interpolate(stations % length))
     ahead = shapely.get_coordinates(line.interpolate((stations + sense * 0.5) % length)) - points
     headings = np.arctan2(ahead[:, 1], ahead[:, 0])

@@ -48,7 +48,7 @@ def cropped(model: LaneModel, region: shapely.Polygon, *, beyond: float = 0.0) -
     """
     reach = region.buffer(beyond) if beyond else region
     shapely.prepare([region, reach])
-    kept = {
+    kept_junctions = {
         junction.id
         for junction in model.junctions
         if region.contains(shapely.Point(middle_of_junction(model, junction)))
@@ -58,12 +58,12 @@ def cropped(model: LaneModel, region: shapely.Polygon, *, beyond: float = 0.0) -
     for road in model.roads:
         if road.junction >= 0:
             continue
-        found: list[tuple[int, Interval]] = []
-        for interval in _intervals(road, reach, kept):
-            found.append((number if found else road.id, interval))
-            number += len(found) > 1
-        pieces[road.id] = found
-    return _of_pieces(model, pieces, kept)
+        intervals: list[tuple[int, Interval]] = []
+        for interval in _intervals(road, reach, kept_junctions):
+            intervals.append((number if intervals else road.id, interval))
+            number += len(intervals) > 1
+        pieces[road.id] = intervals
+    return _model_of_pieces(model, pieces, kept_junctions)
 
 
 def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
@@ -90,15 +90,15 @@ def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
         road.id: Part(road.name, road.curve.line, _motor_lanes(road), frozenset(joints[road.id]))
         for road in streets.values()
     }
-    kept, left = main_component(parts)
+    main_roads, left = main_component(parts)
     if not left:
         return model, []
-    junctions = {number for road in kept for number, other in joints[road] if other == -1}
+    junctions = {number for road in main_roads for number, other in joints[road] if other == -1}
     pieces = {
-        identity: [(identity, (0.0, road.length))] if identity in kept else []
+        identity: [(identity, (0.0, road.length))] if identity in main_roads else []
         for identity, road in streets.items()
     }
-    return _of_pieces(model, pieces, junctions), left
+    return _model_of_pieces(model, pieces, junctions), left
 
 
 def middle_of_junction(model: LaneModel, junction: ModelJunction) -> NDArray[np.float64]:
@@ -130,11 +130,11 @@ def _motor_lanes(road: ModelRoad) -> float:
 def _intervals(road: ModelRoad, region: shapely.Polygon, kept: set[int]) -> list[Interval]:
     """Return the intervals of a street that are kept, from start to end, metres."""
     s = np.linspace(0.0, road.length, max(2, int(road.length / STEP_M) + 2))
-    inside = _inside(road, region, s)
+    inside = _in_region(road, region, s)
     turns = np.flatnonzero(inside[1:] != inside[:-1])
     borders = [_border(road, region, s[k], s[k + 1]) for k in turns]
     cuts = [*([0.0] if inside[0] else []), *borders, *([road.length] if inside[-1] else [])]
-    found = list(zip(cuts[::2], cuts[1::2], strict=True))
+    intervals = list(zip(cuts[::2], cuts[1::2], strict=True))
     ends = []
     for link, stub in (
         (road.predecessor, (0.0, min(STUB_M, road.length))),
@@ -143,7 +143,7 @@ def _intervals(road: ModelRoad, region: shapely.Polygon, kept: set[int]) -> list
         if link and link.element == "junction" and link.id in kept:
             ends.append(stub)
     merged: list[Interval] = []
-    for a, b in sorted([*found, *ends]):
+    for a, b in sorted([*intervals, *ends]):
         if merged and a <= merged[-1][1] + LEAST_M:
             merged[-1] = (merged[-1][0], max(b, merged[-1][1]))
         else:
@@ -155,32 +155,34 @@ def _intervals(road: ModelRoad, region: shapely.Polygon, kept: set[int]) -> list
     ]
 
 
-def _inside(road: ModelRoad, region: shapely.Polygon, s: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _in_region(
+    road: ModelRoad, region: shapely.Polygon, s: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     xy = road.curve.at(s)[:, :2]
     return np.asarray(shapely.intersects_xy(region, xy[:, 0], xy[:, 1]))
 
 
 def _border(road: ModelRoad, region: shapely.Polygon, low: float, high: float) -> float:
     """Return the station between two at which a road crosses the region's border, metres."""
-    begins_inside = bool(_inside(road, region, np.array([low]))[0])
+    begins_inside = bool(_in_region(road, region, np.array([low]))[0])
     for _ in range(10):
         middle = (low + high) / 2
-        if bool(_inside(road, region, np.array([middle]))[0]) == begins_inside:
+        if bool(_in_region(road, region, np.array([middle]))[0]) == begins_inside:
             low = middle
         else:
             high = middle
     return low if begins_inside else high
 
 
-def _of_pieces(
+def _model_of_pieces(
     model: LaneModel, pieces: dict[int, list[tuple[int, Interval]]], kept: set[int]
 ) -> LaneModel:
     """Return the model with the given pieces of its streets and the kept junctions."""
     streets: dict[int, ModelRoad] = {}
     at_end: dict[tuple[int, str], int] = {}
-    for identity, found in pieces.items():
+    for identity, parts in pieces.items():
         road = model.road_by_id[identity]
-        for new, (a, b) in found:
+        for new, (a, b) in parts:
             piece = part_of_road(road, a, b, new)
             streets[new] = piece
             if piece.length >= road.length - 1e-9 or a <= 1e-3:
@@ -205,7 +207,7 @@ def _of_pieces(
     }
     order = {road.id: k for k, road in enumerate(model.roads)}
     junctions = tuple(
-        _of_junction(model, junction, roads, at_end)
+        _junction_of_pieces(model, junction, roads, at_end)
         for junction in model.junctions
         if junction.id in kept
     )
@@ -254,13 +256,13 @@ def _unjoined(road: ModelRoad, junctions: set[int]) -> ModelRoad:
     return dataclasses.replace(road, predecessor=before, successor=after)
 
 
-def _of_junction(
+def _junction_of_pieces(
     model: LaneModel,
     junction: ModelJunction,
     roads: dict[int, ModelRoad],
     at_end: dict[tuple[int, str], int],
 ) -> ModelJunction:
-    found: list[Connection] = []
+    connections: list[Connection] = []
     for connection in junction.connections:
         road = roads.get(connection.connecting)
         incoming = model.road_by_id.get(connection.incoming)
@@ -278,12 +280,12 @@ def _of_junction(
             after = incoming.successor
             end = "end" if after == RoadLink("junction", junction.id) else "start"
         if (incoming.id, end) in at_end:
-            found.append(
+            connections.append(
                 dataclasses.replace(
                     connection, incoming=at_end[incoming.id, end], connecting=road.id
                 )
             )
-    return dataclasses.replace(junction, connections=tuple(found))
+    return dataclasses.replace(junction, connections=tuple(connections))
 
 
 def _furnished(
@@ -300,22 +302,22 @@ def _furnished(
         return None
 
     areas = tuple(
-        dataclasses.replace(item, road=found[0], s=found[1])
+        dataclasses.replace(item, road=located[0], s=located[1])
         for item in old.areas
-        if (found := place(item.road, item.s))
+        if (located := place(item.road, item.s))
     )
     signals = tuple(
-        dataclasses.replace(item, road=found[0], s=found[1])
+        dataclasses.replace(item, road=located[0], s=located[1])
         for item in old.signals
-        if (found := place(item.road, item.s))
+        if (located := place(item.road, item.s))
     )
     standing = {signal.id for signal in signals}
-    there = {junction.id for junction in new.junctions}
+    valid = {junction.id for junction in new.junctions}
     controllers = tuple(
         dataclasses.replace(
             item,
             signals=tuple(x for x in item.signals if x in standing),
-            junctions=tuple(x for x in item.junctions if x in there),
+            junctions=tuple(x for x in item.junctions if x in valid),
         )
         for item in old.controllers
         if standing & set(item.signals)

@@ -62,7 +62,7 @@ class _Arm:
 def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes) -> list[Crosswalk]:
     """Return a crosswalk for each street that a mapped crosswalk crosses."""
     arms = _arms(edges, nodes)
-    found: dict[tuple[str, tuple[str, ...]], Crosswalk] = {}
+    crosswalks: dict[tuple[str, tuple[str, ...]], Crosswalk] = {}
     for area in model.areas:
         if area.kind != "crosswalk" or area.road not in model.road_by_id:
             continue
@@ -72,7 +72,7 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
                 (abs(float((over.line.mean(axis=0) - arm.place) @ arm.outwards)), k, arm, over)
                 for k, arm in enumerate(arms)
                 if np.abs(outline[0] - arm.place).max() < NEAR_M
-                if (over := _over(arm, area.id, outline))
+                if (over := _crosswalk_over(arm, area.id, outline))
             ),
             key=lambda item: item[:2],
         )
@@ -81,8 +81,8 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
             beside = arm.outwards @ candidates[0][2].outwards > PARALLEL
             if over.node == candidates[0][3].node and beside:
                 painted = replace(over, marking=area.marking)
-                found.setdefault((over.node, over.edges), painted)
-    return list(found.values())
+                crosswalks.setdefault((over.node, over.edges), painted)
+    return list(crosswalks.values())
 
 
 def area_in_plan(model: LaneModel, area: RoadArea) -> NDArray[np.float64]:
@@ -126,7 +126,7 @@ def _arm(node: str, end: str, edges: list[Edge]) -> _Arm:
     return _Arm(node, names, np.array([x, y]), outwards, max(left, right), min(left, right))
 
 
-def _over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | None:
+def _crosswalk_over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | None:
     """Return the crosswalk over a street's end; ``None`` if it does not cross it."""
     normal = np.array([-arm.outwards[1], arm.outwards[0]])
     gap = outline - arm.place

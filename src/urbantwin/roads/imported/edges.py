@@ -77,18 +77,18 @@ class Nodes:
     def __init__(self, model: LaneModel) -> None:
         self._parent: dict[str, str] = {}
         streets = {road.id for road in model.roads if road.junction < 0}
-        known = model.junction_by_id
+        junctions = model.junction_by_id
         for road in model.roads:
             for end, link in (("start", road.predecessor), ("end", road.successor)):
-                here = f"{road.id}.{end}"
+                end_name = f"{road.id}.{end}"
                 if road.junction >= 0:
                     # Streets linked to a connecting road end at its junction.
                     if link and link.element == "road" and link.id in streets:
                         self._unite(f"J{road.junction}", f"{link.id}.{link.contact}")
-                elif link and link.element == "junction" and link.id in known:
-                    self._unite(f"J{link.id}", here)
+                elif link and link.element == "junction" and link.id in junctions:
+                    self._unite(f"J{link.id}", end_name)
                 elif link and link.element == "road" and link.id in streets:
-                    self._unite(here, f"{link.id}.{link.contact}")
+                    self._unite(end_name, f"{link.id}.{link.contact}")
         self._direct(model, streets)
         self.of_end: dict[RoadEnd, str] = {
             (road, end): self._top(f"{road}.{end}")
@@ -145,12 +145,12 @@ def edges_of_model(model: LaneModel, borders: Iterable[tuple[int, int]] = ()) ->
         borders: (road, section) of further boundaries between edges.
     """
     forced = set(borders)
-    found: list[Edge] = []
+    edges: list[Edge] = []
     for road in model.roads:
         if road.junction < 0:
             cuts = {number for identity, number in forced if identity == road.id}
-            found += edges_of_road(road, model.driving_side, cuts)
-    return tuple(found)
+            edges += edges_of_road(road, model.driving_side, cuts)
+    return tuple(edges)
 
 
 def edges_of_road(road: ModelRoad, side: str, cuts: Iterable[int] = ()) -> list[Edge]:
@@ -176,14 +176,14 @@ def edges_of_road(road: ModelRoad, side: str, cuts: Iterable[int] = ()) -> list[
             stretches[-1].append(number)
         else:
             stretches.append([number])
-    found = []
+    edges = []
     for k, sections in enumerate(stretches):
         for direction, sign in ((0, ""), (1, "-")):
             lanes = tuple(zip(*(both[number][direction] for number in sections), strict=True))
             if lanes:
                 name = f"{sign}{road.id}" + (f"#{k}" if len(stretches) > 1 else "")
-                found.append(Edge(name, road, tuple(sections), lanes, direction == 0))
-    return found
+                edges.append(Edge(name, road, tuple(sections), lanes, direction == 0))
+    return edges
 
 
 def _lanes(road: ModelRoad, number: int, side: str, *, forward: bool) -> tuple[int, ...]:
@@ -205,7 +205,7 @@ def _go_on(
 ) -> bool:
     """Return whether all lanes of a section continue unchanged in the next, without new ones."""
     return len(first) == len(second) and all(
-        linked(before.by_id[a], after.by_id[b]) and _alike(before.by_id[a], after.by_id[b])
+        linked(before.by_id[a], after.by_id[b]) and _same_use(before.by_id[a], after.by_id[b])
         for a, b in zip(first, second, strict=True)
     )
 
@@ -215,7 +215,7 @@ def linked(before: SectionLane, after: SectionLane) -> bool:
     return before.successor == after.id or after.predecessor == before.id
 
 
-def _alike(a: SectionLane, b: SectionLane) -> bool:
+def _same_use(a: SectionLane, b: SectionLane) -> bool:
     return (a.kind, a.speed_limit, a.allowed) == (b.kind, b.speed_limit, b.allowed)
 
 

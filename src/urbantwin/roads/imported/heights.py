@@ -87,9 +87,9 @@ def with_levels(model: LaneModel) -> LaneModel:
         upper, lower = model.roads[a], model.roads[b]
         if a == b or upper.id in beside.get(lower.id, ()):
             continue
-        mine, other = samples[upper.id], samples[lower.id]
-        gap, nearest = cKDTree(other[:, :2]).query(mine[:, :2])
-        rise = mine[:, 2] - other[nearest, 2]
+        upper_points, other = samples[upper.id], samples[lower.id]
+        gap, nearest = cKDTree(other[:, :2]).query(upper_points[:, :2])
+        rise = upper_points[:, 2] - other[nearest, 2]
         if bool(((gap < STEP_M) & (rise > OVER_M)).any()):
             over[upper.id].add(lower.id)
     level = dict.fromkeys(over, 0)
@@ -130,8 +130,8 @@ class ModelSurface:
     def __call__(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
         """Return heights (N,) at points (N, 2) on a level, metres."""
         if level not in self._levels:
-            mine = [points for road, points in self._samples if road.level == level]
-            points = mine or [points for _, points in self._samples]
+            on_level = [points for road, points in self._samples if road.level == level]
+            points = on_level or [points for _, points in self._samples]
             self._levels[level] = _Sheet(np.vstack(points))
         return self._levels[level](xy)
 
@@ -142,12 +142,12 @@ class ModelSurface:
         high = [points for road, points in self._samples if road.level > 0]
         if not low:
             return np.vstack(high)
-        kept = [np.vstack(low)]
-        tree = cKDTree(kept[0][:, :2])
+        parts = [np.vstack(low)]
+        tree = cKDTree(parts[0][:, :2])
         for points in high:
             away, _ = tree.query(points[:, :2])
-            kept.append(points[away > UNDER_M])
-        return np.vstack(kept)
+            parts.append(points[away > UNDER_M])
+        return np.vstack(parts)
 
 
 class _Sheet:
@@ -171,12 +171,12 @@ class _Sheet:
         xy = np.asarray(xy, np.float64).reshape(-1, 2)
         if self._planes is None:
             return np.asarray(self._height[self._tree.query(xy)[1]])
-        found = np.full(len(xy), np.nan)
+        z = np.full(len(xy), np.nan)
         within = shapely.contains_xy(self._hull, xy[:, 0], xy[:, 1])
-        found[within] = self._planes(xy[within])
-        beyond = np.isnan(found)
-        found[beyond] = self._height[self._tree.query(xy[beyond])[1]]
-        return found
+        z[within] = self._planes(xy[within])
+        beyond = np.isnan(z)
+        z[beyond] = self._height[self._tree.query(xy[beyond])[1]]
+        return z
 
 
 def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
@@ -222,14 +222,14 @@ def _samples(road: ModelRoad) -> NDArray[np.float64]:
 
 def _joined(model: LaneModel) -> dict[int, set[int]]:
     """Return each road's neighbours: linked roads, and the connecting roads of its junction."""
-    found: dict[int, set[int]] = {road.id: set() for road in model.roads}
+    neighbours: dict[int, set[int]] = {road.id: set() for road in model.roads}
     for road in model.roads:
         for link in (road.predecessor, road.successor):
-            if link and link.element == "road" and link.id in found:
-                found[road.id].add(link.id)
-                found[link.id].add(road.id)
+            if link and link.element == "road" and link.id in neighbours:
+                neighbours[road.id].add(link.id)
+                neighbours[link.id].add(road.id)
     for junction in model.junctions:
-        ways = {c.connecting for c in junction.connections} & set(found)
-        for way in ways:
-            found[way] |= ways
-    return found
+        connecting = {c.connecting for c in junction.connections} & set(neighbours)
+        for road_id in connecting:
+            neighbours[road_id] |= connecting
+    return neighbours

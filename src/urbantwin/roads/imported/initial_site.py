@@ -89,23 +89,23 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
             is a ``site.yaml``.
     """
     check_target(folder, force=force)
-    given = GivenPlace.checked(latitude, longitude, region, radius_m)
+    place = GivenPlace.checked(latitude, longitude, region, radius_m)
     read = read_opendrive(roads) if map_format(roads) == "OpenDRIVE" else None
-    frame, anchor_m, found = _anchor(roads, read, given)
+    frame, anchor_m, junction = _anchor(roads, read, place)
     if read is None:
         imported = read_map(roads, frame, anchor_m)
     else:
         imported = placed_map(roads, read, frame, anchor_m)
     radius = RADIUS_M if radius_m is None else radius_m
-    shape = given.region(frame, radius)
+    shape = place.region(frame, radius)
     check_meets(imported, shape)
     features = _features(osm, frame, shape, progress or untold) if osm else []
     around = cropped(imported.model, circle(AROUND_M))
     paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
     country = country_of(frame.latitude, frame.longitude) if anchor_m is None else ""
     draft = SiteDraft(
-        title=titled(found.names) or roads.name.split(".")[0],
-        why=_why(found, anchor_m, given=given.point is not None),
+        title=titled(junction.names) or roads.name.split(".")[0],
+        why=_anchor_comment(junction, anchor_m, given=place.point is not None),
         latitude=frame.latitude,
         longitude=frame.longitude,
         region=radius if region is None else region,
@@ -138,16 +138,20 @@ def _anchor(
             file=path,
             expected="roads with lanes of the type driving",
         )
-    found = _junction(path, model, degrees, given.polygon)
+    chosen = _junction(path, model, degrees, given.polygon)
     if degrees is None:
-        x, y = (round(value, METRES) for value in found.place)
-        return SiteFrame(*(given.point or (0.0, 0.0))), (x, y), found
+        x, y = (round(value, METRES) for value in chosen.place)
+        return SiteFrame(*(given.point or (0.0, 0.0))), (x, y), chosen
     if given.point is not None:
-        return SiteFrame(*given.point), None, found
-    longitude, latitude = degrees(np.array([found.place]))[0]
+        return SiteFrame(*given.point), None, chosen
+    longitude, latitude = degrees(np.array([chosen.place]))[0]
     if not np.isfinite([longitude, latitude]).all():
         raise InputError("lies where its georeference does not hold", file=path)
-    return SiteFrame(round(float(latitude), DEGREES), round(float(longitude), DEGREES)), None, found
+    return (
+        SiteFrame(round(float(latitude), DEGREES), round(float(longitude), DEGREES)),
+        None,
+        chosen,
+    )
 
 
 def _on_earth(
@@ -155,9 +159,9 @@ def _on_earth(
 ) -> tuple[LaneModel, ToDegrees | None]:
     """Return a map in its own coordinates, and their conversion to degrees if georeferenced."""
     if read is None:
-        there = is_placed(path)
-        frame = SiteFrame(*(anchor_of(path) if there else given or (0.0, 0.0)))
-        return read_map(path, frame).model, frame.lonlat_from_site if there else None
+        placed = is_placed(path)
+        frame = SiteFrame(*(anchor_of(path) if placed else given or (0.0, 0.0)))
+        return read_map(path, frame).model, frame.lonlat_from_site if placed else None
     if read.projection is None:
         return read.model, None
     with naming_file(path):
@@ -177,17 +181,19 @@ def _junction(
         assert polygon is not None
         return bool(polygon.contains(shapely.Point(degrees(place[None])[0])))
 
-    found = busiest_junction(model, within if polygon is not None and degrees else None)
-    if found is None:
+    junction = busiest_junction(model, within if polygon is not None and degrees else None)
+    if junction is None:
         raise InputError(
             "has no junction in the region",
             file=path,
             expected="roads that meet there, or a latitude and longitude",
         )
-    return found
+    return junction
 
 
-def _why(found: MapJunction, anchor_m: tuple[float, float] | None, *, given: bool) -> str:
+def _anchor_comment(
+    found: MapJunction, anchor_m: tuple[float, float] | None, *, given: bool
+) -> str:
     kind = "signalised " if found.signals else ""
     lights = f"{found.signals} signals" if found.signals else "no signals on this map"
     busiest = f"The busiest {kind}junction of the map: {found.arms} roads meet, {lights}."

@@ -65,7 +65,7 @@ def busiest_junction(
     """
     border = _covered(model)
     signals = _signals_at(model)
-    found = []
+    candidates = []
     for junction in model.junctions:
         place = middle_of_junction(model, junction)
         if not np.isfinite(place).all():
@@ -82,9 +82,9 @@ def busiest_junction(
         ranked = sorted(arms, key=lambda road: (-_weight(road) * _lanes(road), road.name))
         names = tuple(dict.fromkeys(road.name for road in ranked if road.name))
         x, y = (float(v) for v in place)
-        found.append((score, x, y, MapJunction((x, y), names, len(arms), lights)))
-    if found:
-        return max(found, key=lambda item: item[:3])[3]
+        candidates.append((score, x, y, MapJunction((x, y), names, len(arms), lights)))
+    if candidates:
+        return max(candidates, key=lambda item: item[:3])[3]
     return None if within is not None else _longest_street(model)
 
 
@@ -127,8 +127,8 @@ def volumes(model: LaneModel, region: shapely.Polygon, country: str = "") -> dic
                 motor = sum(x.kind in MOTOR and x.forward == leads_in for x in section.lanes)
                 lanes[road.kind or UNKNOWN_KIND] += motor
         walks |= any(x.kind == "sidewalk" for section in road.sections for x in section.lanes)
-    found = usual_per_hour(lanes, country=country, walkers=WALKERS if walks else 0.0)
-    return {name: count for name, count in found.items() if count}
+    per_hour = usual_per_hour(lanes, country=country, walkers=WALKERS if walks else 0.0)
+    return {name: count for name, count in per_hour.items() if count}
 
 
 def _arms(junction: ModelJunction, model: LaneModel) -> set[int]:
@@ -154,26 +154,26 @@ def _lanes(road: ModelRoad) -> float:
 
 
 def _signals_at(model: LaneModel) -> dict[int, int]:
-    found: dict[int, int] = {}
+    signals_of: dict[int, int] = {}
     for signal in model.signals:
         road = model.road_by_id.get(signal.road)
         if not signal.dynamic or road is None:
             continue
         if road.junction >= 0:
-            found[road.junction] = found.get(road.junction, 0) + 1
+            signals_of[road.junction] = signals_of.get(road.junction, 0) + 1
             continue
         ends = ((signal.s, road.predecessor), (road.length - signal.s, road.successor))
-        near = [
+        junctions = [
             link.id
             for away, link in sorted(ends, key=lambda item: item[0])
             if away <= SIGNAL_M and link and link.element == "junction"
         ]
-        for junction in near[:1]:
-            found[junction] = found.get(junction, 0) + 1
+        for junction in junctions[:1]:
+            signals_of[junction] = signals_of.get(junction, 0) + 1
     for controller in model.controllers:
         for junction in controller.junctions:
-            found.setdefault(junction, len(controller.signals))
-    return found
+            signals_of.setdefault(junction, len(controller.signals))
+    return signals_of
 
 
 def _covered(model: LaneModel) -> shapely.Geometry:

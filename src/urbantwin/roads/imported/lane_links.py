@@ -69,8 +69,8 @@ class Lanes:
 
     def at_end(self, road: int, end: str, lane: int) -> tuple[Edge, int] | None:
         """Return the edge and lane index of a road's lane at its start or end; ``None`` if none."""
-        found = self.model.road_by_id.get(road)
-        number = 0 if end == "start" or found is None else len(found.sections) - 1
+        model_road = self.model.road_by_id.get(road)
+        number = 0 if end == "start" or model_road is None else len(model_road.sections) - 1
         return self.at.get((road, number, lane))
 
 
@@ -79,24 +79,24 @@ def lane_links(lanes: Lanes) -> list[LaneLink]:
 
     Pedestrians use walking areas and crossings, which netconvert makes.
     """
-    found: dict[tuple[str, str], LaneLink] = {}
+    by_strips: dict[tuple[str, str], LaneLink] = {}
     model = lanes.model
-    every = [_within(lanes, road) for road in model.roads if road.junction < 0]
-    every += [_between(lanes, road) for road in model.roads if road.junction < 0]
-    every += [_through(lanes, junction) for junction in model.junctions]
+    every = [_links_within(lanes, road) for road in model.roads if road.junction < 0]
+    every += [_links_between(lanes, road) for road in model.roads if road.junction < 0]
+    every += [_links_through(lanes, junction) for junction in model.junctions]
     for links in every:
         for link in links:
             (start, i), (end, j) = link.start, link.end
             if "sidewalk" not in (start.lane(i).kind, end.lane(j).kind):
-                found.setdefault((start.strip(i), end.strip(j)), link)
-    for more in (_of_bicycles, _to_bicycles):
-        for link in list(more(lanes.edges, list(found.values()))):
+                by_strips.setdefault((start.strip(i), end.strip(j)), link)
+    for more in (_from_bicycle_lanes, _to_bicycles):
+        for link in list(more(lanes.edges, list(by_strips.values()))):
             (start, i), (end, j) = link.start, link.end
-            found.setdefault((start.strip(i), end.strip(j)), link)
-    return list(found.values())
+            by_strips.setdefault((start.strip(i), end.strip(j)), link)
+    return list(by_strips.values())
 
 
-def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
+def _from_bicycle_lanes(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
     """Yield links for bicycle lanes without any: maps draw them up to a junction, not through it.
 
     Bicycles follow the adjacent traffic, onto a bicycle lane if there is one.
@@ -112,8 +112,8 @@ def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[Lan
             beside = min(going, key=lambda other: (abs(other - index), other))
             for link in onward[edge.strip(beside)]:
                 end, lane = link.end
-                own = [k for k in range(len(end.lanes)) if end.lane(k).kind == "bicycle"]
-                yield LaneLink((edge, index), (end, own[0] if own else lane))
+                cycle_lanes = [k for k in range(len(end.lanes)) if end.lane(k).kind == "bicycle"]
+                yield LaneLink((edge, index), (end, cycle_lanes[0] if cycle_lanes else lane))
 
 
 def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
@@ -135,7 +135,7 @@ def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[Lan
             yield from (LaneLink(lane, (edge, index)) for lane in come.values())
 
 
-def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
+def _links_within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
     """Yield links between the edges of one road."""
     for number in range(1, len(road.sections)):
         for before in road.sections[number - 1].lanes:
@@ -149,7 +149,7 @@ def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
                         yield LaneLink(b, a)
 
 
-def _between(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
+def _links_between(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
     """Yield links from a road to the roads linked to it without a junction."""
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is None or link.element != "road":
@@ -175,17 +175,17 @@ def _joined(lane: SectionLane, end: str, following: SectionLane, contact: str) -
     return onward == following.id or back == lane.id
 
 
-def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
+def _links_through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
     """Yield links through a junction."""
     roads = lanes.model.road_by_id
     for connection in junction.connections:
         incoming, road = roads.get(connection.incoming), roads.get(connection.connecting)
         if incoming is None or road is None:
             continue
-        at = _end_at(incoming, road, connection.contact, junction.id)
+        incoming_end = _end_at(incoming, road, connection.contact, junction.id)
         for first, second in connection.links:
-            start = lanes.at_end(incoming.id, at, first)
-            if start is None or start[0].lane(start[1]).forward != (at == "end"):
+            start = lanes.at_end(incoming.id, incoming_end, first)
+            if start is None or start[0].lane(start[1]).forward != (incoming_end == "end"):
                 continue
             if road.junction < 0:  # a direct junction: no road in between
                 end = lanes.at_end(road.id, connection.contact, second)
@@ -194,7 +194,7 @@ def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
                 continue
             path, last = _path(road, connection.contact, second)
             contact, seen = connection.contact, {road.id}
-            while path and (onward := _onward(lanes.model, road, contact)):
+            while path and (onward := _next_connecting_road(lanes.model, road, contact)):
                 road, contact = onward
                 more, last = _path(road, contact, last) if last is not None else ([], None)
                 path = path + more if more and road.id not in seen else []
@@ -203,7 +203,9 @@ def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
                 yield LaneLink(start, end, tuple(path))
 
 
-def _onward(model: LaneModel, road: ModelRoad, contact: str) -> tuple[ModelRoad, str] | None:
+def _next_connecting_road(
+    model: LaneModel, road: ModelRoad, contact: str
+) -> tuple[ModelRoad, str] | None:
     """Return the next connecting road in the same junction with its end; ``None`` if none."""
     link = road.successor if contact == "start" else road.predecessor
     if link is None or link.element != "road":
@@ -226,22 +228,22 @@ def _path(road: ModelRoad, contact: str, lane: int) -> tuple[list[Place], int | 
     numbers = range(len(road.sections))
     onward = contact == "start"
     path: list[Place] = []
-    at: int | None = lane
+    current_id: int | None = lane
     for number in numbers if onward else reversed(numbers):
-        found = road.sections[number].by_id.get(at) if at is not None else None
-        if found is None or found.forward != onward:
+        current = road.sections[number].by_id.get(current_id) if current_id is not None else None
+        if current is None or current.forward != onward:
             return [], None
-        path.append((road.id, number, found.id))
-        at = found.successor if onward else found.predecessor
+        path.append((road.id, number, current.id))
+        current_id = current.successor if onward else current.predecessor
         last = number == (len(road.sections) - 1 if onward else 0)
-        if at is None and not last:
+        if current_id is None and not last:
             following = road.sections[number + (1 if onward else -1)]
             back = [
                 x.id for x in following.lanes
-                if (x.predecessor if onward else x.successor) == found.id
+                if (x.predecessor if onward else x.successor) == current.id
             ]  # fmt: skip
-            at = back[0] if back else None
-    return path, at
+            current_id = back[0] if back else None
+    return path, current_id
 
 
 def _ends(
@@ -268,16 +270,16 @@ def _nearest(
         return None
     section = road.sections[place[1]]
     s = road.length if at_end else 0.0
-    here = road.place(s, road.middle(section, section.by_id[place[2]], s))[0, :2]
-    found: list[tuple[float, tuple[Edge, int]]] = []
+    end_xy = road.place(s, road.middle(section, section.by_id[place[2]], s))[0, :2]
+    candidates: list[tuple[float, tuple[Edge, int]]] = []
     section = other.sections[0 if link.contact == "start" else -1]
     s = 0.0 if link.contact == "start" else other.length
     for lane in section.lanes:
         edge = lanes.at_end(other.id, link.contact, lane.id)
         if edge and lane.forward == (link.contact == "start") and lane.kind != "sidewalk":
-            there = other.place(s, other.middle(section, lane, s))[0, :2]
-            found.append((float(np.linalg.norm(there - here)), edge))
-    best = min(found, key=lambda item: item[0], default=(np.inf, None))
+            start_xy = other.place(s, other.middle(section, lane, s))[0, :2]
+            candidates.append((float(np.linalg.norm(start_xy - end_xy)), edge))
+    best = min(candidates, key=lambda item: item[0], default=(np.inf, None))
     return best[1] if best[0] <= MEET_M else None
 
 

@@ -121,9 +121,9 @@ def path_line(model: LaneModel, path: tuple[Place, ...]) -> NDArray[np.float64]:
     parts = []
     for identity, number, lane in path:
         road = model.road_by_id[identity]
-        found = road.sections[number].by_id[lane]
-        line = lane_line(road, number, found)
-        parts.append(line if found.forward else line[::-1])
+        section_lane = road.sections[number].by_id[lane]
+        line = lane_line(road, number, section_lane)
+        parts.append(line if section_lane.forward else line[::-1])
     return _chained(parts)
 
 
@@ -271,12 +271,12 @@ def _link(model: LaneModel, link: LaneLink) -> PlainLink:
 def _joints(topology: MapTopology) -> list[str]:
     """Return nodes that are no junctions: without traffic light, with fewer than three streets."""
     arms: dict[str, set[tuple[int, str]]] = defaultdict(set)
-    found = {node for edge in topology.edges for node in topology.nodes.of_edge(edge)}
+    nodes = {node for edge in topology.edges for node in topology.nodes.of_edge(edge)}
     roads = {edge.road.id for edge in topology.edges}
     for (road, end), node in topology.nodes.of_end.items():
         if road in roads:
             arms[node].add((road, end))
-    return sorted(n for n in found if len(arms[n]) < JUNCTION_ARMS and n not in topology.lights)
+    return sorted(n for n in nodes if len(arms[n]) < JUNCTION_ARMS and n not in topology.lights)
 
 
 def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] | None:
@@ -298,13 +298,13 @@ def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] 
 def _across(edges: list[tuple[Edge, int]]) -> NDArray[np.float64]:
     """Return the outline (M, 2) of a transition across edges, at their first or last points."""
     corners = []
-    for edge, at in edges:
+    for edge, end in edges:
         for index in range(len(edge.lanes)):
             line = edge_lane_line(edge, index)
-            leg = line[1] - line[0] if at == 0 else line[-1] - line[-2]
+            leg = line[1] - line[0] if end == 0 else line[-1] - line[-2]
             leg = leg / max(float(np.linalg.norm(leg)), 1e-9)
             normal = np.array([-leg[1], leg[0]]) * _width(edge, index) / 2
-            corners += [line[at] + u + v for u in (normal, -normal)
+            corners += [line[end] + u + v for u in (normal, -normal)
                         for v in (leg * BORDER_M / 2, -leg * BORDER_M / 2)]  # fmt: skip
     hull = shapely.convex_hull(shapely.MultiPoint(np.array(corners)))
     return np.asarray(shapely.get_coordinates(hull)[:-1])

@@ -76,7 +76,7 @@ class ImportedMap:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _DirectLink:
     """A place where connecting roads of two junctions are linked directly.
 
     Attributes:
@@ -94,10 +94,10 @@ def map_format(path: Path) -> str:
     Raises:
         InputError: the extension is unknown.
     """
-    found = FORMATS.get(path.suffix.lower())
-    if found is None:
+    format_name = FORMATS.get(path.suffix.lower())
+    if format_name is None:
         raise InputError("has an unknown ending", file=path, expected=EXPECTED)
-    return found
+    return format_name
 
 
 def is_map_of_roads(path: Path) -> bool:
@@ -135,14 +135,14 @@ def read_map(
         return placed_map(path, read_opendrive(path), frame, anchor_m)
     is_lanelet2 = kind == "Lanelet2"
     reader = lanelet2.read_lanelet2 if is_lanelet2 else argoverse.read_argoverse
-    model, found = reader(path, frame)
+    model, reader_notes = reader(path, frame)
     drivable = shapely.MultiPolygon() if is_lanelet2 else argoverse.drivable_area(path, frame)
     if anchor_m is not None:
         if is_placed(path):
             raise _placed_twice(path)
         model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
         drivable = shapely.transform(drivable, lambda xy: xy - anchor_m)
-    return ImportedMap(path, model, {"format": kind, **found}, not is_lanelet2, drivable)
+    return ImportedMap(path, model, {"format": kind, **reader_notes}, not is_lanelet2, drivable)
 
 
 def placed_map(
@@ -229,19 +229,19 @@ def with_streets_between(model: LaneModel) -> tuple[LaneModel, list[str], list[s
         for link in (road.predecessor, road.successor):
             if road.junction < 0 or link is None:
                 continue
-            there = link.id
+            target = link.id
             if link.element == "road":
-                there = model.road_by_id[link.id].junction
-                if there in (-1, road.junction):
+                target = model.road_by_id[link.id].junction
+                if target in (-1, road.junction):
                     continue
             unfollowed.append(
-                f"road {road.id}: leads through junction {road.junction} into junction {there} "
+                f"road {road.id}: leads through junction {road.junction} into junction {target} "
                 "where others join them: its link is not followed"
             )
     return model, notes, unfollowed
 
 
-def _places(model: LaneModel) -> list[_Place]:
+def _places(model: LaneModel) -> list[_DirectLink]:
     """Return the places where connecting roads of exactly two junctions are linked."""
     roads = model.road_by_id
     ends: dict[_End, RoadLink] = {}
@@ -255,24 +255,24 @@ def _places(model: LaneModel) -> list[_Place]:
     points = {end: _point(roads[end[0]], end[1]) for end in ends}
     clusters: list[list[_End]] = []
     for each in sorted(ends):
-        near = [c for c in clusters if np.linalg.norm(points[c[0]] - points[each]) < MEET_M]
-        if near:
-            near[0].append(each)
+        close = [c for c in clusters if np.linalg.norm(points[c[0]] - points[each]) < MEET_M]
+        if close:
+            close[0].append(each)
         else:
             clusters.append([each])
-    found = []
+    places = []
     for cluster in clusters:
         of: dict[int, list[_End]] = defaultdict(list)
         for identity, end in cluster:
             of[roads[identity].junction].append((identity, end))
         if len(of) != 2:
             continue
-        host = max(cluster, key=lambda one: (_driven(roads[one[0]], one[1]), -one[0]))
-        found.append(_Place({key: tuple(value) for key, value in of.items()}, host))
-    return found
+        host = max(cluster, key=lambda item: (_driven(roads[item[0]], item[1]), -item[0]))
+        places.append(_DirectLink({key: tuple(value) for key, value in of.items()}, host))
+    return places
 
 
-def _with_street(model: LaneModel, place: _Place) -> tuple[LaneModel, ModelRoad]:
+def _with_street(model: LaneModel, place: _DirectLink) -> tuple[LaneModel, ModelRoad]:
     roads = dict(model.road_by_id)
     number, end = place.host
     host = roads[number]
@@ -294,15 +294,15 @@ def _with_street(model: LaneModel, place: _Place) -> tuple[LaneModel, ModelRoad]
     connections: dict[int, list[Connection]] = {key: [] for key in place.ends}
     for junction, ends in place.ends.items():
         # The street's end at this junction.
-        near = ("end" if at_start else "start") if junction == host.junction else end
+        street_end = ("end" if at_start else "start") if junction == host.junction else end
         for identity, contact in ends:
             road = roads[identity]
             if junction == host.junction:
                 cut = (length, road.length) if contact == "start" else (0.0, road.length - length)
                 moved[identity] = -length if contact == "start" else 0.0
                 road = part_of_road(road, *cut, identity)
-            pairs = _pairs(road, contact, street, near)
-            road = _linked(road, contact, RoadLink("road", street.id, near), pairs)
+            pairs = _pairs(road, contact, street, street_end)
+            road = _linked(road, contact, RoadLink("road", street.id, street_end), pairs)
             roads[identity] = road
             inwards = [
                 (pairs[lane.id], lane.id)
@@ -313,9 +313,9 @@ def _with_street(model: LaneModel, place: _Place) -> tuple[LaneModel, ModelRoad]
                 connections[junction].append(
                     Connection(street.id, identity, contact, tuple(inwards))
                 )
-    there = {identity for ends in place.ends.values() for identity, _ in ends}
+    through_roads = {identity for ends in place.ends.values() for identity, _ in ends}
     junctions = tuple(
-        _with_connections(junction, connections.get(junction.id, []), there)
+        _with_connections(junction, connections.get(junction.id, []), through_roads)
         for junction in model.junctions
     )
     order = [road.id for road in model.roads]
@@ -340,8 +340,8 @@ def _with_connections(
     junction: ModelJunction, made: Iterable[Connection], there: set[int]
 ) -> ModelJunction:
     """Return a junction with new connections that replace those from other connecting roads."""
-    kept = [e for e in junction.connections if e.incoming not in there]
-    return replace(junction, connections=(*kept, *made))
+    remaining = [e for e in junction.connections if e.incoming not in there]
+    return replace(junction, connections=(*remaining, *made))
 
 
 def _moved(
@@ -385,21 +385,21 @@ def _linked(road: ModelRoad, contact: str, link: RoadLink, pairs: Mapping[int, i
 
 def _pairs(road: ModelRoad, contact: str, street: ModelRoad, near: str) -> dict[int, int]:
     """Return lane of a road -> adjacent lane of a street: the nearest of its direction and kind."""
-    theirs = _middles(street, near)
-    found = {}
+    street_places = _middles(street, near)
+    lane_of = {}
     for lane, place in _middles(road, contact).items():
-        mine = _section(road, contact).by_id[lane]
-        outwards = mine.forward == (contact == "end")
+        model_lane = _section(road, contact).by_id[lane]
+        outwards = model_lane.forward == (contact == "end")
         gaps = [
-            (float(np.linalg.norm(place - there)), other)
-            for other, there in theirs.items()
+            (float(np.linalg.norm(place - target)), other)
+            for other, target in street_places.items()
             if (kind := _section(street, near).by_id[other]).forward
             == (outwards == (near == "start"))
-            and kind.kind == mine.kind
+            and kind.kind == model_lane.kind
         ]
         if gaps and min(gaps)[0] < MEET_M:
-            found[lane] = min(gaps)[1]
-    return found
+            lane_of[lane] = min(gaps)[1]
+    return lane_of
 
 
 def _middles(road: ModelRoad, end: str) -> dict[int, NDArray[np.float64]]:

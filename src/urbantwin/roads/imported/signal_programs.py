@@ -76,17 +76,17 @@ def with_programs(
         The model with programs, links and strips of its signals, and counts.
     """
     tree = etree.parse(net)
-    found = _lights(tree.getroot())
+    light_of = _lights(tree.getroot())
     phases = {item.name: item for item in model.controllers if item.phases}
     pairs: dict[str, dict[int, int]] = defaultdict(dict)
     signals = []
     for signal in model.signals:
         node = node_of_signal(model, nodes, signal) if signal.dynamic else None
         program = lights.get(node or "", "")
-        if program not in found:
+        if program not in light_of:
             signals.append(signal)
             continue
-        strip, links = _governed(model, signal, found[program])
+        strip, links = _governed(model, signal, light_of[program])
         if len(links) == len(signal.links):
             pairs[program].update(zip(links, signal.links, strict=True))
         signals.append(
@@ -95,7 +95,7 @@ def with_programs(
     fitting = [
         name
         for name, controller in phases.items()
-        if name in found and _set(tree, name, controller, pairs[name], found[name])
+        if name in light_of and _write_program(tree, name, controller, pairs[name], light_of[name])
     ]
     if fitting:
         text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
@@ -109,12 +109,12 @@ def with_programs(
 
 
 def _lights(root: etree._Element) -> dict[str, _Light]:
-    found: dict[str, _Light] = defaultdict(_Light)
+    lights: dict[str, _Light] = defaultdict(_Light)
     for item in root.iterfind("connection"):
         program = item.get("tl")
         if program is None:
             continue
-        light, index = found[program], int(item.get("linkIndex"))
+        light, index = lights[program], int(item.get("linkIndex"))
         if item.get("from").startswith(":"):
             light.of_crossing[f"{item.get('to')}_{item.get('toLane')}"].append(index)
             continue
@@ -127,7 +127,7 @@ def _lights(root: etree._Element) -> dict[str, _Light]:
         for edge in root.iterfind("edge")
         if edge.get("function") == "crossing"
     }
-    for light in found.values():
+    for light in lights.values():
         for lane in light.of_crossing:
             edge = crossings[lane]
             shape = edge.find("lane").get("shape").split()
@@ -136,7 +136,7 @@ def _lights(root: etree._Element) -> dict[str, _Light]:
         for group in (light.of_lane, light.of_way, light.of_crossing):
             for links in group.values():
                 links.sort()
-    return dict(found)
+    return dict(lights)
 
 
 def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str, list[int]]:
@@ -154,8 +154,8 @@ def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str,
         return "", []
     if road.junction >= 0:
         first = [lane.strip.split()[0] for lane in road.sections[0].lanes if lane.strip]
-        ways = [name for name in first if name in light.of_way]
-        return " ".join(ways), _all(light.of_way, ways)
+        connections = [name for name in first if name in light.of_way]
+        return " ".join(connections), _sorted_links(light.of_way, connections)
     onward = signal.orientation == "+" or (
         signal.orientation not in ("+", "-") and signal.s > road.length / 2
     )
@@ -167,14 +167,14 @@ def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str,
         and lane.forward == onward
         and (not signal.lanes or lane.id in signal.lanes)
     ]
-    return " ".join(lanes), _all(light.of_lane, lanes)
+    return " ".join(lanes), _sorted_links(light.of_lane, lanes)
 
 
-def _all(links: Mapping[str, list[int]], names: Iterable[str]) -> list[int]:
+def _sorted_links(links: Mapping[str, list[int]], names: Iterable[str]) -> list[int]:
     return sorted({k for name in names for k in links[name]})
 
 
-def _set(
+def _write_program(
     tree: etree._ElementTree,
     name: str,
     controller: SignalController,
@@ -189,19 +189,19 @@ def _set(
     if logic is None:
         return False
     length, count = min(len(state) for _, state in controller.phases), light.count
-    known = {k: v for k, v in pairs.items() if v < length}
-    if not set(known) >= {k for links in light.of_lane.values() for k in links}:
-        if length != count or any(known.get(k, k) != k for k in range(count)):
+    index_of = {k: v for k, v in pairs.items() if v < length}
+    if not set(index_of) >= {k for links in light.of_lane.values() for k in links}:
+        if length != count or any(index_of.get(k, k) != k for k in range(count)):
             return False
-        known = {k: k for k in range(count)}
+        index_of = {k: k for k in range(count)}
     for phase in list(logic.iterfind("phase")):
         logic.remove(phase)
     logic.set("offset", f"{controller.offset:g}")
     for seconds, state in controller.phases:
-        shown = {k: state[v] for k, v in known.items()}
+        shown = {k: state[v] for k, v in index_of.items()}
         for crossing, links in light.of_crossing.items():
             for k in links:
-                if k not in known:
+                if k not in index_of:
                     shown |= _walk(light, crossing, k, shown, clearing="y" in state)
         text = "".join(shown.get(k, "r") for k in range(count))
         etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=text)
@@ -237,32 +237,32 @@ def _controllers(
     for signal in signals:
         if signal.dynamic and signal.program:
             of_light[signal.program].append(signal.id)
-    at: dict[str, list[int]] = defaultdict(list)
+    junctions_of: dict[str, list[int]] = defaultdict(list)
     for node, program in lights.items():
-        at[program].append(nodes.junctions[node])
-    known = {item.name: item.id for item in model.controllers}
+        junctions_of[program].append(nodes.junctions[node])
+    id_of = {item.name: item.id for item in model.controllers}
     number = model.next_id
-    found = []
+    controllers = []
     for logic in root.iterfind("tlLogic"):
         name = logic.get("id")
-        if name not in at:
+        if name not in junctions_of:
             continue
-        identity = known.get(name, number)
+        identity = id_of.get(name, number)
         number += identity == number
         phases = tuple(
             (float(x.get("duration")), str(x.get("state"))) for x in logic.iterfind("phase")
         )
-        found.append(
+        controllers.append(
             SignalController(
                 identity,
                 name,
                 tuple(of_light[name]),
-                tuple(sorted(at[name])),
+                tuple(sorted(junctions_of[name])),
                 float(logic.get("offset", 0)),
                 phases,
             )
         )
-    return tuple(found)
+    return tuple(controllers)
 
 
 def lights_of_model(model: LaneModel, nodes: Nodes) -> dict[str, str]:
@@ -271,19 +271,19 @@ def lights_of_model(model: LaneModel, nodes: Nodes) -> dict[str, str]:
     Nodes of one signal program, as in maps written by UrbanTwin, are one light. Other nodes have
     their own light with the node's name.
     """
-    found: dict[str, str] = {}
+    light_of: dict[str, str] = {}
     at_junction = {junction: node for node, junction in nodes.junctions.items()}
     for signal in model.signals:
         node = node_of_signal(model, nodes, signal) if signal.dynamic else None
-        if node is not None and (signal.program or node not in found):
-            found[node] = signal.program or node
+        if node is not None and (signal.program or node not in light_of):
+            light_of[node] = signal.program or node
     dynamic = {signal.id for signal in model.signals if signal.dynamic}
     for controller in model.controllers:
         for junction in controller.junctions:
             if junction in at_junction and dynamic & set(controller.signals):
                 node = at_junction[junction]
-                found.setdefault(node, controller.name if controller.phases else node)
-    return found
+                light_of.setdefault(node, controller.name if controller.phases else node)
+    return light_of
 
 
 def lights_of_places(
@@ -305,13 +305,13 @@ def lights_of_places(
         for node, junction in nodes.junctions.items()
         if len(outlines.get(junction, ())) > 2
     }
-    found: dict[str, str] = {}
+    light_of: dict[str, str] = {}
     for place in places:
         away = {node: shapely.distance(area, shapely.Point(place)) for node, area in areas.items()}
-        node = min(away, key=lambda one: (away[one], one), default=None)
+        node = min(away, key=lambda name: (away[name], name), default=None)
         if node is not None and away[node] <= NEAREST_M:
-            found[node] = node
-    return found
+            light_of[node] = node
+    return light_of
 
 
 def node_of_signal(model: LaneModel, nodes: Nodes, signal: RoadSignal) -> str | None:

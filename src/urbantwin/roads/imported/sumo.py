@@ -126,11 +126,11 @@ def _named(topology: MapTopology, root: etree._Element) -> LaneModel:
         for index, lanes in enumerate(edge.lanes)
         for number, lane in zip(edge.sections, lanes, strict=True)
     }
-    ways = _ways(root)
+    lanes_between = _lanes_between(root)
     for link in topology.links:
         (start, i), (end, j) = link.start, link.end
         for place in link.path:
-            strips.setdefault(place, ways.get((start.strip(i), end.strip(j)), ""))
+            strips.setdefault(place, lanes_between.get((start.strip(i), end.strip(j)), ""))
     junctions = tuple(
         dataclasses.replace(
             junction, name=node, members=(node,), outline=topology.outlines[junction.id]
@@ -150,7 +150,7 @@ def _named(topology: MapTopology, root: etree._Element) -> LaneModel:
 
 
 def _node(nodes: Nodes, junction: int) -> str:
-    return next((node for node, found in nodes.junctions.items() if found == junction), "")
+    return next((node for node, index in nodes.junctions.items() if index == junction), "")
 
 
 def _with_strips(road: ModelRoad, strips: Mapping[Place, str]) -> ModelRoad:
@@ -168,14 +168,14 @@ def _with_strips(road: ModelRoad, strips: Mapping[Place, str]) -> ModelRoad:
     return dataclasses.replace(road, sections=sections, ways=ways)
 
 
-def _ways(root: etree._Element) -> dict[tuple[str, str], str]:
+def _lanes_between(root: etree._Element) -> dict[tuple[str, str], str]:
     """Return (lane, following lane) -> the lanes in between, in order, separated by spaces."""
     onward = {
         f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
         for item in root.iterfind("connection")
         if item.get("from").startswith(":") and item.get("via")
     }
-    found = {}
+    vias = {}
     for item in root.iterfind("connection"):
         if item.get("from").startswith(":") or not item.get("via"):
             continue
@@ -183,19 +183,19 @@ def _ways(root: etree._Element) -> dict[tuple[str, str], str]:
         while chain[-1] in onward and onward[chain[-1]] not in chain:
             chain.append(onward[chain[-1]])
         start = f"{item.get('from')}_{item.get('fromLane')}"
-        found[start, f"{item.get('to')}_{item.get('toLane')}"] = " ".join(chain)
-    return found
+        vias[start, f"{item.get('to')}_{item.get('toLane')}"] = " ".join(chain)
+    return vias
 
 
 def _crossings(root: etree._Element) -> dict[tuple[str, frozenset[str]], str]:
     """Return (node, crossed edges) -> the crossing's lane."""
-    found = {}
+    crossings = {}
     for edge in root.iterfind("edge"):
         if edge.get("function") == "crossing":
             node = edge.get("id")[1:].rsplit("_", 1)[0]
             crossed = frozenset(edge.get("crossingEdges", "").split())
-            found[node, crossed] = edge.find("lane").get("id")
-    return found
+            crossings[node, crossed] = edge.find("lane").get("id")
+    return crossings
 
 
 def _crossing(
@@ -211,11 +211,11 @@ def _without_loops(model: LaneModel) -> tuple[LaneModel, set[tuple[int, int]]]:
 
     SUMO has no edge from a node to itself. The boundaries are returned too: (road, section).
     """
-    wanted = loops(edges_of_model(model), Nodes(model))
+    loop_ids = loops(edges_of_model(model), Nodes(model))
     roads, borders = [], set()
     for road in model.roads:
         changed = road
-        if road.id in wanted:
+        if road.id in loop_ids:
             changed, number = with_border(road, road.length / 2)
             borders.add((road.id, number))
         roads.append(changed)
