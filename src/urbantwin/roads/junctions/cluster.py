@@ -81,12 +81,12 @@ class Chain:
 
     def stations(self, shares: Mapping[str, tuple[float, ...]]) -> list[float]:
         """Return the stations of marks along the chain, metres from its start."""
-        found, before = [], 0.0
+        stations, before = [], 0.0
         for edge in self.edges:
             length = float(edge.line.length)
-            found += [before + share * length for share in shares.get(edge.id, ())]
+            stations += [before + share * length for share in shares.get(edge.id, ())]
             before += length
-        return sorted(found)
+        return sorted(stations)
 
 
 def is_signalised(plain: PlainNetwork, node: str) -> bool:
@@ -111,7 +111,7 @@ def meeting_nodes(plain: PlainNetwork, within: Collection[str] = ()) -> set[str]
         beside[edge.end].add(edge.start)
         for node in (edge.start, edge.end):
             inside[node].add(edge.id in within)
-    return {node for node, others in beside.items() if len(others) > 2 or len(inside[node]) > 1}
+    return {node for node, ends in beside.items() if len(ends) > 2 or len(inside[node]) > 1}
 
 
 def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
@@ -121,9 +121,9 @@ def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
     for edge in driven_edges(plain):
         onward[edge.start].append(edge)
         arriving[edge.end] += 1
-    found = []
+    chains = []
     for first in driven_edges(plain):
-        if first.start not in meeting and _before(plain, first):
+        if first.start not in meeting and _has_traffic_before(plain, first):
             continue
         edges = [first]
         seen = {first.start}
@@ -133,11 +133,11 @@ def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
             if len(ahead) != 1:
                 break
             edges.append(ahead[0])
-        found.append(Chain(tuple(edges)))
-    return found
+        chains.append(Chain(tuple(edges)))
+    return chains
 
 
-def _before(plain: PlainNetwork, edge: PlainEdge) -> bool:
+def _has_traffic_before(plain: PlainNetwork, edge: PlainEdge) -> bool:
     """Return whether an edge has traffic from more than its own opposite direction."""
     return any(e.start != edge.end and e.is_street for e in plain.arriving[edge.start])
 
@@ -194,10 +194,10 @@ def clusters_of(
         parted[chain.end].add(chain.start)
     for chain in sorted(inner, key=lambda c: (round(c.length, 3), c.edges[0].id)):
         unite(chain.start, chain.end)
-    said = [c for c in inner if all(edge.id in within for edge in c.edges)]
-    for one, other in combinations(said, 2):
-        if one.line.crosses(other.line):
-            unite(one.start, other.start)
+    mapped = [c for c in inner if all(edge.id in within for edge in c.edges)]
+    for first, other in combinations(mapped, 2):
+        if first.line.crosses(other.line):
+            unite(first.start, other.start)
     groups: dict[str, list[str]] = defaultdict(list)
     for node in top:
         groups[find(node)].append(node)
@@ -222,14 +222,14 @@ def flat_nodes(
     for chain in chains:
         for node in {chain.start, chain.end}:
             touching[node].append(chain)
-    found: list[tuple[str, ...]] = []
+    nodes: list[tuple[str, ...]] = []
     for node in sorted(set(meeting) - within):
-        mine = touching[node]
-        parting = len(mine) == 3 and {len([c for c in mine if c.end == node])} <= {1, 2}
-        near = any(c.length < NEAR_M and {c.start, c.end} & within for c in mine)
-        if parting or near:
-            found.append((node,))
-    return found
+        arms = touching[node]
+        parting = len(arms) == 3 and {len([c for c in arms if c.end == node])} <= {1, 2}
+        is_near = any(c.length < NEAR_M and {c.start, c.end} & within for c in arms)
+        if parting or is_near:
+            nodes.append((node,))
+    return nodes
 
 
 def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:

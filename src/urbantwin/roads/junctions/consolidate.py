@@ -119,7 +119,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
         if not any(edge.id in apart for edge in [*plain.arriving[node], *plain.leaving[node]])
     ]
     clusters = [_cluster(group, chains, marks, apart) for group in [*groups, *single]]
-    signalised = {one for one in meeting if is_signalised(plain, one)}
+    signalised = {node for node in meeting if is_signalised(plain, node)}
     cuts = _cuts(clusters, strips, marks, signalised, meeting, rings)
     spans = _spans(plain, chains, cuts)
     # Edges that are entirely cut off an arm belong to the junction at that end.
@@ -150,7 +150,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     for cluster in clusters:
         if cluster.id not in reached:
             continue
-        nodes[cluster.id], found = _junction(
+        nodes[cluster.id], junction_links = _junction(
             plain,
             cluster,
             edges,
@@ -166,7 +166,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
             ),
             driving_side,
         )
-        links += found
+        links += junction_links
     network = PlainNetwork(nodes, edges, tuple(links), location=plain.location)
     wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
     return _with_slip_signals(network, wide, _stopping(marks, spans))
@@ -220,31 +220,31 @@ def _cuts(
     cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     spare: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     home = {node for cluster in clusters for node in cluster.nodes}
-    others = set(meeting) - home
-    own = marks_of_junctions(
+    outside_nodes = set(meeting) - home
+    marks_of_cluster = marks_of_junctions(
         [(cluster.arms, bool(cluster.nodes & set(signalised))) for cluster in clusters], marks
     )
-    for cluster, mine in zip(clusters, own, strict=True):
-        found = mouths(cluster.arms, strips, mine)
+    for cluster, cluster_marks in zip(clusters, marks_of_cluster, strict=True):
+        arm_mouths = mouths(cluster.arms, strips, cluster_marks)
         least = ENTRY_M if ring_of(cluster.inner, rings) else 0.0
-        for arm, (mouth, marked) in zip(cluster.arms, found, strict=True):
+        for arm, (mouth, marked) in zip(cluster.arms, arm_mouths, strict=True):
             reach = max(mouth, min(least, arm.length - SHORTEST_M))
-            for chain, at in ((arm.outward, 0), (arm.inward, 1)):
+            for chain, index in ((arm.outward, 0), (arm.inward, 1)):
                 if chain is not None:
                     names = tuple(edge.id for edge in chain.edges)
-                    cuts[names][at] = reach
-                    spare[names][at] = 0.0 if marked else max(reach - LEAST_M, 0.0)
-    for names, given in cuts.items():
+                    cuts[names][index] = reach
+                    spare[names][index] = 0.0 if marked else max(reach - LEAST_M, 0.0)
+    for names, cut_m in cuts.items():
         length = sum(strips[name].edge.line.length for name in names)
         ends = {strips[names[0]].edge.start, strips[names[-1]].edge.end}
-        length = max(length - OTHERS_M * len(ends & others), 0.5 * length)
+        length = max(length - OTHERS_M * len(ends & outside_nodes), 0.5 * length)
         # If little remains of a road between two junctions, cuts without marks are reduced first.
-        over = sum(given) - max(length - ROAD_LEFT_M, 0.5 * length)
+        over = sum(cut_m) - max(length - ROAD_LEFT_M, 0.5 * length)
         if over > 0.0:
             yielding = min(1.0, over / max(sum(spare[names]), 1e-9))
-            given[:] = [g - yielding * s for g, s in zip(given, spare[names], strict=True)]
-        if (over := sum(given) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
-            given[:] = [g * (1.0 - over / sum(given)) for g in given]
+            cut_m[:] = [g - yielding * s for g, s in zip(cut_m, spare[names], strict=True)]
+        if (over := sum(cut_m) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
+            cut_m[:] = [g * (1.0 - over / sum(cut_m)) for g in cut_m]
     return cuts
 
 
@@ -268,19 +268,22 @@ def _spans(
         most = int(rest.argmax())
         for k, edge in enumerate(chain.edges):
             length = float(edge.line.length)
-            a, b = (float(np.clip((at - starts[k]) / length, 0.0, 1.0)) for at in (first, last))
+            a, b = (
+                float(np.clip((station_m - starts[k]) / length, 0.0, 1.0))
+                for station_m in (first, last)
+            )
             if k != most and rest[k] < STUMP_M and b - a < 1.0:
                 # A short remainder before the next edge is not kept as a road.
                 a = b = 1.0 if k < most else 0.0
             spans[edge.id] = (a, b)
     for name, (a, b) in tuple(spans.items()):
         # Both directions of a street are cut off together, even if their lengths differ slightly.
-        other = spans.get(_other_way(name))
+        other = spans.get(_opposite_edge(name))
         left = (b - a) * float(plain.edges[name].line.length)
         if other is not None and other[1] - other[0] <= NOTHING and left < 2 * STUMP_M:
             spans[name] = (1.0 - other[1], 1.0 - other[0])
     for name in plain.edges:
-        twin = _other_way(name)
+        twin = _opposite_edge(name)
         if name not in spans and twin in spans:
             a, b = spans[twin]
             spans[name] = (1.0 - b, 1.0 - a)
@@ -293,7 +296,7 @@ def _grown(cluster: _Cluster, spans: Mapping[str, tuple[float, float]]) -> _Clus
     for arm in cluster.arms:
         for chain, outwards in ((arm.outward, True), (arm.inward, False)):
             for edge in (chain.edges if outwards else chain.edges[::-1]) if chain else ():
-                if not _is_lost(edge.id, spans):
+                if not _is_cut_off(edge.id, spans):
                     break
                 inner.add(edge.id)
                 nodes.add(edge.end if outwards else edge.start)
@@ -306,15 +309,15 @@ def _edges(
     home: Mapping[str, str],
     inner: set[str],
 ) -> dict[str, PlainEdge]:
-    found = {}
+    remaining = {}
     for name, edge in plain.edges.items():
         start, end = home.get(edge.start), home.get(edge.end)
-        if {name, _other_way(name)} & inner and (name in inner or not edge.is_street):
+        if {name, _opposite_edge(name)} & inner and (name in inner or not edge.is_street):
             continue
-        if _is_lost(name, spans) or (start and start == end and not edge.is_street):
+        if _is_cut_off(name, spans) or (start and start == end and not edge.is_street):
             continue
         if start is None and end is None:
-            found[name] = edge
+            remaining[name] = edge
             continue
         length = float(edge.line.length)
         a, b = (share * length for share in spans.get(name, (0.0, 1.0)))
@@ -323,16 +326,18 @@ def _edges(
             points = _extended(points, INTO_M - a)
         if end is not None and length - b < INTO_M:
             points = _extended(points[::-1], INTO_M - (length - b))[::-1]
-        found[name] = replace(edge, start=start or edge.start, end=end or edge.end, shape=points)
-    return found
+        remaining[name] = replace(
+            edge, start=start or edge.start, end=end or edge.end, shape=points
+        )
+    return remaining
 
 
-def _other_way(name: str) -> str:
+def _opposite_edge(name: str) -> str:
     """Return the id of the edge of the opposite direction."""
     return name[1:] if name.startswith("-") else f"-{name}"
 
 
-def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
+def _is_cut_off(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
     """Return whether an edge, or the street that it runs beside, is cut off entirely."""
     a, b = spans.get(name, (0.0, 1.0))
     return b - a <= NOTHING
@@ -362,10 +367,10 @@ def _junction(
     by_entry: dict[str, list[Passage]] = defaultdict(list)
     for passage in passages:
         by_entry[passage.entry.id].append(passage)
-    ways: dict[Way, Passage] = {}
-    for mine in by_entry.values():
-        ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
-    through = in_plan(ways, strips)
+    movements: dict[Way, Passage] = {}
+    for entry_passages in by_entry.values():
+        movements |= lane_links(plain, entry_passages, arrows, driving_side=driving_side)
+    through = in_plan(movements, strips)
     for start, k, end, j in through.drivable:
         curve = through.curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
@@ -407,16 +412,16 @@ def _with_slip_signals(
     """
     nodes, free = dict(plain.nodes), set[str]()
     for edge in plain.edges.values():
-        for near, far in ((edge.start, edge.end), (edge.end, edge.start)):
+        for node, far in ((edge.start, edge.end), (edge.end, edge.start)):
             if (
-                near in wide
+                node in wide
                 and far not in wide
-                and is_signalised(plain, near)
+                and is_signalised(plain, node)
                 and is_signalised(plain, far)
                 and edge.line.length <= SLIP_M
             ):
-                told = {**nodes[far].attributes, "tl": plain.nodes[near].attributes["tl"]}
-                nodes[far] = replace(nodes[far], attributes=told)
+                attributes = {**nodes[far].attributes, "tl": plain.nodes[node].attributes["tl"]}
+                nodes[far] = replace(nodes[far], attributes=attributes)
                 if edge.end == far and edge.id not in stopping:
                     free.add(edge.id)
     links = tuple(
@@ -430,13 +435,13 @@ def _with_slip_signals(
 
 def _stopping(marks: Marks, spans: Mapping[str, tuple[float, float]]) -> set[str]:
     """Return the edges with a stop line at their end or on the part that remains."""
-    found = set()
+    edge_ids = set()
     for name, shares in marks.stop_lines.items():
         # A stop line beyond the end of the road is painted at its end.
         first, _ = spans.get(name, (0.0, 1.0))
         if any(first < share for share in shares):
-            found.add(name)
-    return found
+            edge_ids.add(name)
+    return edge_ids
 
 
 def outline_of(

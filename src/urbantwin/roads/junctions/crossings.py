@@ -96,12 +96,12 @@ def with_crossings(
         driving_side: ``right`` or ``left``.
     """
     outward = 1 if driving_side == "left" else -1
-    told = (
-        one
+    arm_crossings = (
+        arm_crossing
         for crossing in mapped
-        for one in (_at_mouths(plain, crossing) if crossing.on_every_arm else [crossing])
+        for arm_crossing in (_at_each_arm(plain, crossing) if crossing.on_every_arm else [crossing])
     )
-    for crossing in told:
+    for crossing in arm_crossings:
         strips = [Strip(edge, outward) for edge in plain.edges.values() if is_driven(edge)]
         hits = _hits(crossing, strips)
         if not hits:
@@ -112,8 +112,8 @@ def with_crossings(
             if not hits:
                 continue
             plain, arm = _at_new_node(plain, crossing, hits)
-        plain = _lit(plain, crossing, arm)
-        line = _over(crossing, [hit.strip for hit in arm.hits])
+        plain = _with_signals(plain, crossing, arm)
+        line = _kerb_to_kerb(crossing, [hit.strip for hit in arm.hits])
         if line is None:
             continue
         plain = _without_walkers(_cut_back(plain, crossing, arm), arm)
@@ -129,7 +129,7 @@ def with_crossings(
     return plain
 
 
-def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCrossing]:
+def _at_each_arm(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCrossing]:
     """Return one crossing for each arm of the junction that a crossing is mapped on."""
     place = shapely.Point(crossing.xy)
     made: list[MappedCrossing] = []
@@ -149,7 +149,7 @@ def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCros
             ]
             away = max(beside, default=0.0) + crossing.width / 2 + BEHIND_M
             ahead = np.array([np.cos(heading), np.sin(heading)])
-            one = replace(
+            placed = replace(
                 crossing,
                 name=f"{crossing.name}_{len(made)}",
                 xy=np.array([x, y]) - (away if arrives else -away) * ahead,
@@ -157,8 +157,8 @@ def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCros
                 across=np.array([-ahead[1], ahead[0]]),
                 pieces=frozenset(_pieces(edge)),
             )
-            if not any(_is_one_arm(one, other) for other in made):
-                made.append(one)
+            if not any(_is_one_arm(placed, other) for other in made):
+                made.append(placed)
     return made
 
 
@@ -171,7 +171,7 @@ def _is_one_arm(crossing: MappedCrossing, other: MappedCrossing) -> bool:
     )
 
 
-def _lit(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
+def _with_signals(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
     """Return the network with signals at the node of a signalised crossing.
 
     The node stays without signals if other traffic reaches it too.
@@ -201,10 +201,10 @@ def _as_netconvert(
 
 def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
     """Return the edges that a crossing lies on, directly or on their straight extension."""
-    found: list[_Hit] = []
+    hits: list[_Hit] = []
     point = shapely.Point(crossing.xy)
-    near = shapely.dwithin([s.edge.line for s in strips], point, BEYOND_M + WIDEST_M / 2)
-    for strip in compress(strips, near):
+    is_near = shapely.dwithin([s.edge.line for s in strips], point, BEYOND_M + WIDEST_M / 2)
+    for strip in compress(strips, is_near):
         line = _drawn_out(strip.middle, BEYOND_M)
         along = float(line.project(point))
         x, y, heading = _pose(line, along)
@@ -213,18 +213,18 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
         if abs(same) < np.cos(SKEW):
             continue
         gap = crossing.xy - [x, y]
-        aside = float(step[0] * gap[1] - step[1] * gap[0])
+        offset_m = float(step[0] * gap[1] - step[1] * gap[0])
         low, high = strip.driven()
         # A crossing of a street crosses both directions, wherever their middle is drawn.
         off = ASIDE_M if _pieces(strip.edge) & crossing.pieces else OFF_M
-        if np.linalg.norm(gap) - abs(aside) > 1.0 or not low - off < aside < high + off:
+        if np.linalg.norm(gap) - abs(offset_m) > 1.0 or not low - off < offset_m < high + off:
             continue
         # The strip's middle and the edge's shape differ in length in bends.
         scale = strip.edge.line.length / max(strip.middle.length, 1e-9)
         station = (along - BEYOND_M) * (scale if 0 < along - BEYOND_M < strip.middle.length else 1)
-        found.append(_Hit(strip, station, same > 0))
-    own = [hit for hit in found if _pieces(hit.strip.edge) & crossing.pieces]
-    return own or found
+        hits.append(_Hit(strip, station, same > 0))
+    same_way = [hit for hit in hits if _pieces(hit.strip.edge) & crossing.pieces]
+    return same_way or hits
 
 
 def _arm_at_junction(
@@ -236,43 +236,45 @@ def _arm_at_junction(
         edge = hit.strip.edge
         arms[edge.end, hit.ahead].append((hit.to_end, hit))
         arms[edge.start, not hit.ahead].append((hit.station, hit))
-    found = []
+    candidates = []
     for (node, is_before), rows in arms.items():
         beyond, reach = _reach(plain, crossing, node)
-        mine = [(distance, hit) for distance, hit in rows if -beyond <= distance <= reach]
-        names = {hit.strip.edge.id for _, hit in mine}
-        if mine and not any(c.node == node and names & set(c.edges) for c in plain.crossings):
-            nearest = min((abs(distance), -distance) for distance, _ in mine)
-            hit_by = tuple(hit for _, hit in mine)
-            others = _others(plain, node, hit_by) if reach == ON_NODE_M else ()
-            arm = _Arm(node, hit_by, others, is_before)
-            found.append((tuple(np.round(nearest, 1)), not is_before, node, arm))
-    return min(found, key=lambda row: row[:3])[3] if found else None
+        near_hits = [(distance, hit) for distance, hit in rows if -beyond <= distance <= reach]
+        names = {hit.strip.edge.id for _, hit in near_hits}
+        if near_hits and not any(c.node == node and names & set(c.edges) for c in plain.crossings):
+            nearest = min((abs(distance), -distance) for distance, _ in near_hits)
+            hit_by = tuple(hit for _, hit in near_hits)
+            other_hits = _other_edges(plain, node, hit_by) if reach == ON_NODE_M else ()
+            arm = _Arm(node, hit_by, other_hits, is_before)
+            candidates.append((tuple(np.round(nearest, 1)), not is_before, node, arm))
+    return min(candidates, key=lambda row: row[:3])[3] if candidates else None
 
 
-def _others(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, ...]:
+def _other_edges(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, ...]:
     """Return the edges through a node of a single street that are not part of an arm."""
-    mine = {hit.strip.edge.id for hit in arm}
+    arm_edges = {hit.strip.edge.id for hit in arm}
     return tuple(
         _Hit(
             Strip(edge, arm[0].strip.outward), float(edge.line.length) if arrives else 0.0, arrives
         )
         for edges, arrives in ((plain.arriving[node], True), (plain.leaving[node], False))
         for edge in edges
-        if edge.id not in mine and is_driven(edge)
+        if edge.id not in arm_edges and is_driven(edge)
     )
 
 
 def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[float, float]:
     """Return the distances beyond and before edge ends of a node's crossings, metres."""
     node = plain.nodes[name]
-    near = NEAR_AT_SIGNALS_M if crossing.signalised and _is_signalised(plain, name) else NEAR_M
+    before_m = NEAR_AT_SIGNALS_M if crossing.signalised and _is_signalised(plain, name) else NEAR_M
     if len(node.outline):
-        return BEYOND_M, near
-    others = {edge.end for edge in plain.leaving[name]} | {e.start for e in plain.arriving[name]}
-    if len(others) < 3:
+        return BEYOND_M, before_m
+    neighbours = {edge.end for edge in plain.leaving[name]} | {
+        e.start for e in plain.arriving[name]
+    }
+    if len(neighbours) < 3:
         return ON_NODE_M, ON_NODE_M
-    return ON_NODE_M, near
+    return ON_NODE_M, before_m
 
 
 def _at_new_node(
@@ -295,7 +297,7 @@ def _at_new_node(
     return plain, _Arm(node.id, tuple(arm), tuple(beyond), is_before=True)
 
 
-def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float64] | None:
+def _kerb_to_kerb(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float64] | None:
     """Return the line (2, 2) of the crossing from kerb to kerb; ``None`` if there is none."""
     reach = crossing.across * WIDEST_M / 2
     walked = shapely.LineString([crossing.xy - reach, crossing.xy + reach])
@@ -303,12 +305,12 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
     for strip in strips:
         low, high = strip.driven()
         line = _drawn_out(strip.middle, BEYOND_M)
-        at = float(line.project(shapely.Point(crossing.xy)))
-        x, y, heading = _pose(line, at)
+        station_m = float(line.project(shapely.Point(crossing.xy)))
+        x, y, heading = _pose(line, station_m)
         left = np.array([-np.sin(heading), np.cos(heading)])
         corners = [
-            [x, y] + along * np.array([left[1], -left[0]]) + aside * left
-            for along, aside in (
+            [x, y] + along * np.array([left[1], -left[0]]) + lateral_m * left
+            for along, lateral_m in (
                 (-15.0, low - SEAM_M / 2),
                 (15.0, low - SEAM_M / 2),
                 (15.0, high + SEAM_M / 2),
@@ -345,15 +347,15 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
         least = min(SHORTEST_M, length)
         if edge.end == arm.node:
             first, last = 0.0, hit.station - half - BEFORE_M + into
-            given = (last := max(last, least), length)
+            cut_span = (last := max(last, least), length)
         else:
             first, last = hit.station + half + BEHIND_M - into, length
-            given = (0.0, first := min(first, length - least))
-        if given[1] - given[0] < CUT_M:
+            cut_span = (0.0, first := min(first, length - least))
+        if cut_span[1] - cut_span[0] < CUT_M:
             continue
-        cut_edges[edge.id] = _CutOff(hit.strip, given)
+        cut_edges[edge.id] = _CutOff(hit.strip, cut_span)
         edges[edge.id] = replace(edge, shape=cut(edge.line, first, last))
-        outline.append(shapely.buffer(hit.strip.area(*given), 0.05, join_style="mitre"))
+        outline.append(shapely.buffer(hit.strip.area(*cut_span), 0.05, join_style="mitre"))
     if not cut_edges:
         return plain
     if not len(node.outline):
@@ -362,7 +364,7 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
     ring = shapely.get_coordinates(whole.exterior)[:-1]
     nodes = {**plain.nodes, node.id: replace(node, outline=ring)}
     links = tuple(
-        _reaching(link, cut_edges) if {link.start, link.end} & cut_edges.keys() else link
+        _extended_link(link, cut_edges) if {link.start, link.end} & cut_edges.keys() else link
         for link in plain.links
     )
     return replace(plain, nodes=nodes, edges=edges, links=links)
@@ -385,17 +387,17 @@ class _CutOff:
         return aside(poses, self.strip.across(number))
 
 
-def _reaching(link: PlainLink, cut_edges: Mapping[str, _CutOff]) -> PlainLink:
+def _extended_link(link: PlainLink, cut_edges: Mapping[str, _CutOff]) -> PlainLink:
     """Return a link without its shape, or with its drawn shape extended by the cut-off parts."""
-    told = {key: value for key, value in link.attributes.items() if key != "shape"}
+    attributes = {key: value for key, value in link.attributes.items() if key != "shape"}
     if not link.followed:
-        return replace(link, attributes=told)
+        return replace(link, attributes=attributes)
     parts = [points_of_text(link.attributes["shape"])]
     if link.start in cut_edges:
         parts.insert(0, cut_edges[link.start].lane(link.start_lane)[:-1])
     if link.end in cut_edges:
         parts.append(cut_edges[link.end].lane(link.end_lane)[1:])
-    return replace(link, attributes=told | {"shape": shape_text(np.vstack(parts))})
+    return replace(link, attributes=attributes | {"shape": shape_text(np.vstack(parts))})
 
 
 def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:
@@ -414,14 +416,14 @@ def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:
 def _not_walked(lane: PlainLane) -> PlainLane:
     if not lane.admits("pedestrian") or not lane.admits("passenger"):
         return lane
-    told = dict(lane.attributes)
-    allowed = [word for word in told.get("allow", "all").split() if word != "pedestrian"]
+    attributes = dict(lane.attributes)
+    allowed = [word for word in attributes.get("allow", "all").split() if word != "pedestrian"]
     if allowed == ["all"]:
-        told.pop("allow", None)
-        told["disallow"] = " ".join([*told.get("disallow", "").split(), "pedestrian"])
+        attributes.pop("allow", None)
+        attributes["disallow"] = " ".join([*attributes.get("disallow", "").split(), "pedestrian"])
     else:
-        told["allow"] = " ".join(allowed)
-    return replace(lane, attributes=told)
+        attributes["allow"] = " ".join(allowed)
+    return replace(lane, attributes=attributes)
 
 
 def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:
@@ -435,9 +437,9 @@ def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:
 
 
 def _pose(line: shapely.LineString, at: float) -> tuple[float, float, float]:
-    here = line.interpolate(at)
+    point = line.interpolate(at)
     a, b = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-0.5, 0.5))
-    return here.x, here.y, float(np.arctan2(b.y - a.y, b.x - a.x))
+    return point.x, point.y, float(np.arctan2(b.y - a.y, b.x - a.x))
 
 
 def _pieces(edge: PlainEdge) -> set[int]:

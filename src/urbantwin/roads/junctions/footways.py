@@ -117,8 +117,8 @@ def with_footways(
     around = {name: RoundNode(plain, name, outward) for name in crossed}
     kerbs = _kerbs(plain, around)
     walks = _sidewalks(strips)
-    taken = _taken(plain, strips, walks)
-    parts = [part for way in footways for part in _parts(way, taken)]
+    taken_area = _occupied_area(plain, strips, walks)
+    parts = [part for footway in footways for part in _parts(footway, taken_area)]
     parts = _joined(parts, kerbs, walks, around)
     nodes, edges = dict(plain.nodes), dict(plain.edges)
     for number, part in enumerate(parts):
@@ -137,24 +137,28 @@ def _in_order(
     at_node: dict[str, list[PlainCrossing]] = defaultdict(list)
     for crossing in crossings:
         at_node[crossing.node].append(crossing)
-    return tuple(one for name, mine in at_node.items() for one in around[name].ordered(mine))
+    return tuple(
+        crossing
+        for name, node_crossings in at_node.items()
+        for crossing in around[name].ordered(node_crossings)
+    )
 
 
 def _kerbs(plain: PlainNetwork, around: Mapping[str, RoundNode]) -> list[_Kerb]:
-    found = []
+    kerbs = []
     for crossing in plain.crossings:
-        here = around[crossing.node]
+        round_node = around[crossing.node]
         edge = plain.edges[crossing.edges[0]]
         points = edge.shape if edge.start == crossing.node else edge.shape[::-1]
         along = (points[1] - points[0]) / max(float(np.linalg.norm(points[1] - points[0])), 1e-9)
-        for gap, xy in zip(here.gaps_of(crossing), crossing.line[[0, -1]], strict=True):
-            found.append(_Kerb(crossing.node, gap, xy, along))
-    return found
+        for gap, xy in zip(round_node.gaps_of(crossing), crossing.line[[0, -1]], strict=True):
+            kerbs.append(_Kerb(crossing.node, gap, xy, along))
+    return kerbs
 
 
 def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
     """Return nodes with the lines of sidewalks at them, from the end along both directions."""
-    found = []
+    sidewalks = []
     for strip in strips:
         for k, lane in enumerate(strip.edge.lanes):
             if not lane.is_sidewalk:
@@ -163,14 +167,14 @@ def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
                 length = float(strip.middle.length)
                 x, y, heading = strip.at(length if at_end else 0.0)
                 ahead = np.array([np.cos(heading), np.sin(heading)]) * (1 if at_end else -1)
-                aside = strip.across(k) * np.array([-np.sin(heading), np.cos(heading)])
-                end = np.array([x, y]) + aside
+                offset = strip.across(k) * np.array([-np.sin(heading), np.cos(heading)])
+                end = np.array([x, y]) + offset
                 line = shapely.LineString([end, end + ONWARD_M * ahead, end - ONWARD_M * ahead])
-                found.append((strip.edge.end if at_end else strip.edge.start, line))
-    return found
+                sidewalks.append((strip.edge.end if at_end else strip.edge.start, line))
+    return sidewalks
 
 
-def _taken(
+def _occupied_area(
     plain: PlainNetwork,
     strips: Sequence[Strip],
     walks: Sequence[tuple[str, shapely.LineString]],
@@ -192,7 +196,7 @@ def _taken(
 def _parts(footway: MappedFootway, taken: shapely.Geometry) -> list[_Part]:
     line = shapely.LineString(footway.points)
     left = shapely.get_parts(shapely.difference(line, taken))
-    found = []
+    parts = []
     for number, piece in enumerate(left):
         if piece.geom_type != "LineString" or piece.length < REFUGE_M:
             continue
@@ -204,8 +208,8 @@ def _parts(footway: MappedFootway, taken: shapely.Geometry) -> list[_Part]:
         ):
             whole = np.linalg.norm(xy - footway.points[k]) < 1e-6
             names.append(f"f{node}" if whole else f"f{footway.way}_{footway.nodes[0]}_{number}_{k}")
-        found.append(_Part(points, (names[0], names[1]), footway))
-    return found
+        parts.append(_Part(points, (names[0], names[1]), footway))
+    return parts
 
 
 def _joined(
@@ -218,7 +222,7 @@ def _joined(
     joints = [(kerb.node, kerb.gap, kerb.xy) for kerb in kerbs]
     joints += [(node, -1, shapely.get_coordinates(line)[0]) for node, line in walks]
     places = np.array([xy for _, _, xy in joints]).reshape(-1, 2)
-    found = []
+    joined = []
     for part in parts:
         ends = []
         for name, points in zip(part.ends, (part.points, part.points[::-1]), strict=True):
@@ -227,8 +231,8 @@ def _joined(
                 node, gap, _ = joints[k]
                 if distance[k] > MEETS_M:
                     continue
-                here = around.get(node)
-                seen = None if here is None else here.gap_at(here.angle(points))
+                round_node = around.get(node)
+                seen = None if round_node is None else round_node.gap_at(round_node.angle(points))
                 if gap < 0 or seen == gap:
                     ends.append(node)
                     break
@@ -236,8 +240,8 @@ def _joined(
                 ends.append(name)
         shortest = REFUGE_M if set(ends) <= around.keys() else SHORTEST_M
         if ends[0] != ends[1] and part.length >= shortest:
-            found.append(replace(part, ends=(ends[0], ends[1])))
-    return _leading(found, {node for node, _, _ in joints})
+            joined.append(replace(part, ends=(ends[0], ends[1])))
+    return _leading(joined, {node for node, _, _ in joints})
 
 
 def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
@@ -246,23 +250,23 @@ def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
     A scrap is a short dead end, or a remainder of a street's own sidewalk that is mapped farther
     out.
     """
-    reached, kept = set(streets), list[_Part]()
+    reached, connected = set(streets), list[_Part]()
     waiting = list(parts)
     while now := [part for part in waiting if set(part.ends) & reached]:
-        kept += now
+        connected += now
         reached |= {name for part in now for name in part.ends}
         waiting = [part for part in waiting if part not in now]
     while True:
-        use = Counter(name for part in kept for name in part.ends)
+        use = Counter(name for part in connected for name in part.ends)
         left = [
             part
-            for part in kept
+            for part in connected
             if all(use[name] > 1 or name in streets for name in part.ends)
             or part.length > (SCRAP_M if part.footway.is_sidewalk else SHORTEST_M)
         ]
-        if len(left) == len(kept):
-            return [part for part in parts if part in kept]
-        kept = left
+        if len(left) == len(connected):
+            return [part for part in parts if part in connected]
+        connected = left
 
 
 def _edge(
@@ -291,7 +295,9 @@ def _with_places_to_stand(
     Where the ends of two crossings meet between carriageways, netconvert makes a refuge itself.
     """
     nodes, edges = dict(plain.nodes), dict(plain.edges)
-    stood = {(name, gap) for name, here in around.items() for gap in here.sidewalk_gaps()}
+    stood = {
+        (name, gap) for name, round_node in around.items() for gap in round_node.sidewalk_gaps()
+    }
     for part in parts:
         for name, points in zip(part.ends, (part.points, part.points[::-1]), strict=True):
             if name in around:
@@ -316,18 +322,18 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
     low, high = here.bounds(kerb.gap)
     away = kerb.xy - here.centre
     left = np.array([-kerb.along[1], kerb.along[0]])
-    aside = left if left @ away > 0 else -left
+    direction = left if left @ away > 0 else -left
     if here.outline.is_empty:
-        return np.array([kerb.xy + d * aside for d in (KERB_M, KERB_M + PLACES_M[0])])
-    first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * aside
+        return np.array([kerb.xy + d * direction for d in (KERB_M, KERB_M + PLACES_M[0])])
+    first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * direction
     ray = shapely.LineString([first, first + RAY_M * kerb.along])
     border = shapely.boundary(here.outline)
-    met = shapely.get_coordinates(shapely.intersection(ray, border))
-    if not len(met):  # the street's side of the outline lies farther out
-        met = shapely.get_coordinates(shapely.shortest_line(border, shapely.Point(first)))[:1]
-    first = met[np.argmax((met - first) @ kerb.along)]
+    hits = shapely.get_coordinates(shapely.intersection(ray, border))
+    if not len(hits):  # the street's side of the outline lies farther out
+        hits = shapely.get_coordinates(shapely.shortest_line(border, shapely.Point(first)))[:1]
+    first = hits[np.argmax((hits - first) @ kerb.along)]
     for turn, length in product(TURNS, PLACES_M):
-        outwards = np.cos(turn) * kerb.along + np.sin(turn) * aside
+        outwards = np.cos(turn) * kerb.along + np.sin(turn) * direction
         points = np.array([first, first + length * outwards])
         angle = here.angle(points)
         if low + APART < angle < high - APART or low + APART < angle + 2 * np.pi < high - APART:
@@ -348,11 +354,11 @@ def mapped_footways(
         region: the region, site frame.
         streets: ids of the nodes of streets.
     """
-    ways = [way for way in extract.highways() if _is_walked(way)]
-    use = Counter(node for way in ways for node in way.nodes)
+    walked_ways = [osm_way for osm_way in extract.highways() if _is_walked(osm_way)]
+    use = Counter(node for osm_way in walked_ways for node in osm_way.nodes)
     use.update({node: 2 for node in streets if node in use})
-    found = []
-    for piece in extract.clipped(frame, region, ways):
+    footways = []
+    for piece in extract.clipped(frame, region, walked_ways):
         inner = range(1, len(piece.nodes) - 1)
         ends = [0, *(k for k in inner if use[piece.nodes[k]] > 1), len(piece.nodes) - 1]
         width = min(max(metres(piece.tags.get("width")) or WIDTH_M, NARROWEST_M), WIDEST_M)
@@ -360,8 +366,8 @@ def mapped_footways(
         for a, b in pairwise(ends):
             nodes, points = piece.nodes[a : b + 1], piece.points[a : b + 1]
             kind = piece.tags["highway"]
-            found.append(MappedFootway(piece.way, nodes, points, width, kind, beside))
-    return tuple(found)
+            footways.append(MappedFootway(piece.way, nodes, points, width, kind, beside))
+    return tuple(footways)
 
 
 def _is_walked(way: Way) -> bool:

@@ -65,9 +65,9 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     inside = [piece.id for piece in pieces if piece.tags.get("junction") == "yes"]
     within = {f"{sign}{piece}" for piece in inside for sign in ("", "-")}
     lines = {
-        number: points_of_text(way.tags[FOLLOWED])
-        for number, way in extract.ways.items()
-        if FOLLOWED in way.tags
+        number: points_of_text(osm_way.tags[FOLLOWED])
+        for number, osm_way in extract.ways.items()
+        if FOLLOWED in osm_way.tags
     }
     followed = {str(piece.id): lines[piece.way] for piece in pieces if piece.way in lines}
     minis = {str(node) for node, tags in extract.node_tags.items() if is_mini_roundabout(tags)}
@@ -103,13 +103,13 @@ def via_way_restrictions(
     of_way: dict[int, list[WayPiece]] = defaultdict(list)
     for piece in pieces:
         of_way[piece.way].append(piece)
-    found = []
+    restrictions = []
     for _, relation in sorted(extract.relations.items()):
         kind = relation.tags.get("restriction", "")
         if relation.tags.get("type") != "restriction" or not kind.startswith(("no_", "only_")):
             continue
         ways = {
-            role: [ref for kind, ref, own in relation.members if kind == "w" and own == role]
+            role: [ref for kind, ref, name in relation.members if kind == "w" and name == role]
             for role in ("from", "via", "to")
         }
         if not all(ways.values()) or len(ways["via"]) > 1:
@@ -118,8 +118,8 @@ def via_way_restrictions(
         for before, via, after in list(product(*options))[:MOST]:
             edges = _driven(before, via, after)
             if edges:
-                found.append((edges, kind.startswith("only_")))
-    return found
+                restrictions.append((edges, kind.startswith("only_")))
+    return restrictions
 
 
 def _driven(before: WayPiece, via: WayPiece, after: WayPiece) -> tuple[str, ...]:

@@ -40,9 +40,9 @@ def lane_links(
     """
     cycled = [p for p in passages if p.entry.is_cycle_track or p.exit.is_cycle_track]
     passages = [p for p in passages if p not in cycled]
-    found = _cycled(cycled, driving_side)
+    links = _cycled(cycled, driving_side)
     if not passages:
-        return found
+        return links
     entry = passages[0].entry
     cars = [k for k, lane in enumerate(entry.lanes) if lane.admits("passenger")]
     if not cars:
@@ -62,10 +62,10 @@ def lane_links(
         targets = targets or [k for k, lane in enumerate(way_out.lanes) if lane.admits("bus")]
         if targets:
             for k, j in _aligned(lanes, targets, word, kerb):
-                found[entry.id, k, way_out.id, j] = passage
-        _beside(found, passage, word, cars, targets, kerb)
-        _onto_cycle_lane(found, passage, lanes)
-    return found
+                links[entry.id, k, way_out.id, j] = passage
+        _add_reserved_lanes(links, passage, word, cars, targets, kerb)
+        _onto_cycle_lane(links, passage, lanes)
+    return links
 
 
 def _directions(arrows: Arrows, edge: PlainEdge, lane: int) -> set[str]:
@@ -87,19 +87,21 @@ def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]
 
     Where streets meet at an angle, a signed turn may be almost straight, and vice versa.
     """
-    found = list(words)
+    directions = list(words)
     order = sorted(range(len(passages)), key=lambda k: -passages[k].turn)  # from left to right
     for word, most in (("left", order), ("right", order[::-1])):
-        if word not in signed or word in found:
+        if word not in signed or word in directions:
             continue
         k = most[0]
-        if sum(w == found[k] for w in found) > 1 or found[k] not in signed:
-            found[k] = word
-    if "through" in signed and "through" not in found:
-        spare = [k for k in order if found.count(found[k]) > 1 or found[k] not in signed]
+        if sum(w == directions[k] for w in directions) > 1 or directions[k] not in signed:
+            directions[k] = word
+    if "through" in signed and "through" not in directions:
+        spare = [
+            k for k in order if directions.count(directions[k]) > 1 or directions[k] not in signed
+        ]
         if spare:
-            found[min(spare, key=lambda k: abs(passages[k].turn))] = "through"
-    return found
+            directions[min(spare, key=lambda k: abs(passages[k].turn))] = "through"
+    return directions
 
 
 def _signed_users(
@@ -108,22 +110,22 @@ def _signed_users(
     """Return the lanes of each passage according to their arrows."""
     inner = "left" if kerb == "right" else "right"
     turns = {k: set(signed[k]) for k in cars}
-    told = set().union(*turns.values())
+    signed_turns = set().union(*turns.values())
     blank = [k for k in cars if not turns[k]]
     for k in blank:
         turns[k] = {"through"}
     # An unsigned outer lane may also turn to its side if no arrow shows that turn.
-    if blank and cars[0] in blank and kerb not in told:
+    if blank and cars[0] in blank and kerb not in signed_turns:
         turns[cars[0]].add(kerb)
-    if blank and cars[-1] in blank and inner not in told:
+    if blank and cars[-1] in blank and inner not in signed_turns:
         turns[cars[-1]].add(inner)
     users = [[k for k in cars if word in turns[k]] for word in words]
-    led = {k for lanes in users for k in lanes}
-    for k in sorted(set(cars) - led):
+    served = {k for lanes in users for k in lanes}
+    for k in sorted(set(cars) - served):
         # Its arrows lead nowhere: use the movements of the adjacent lane.
-        near = min(led, key=lambda j: (abs(j - k), j), default=None)
+        adjacent = min(served, key=lambda j: (abs(j - k), j), default=None)
         for lanes in users:
-            if near is None or near in lanes:
+            if adjacent is None or adjacent in lanes:
                 lanes.append(k)
                 lanes.sort()
     return users
@@ -139,15 +141,15 @@ def _traced_users(
     """Return the lanes of each passage according to the lane-to-lane links of the network."""
     users = []
     for passage, word in zip(passages, words, strict=True):
-        lanes = [k for k in cars if _leads(plain, passage, k)]
+        lanes = [k for k in cars if _reaches_exit(plain, passage, k)]
         if not lanes:
             lanes = list(cars) if word == "through" else [cars[0] if word == kerb else cars[-1]]
         users.append(lanes)
-    led = {k for lanes in users for k in lanes}
-    for k in sorted(set(cars) - led):
-        near = min(led, key=lambda j: (abs(j - k), j))
+    served = {k for lanes in users for k in lanes}
+    for k in sorted(set(cars) - served):
+        adjacent = min(served, key=lambda j: (abs(j - k), j))
         for lanes in users:
-            if near in lanes:
+            if adjacent in lanes:
                 lanes.append(k)
                 lanes.sort()
     return users
@@ -161,24 +163,24 @@ def _untangled(
     Of two adjacent passages the straighter one keeps its lanes; the other gets the lanes beside.
     """
     outward = -1.0 if kerb == "right" else 1.0
-    aside = [_aside(passage) for passage in passages]
-    order = sorted(range(len(passages)), key=lambda k: -outward * aside[k])  # from the kerb
-    found = list(users)
-    for number, near in enumerate(order):
+    angles = [_exit_angle(passage) for passage in passages]
+    order = sorted(range(len(passages)), key=lambda k: -outward * angles[k])  # from the kerb
+    lanes_of = list(users)
+    for number, nearer in enumerate(order):
         for far in order[number + 1 :]:
-            lanes = sorted({*found[near], *found[far]})
-            if words[near] != words[far] or max(found[near]) <= min(found[far]):
+            lanes = sorted({*lanes_of[nearer], *lanes_of[far]})
+            if words[nearer] != words[far] or max(lanes_of[nearer]) <= min(lanes_of[far]):
                 continue
-            if abs(aside[near]) <= abs(aside[far]):
-                found[far] = [k for k in lanes if k >= max(found[near])]
-                found[near] = [k for k in lanes if k <= found[far][0]]
+            if abs(angles[nearer]) <= abs(angles[far]):
+                lanes_of[far] = [k for k in lanes if k >= max(lanes_of[nearer])]
+                lanes_of[nearer] = [k for k in lanes if k <= lanes_of[far][0]]
             else:
-                found[near] = [k for k in lanes if k <= min(found[far])]
-                found[far] = [k for k in lanes if k >= found[near][-1]]
-    return found
+                lanes_of[nearer] = [k for k in lanes if k <= min(lanes_of[far])]
+                lanes_of[far] = [k for k in lanes if k >= lanes_of[nearer][-1]]
+    return lanes_of
 
 
-def _aside(passage: Passage) -> float:
+def _exit_angle(passage: Passage) -> float:
     """Return the angle of the exit to the left of straight on, radians."""
     way_in, way_out = passage.entry.line, passage.exit.line
     end, beyond = way_in.interpolate(way_in.length), way_out.interpolate(ONWARD_M)
@@ -186,14 +188,14 @@ def _aside(passage: Passage) -> float:
     return float(wrapped(chord - heading_of(way_in, at_end=True)))
 
 
-def _leads(plain: PlainNetwork, passage: Passage, lane: int) -> bool:
+def _reaches_exit(plain: PlainNetwork, passage: Passage, lane: int) -> bool:
     lanes = {lane}
     for edge, after in zip(passage.path, passage.path[1:], strict=False):
-        lanes = {x.end_lane for x in _between(plain, edge, after) if x.start_lane in lanes}
+        lanes = {x.end_lane for x in _links_between(plain, edge, after) if x.start_lane in lanes}
     return bool(lanes)
 
 
-def _between(plain: PlainNetwork, edge: PlainEdge, after: PlainEdge) -> list[PlainLink]:
+def _links_between(plain: PlainNetwork, edge: PlainEdge, after: PlainEdge) -> list[PlainLink]:
     return [link for link in plain.links_from.get(edge.id, ()) if link.end == after.id]
 
 
@@ -214,15 +216,15 @@ def _cycled(passages: Sequence[Passage], kerb: str) -> dict[tuple[str, int, str,
     without a cycle lane they start from the innermost lane.
     """
     inner = "left" if kerb == "right" else "right"
-    found: dict[tuple[str, int, str, int], Passage] = {}
+    links: dict[tuple[str, int, str, int], Passage] = {}
     for passage, word in zip(passages, _words(passages), strict=True):
         start = [k for k, lane in enumerate(passage.entry.lanes) if lane.admits("bicycle")]
         end = [k for k, lane in enumerate(passage.exit.lanes) if lane.admits("bicycle")]
         if start and end:
-            own = not passage.entry.lanes[start[0]].admits("passenger")
-            k = start[-1] if word == inner and not own else start[0]
-            found[passage.entry.id, k, passage.exit.id, end[0]] = passage
-    return found
+            on_cycle_lane = not passage.entry.lanes[start[0]].admits("passenger")
+            k = start[-1] if word == inner and not on_cycle_lane else start[0]
+            links[passage.entry.id, k, passage.exit.id, end[0]] = passage
+    return links
 
 
 def _onto_cycle_lane(
@@ -231,16 +233,18 @@ def _onto_cycle_lane(
     """Add a link onto a cycle lane for cyclists in mixed lanes, if no other link serves them."""
     entry, way_out = passage.entry, passage.exit
     shared = [k for k in lanes if entry.lanes[k].admits("bicycle")]
-    own = [j for j, lane in enumerate(way_out.lanes) if lane.admits("bicycle")]
+    open_lanes = [j for j, lane in enumerate(way_out.lanes) if lane.admits("bicycle")]
     ridden = any(
-        (start, end) == (entry.id, way_out.id) and entry.lanes[k].admits("bicycle") and j in own
+        (start, end) == (entry.id, way_out.id)
+        and entry.lanes[k].admits("bicycle")
+        and j in open_lanes
         for start, k, end, j in found
     )
-    if shared and own and not ridden:
-        found[entry.id, min(shared), way_out.id, own[0]] = passage
+    if shared and open_lanes and not ridden:
+        found[entry.id, min(shared), way_out.id, open_lanes[0]] = passage
 
 
-def _beside(
+def _add_reserved_lanes(
     found: dict[tuple[str, int, str, int], Passage],
     passage: Passage,
     word: str,
@@ -255,25 +259,25 @@ def _beside(
     """
     inner = "left" if kerb == "right" else "right"
     entry, way_out = passage.entry, passage.exit
-    taken = set(cars)
+    seen = set(cars)
     for name in ("bus", "bicycle"):
-        mine = [k for k, lane in enumerate(entry.lanes) if lane.admits(name) and k not in taken]
-        own = [
+        users = [k for k, lane in enumerate(entry.lanes) if lane.admits(name) and k not in seen]
+        exit_reserved = [
             j
             for j, other in enumerate(way_out.lanes)
             if other.admits(name) and not other.admits("passenger")
         ]
-        taken |= set(mine)
-        for number, k in enumerate(mine):
+        seen |= set(users)
+        for number, k in enumerate(users):
             in_the_middle = bool(cars) and k > max(cars)
             if word == (kerb if in_the_middle else inner):
                 continue
-            beside = [j for j in own if not targets or (j > targets[-1]) == in_the_middle]
+            beside = [j for j in exit_reserved if not targets or (j > targets[-1]) == in_the_middle]
             shared = [j for j in targets if way_out.lanes[j].admits(name)]
             if beside:
                 end = beside[min(number, len(beside) - 1)]
-            elif shared or own:
-                end = (shared or own)[-1 if in_the_middle else 0]
+            elif shared or exit_reserved:
+                end = (shared or exit_reserved)[-1 if in_the_middle else 0]
             else:
                 continue
             found.setdefault((entry.id, k, way_out.id, end), passage)

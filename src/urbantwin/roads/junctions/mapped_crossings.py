@@ -87,7 +87,7 @@ class MappedCrossing:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _CrossingPlace:
     """A place where something crosses a street, with the pieces of the street."""
 
     pieces: tuple[WayPiece, ...]
@@ -124,31 +124,39 @@ def mapped_crossings(
             position[node] = xy
     footways: dict[int, list[Way]] = defaultdict(list)
     crossing_ways = []
-    for way in extract.highways():
-        if way.tags["highway"] not in WALKED:
+    for osm_way in extract.highways():
+        if osm_way.tags["highway"] not in WALKED:
             continue
-        for node in at_node.keys() & way.nodes:
-            footways[node].append(way)
-        if is_crossing_way(way):
-            crossing_ways.append(way)
-    found: list[MappedCrossing] = []
+        for node in at_node.keys() & osm_way.nodes:
+            footways[node].append(osm_way)
+        if is_crossing_way(osm_way):
+            crossing_ways.append(osm_way)
+    crossings: list[MappedCrossing] = []
     for node in sorted(at_node):
         tags = extract.node_tags.get(node, {})
-        here = [way for way in footways[node] if is_crossing_way(way)]
-        if not is_crossing_node(tags) and not (here and tags.get("crossing") != "no"):
+        own_ways = [osm_way for osm_way in footways[node] if is_crossing_way(osm_way)]
+        if not is_crossing_node(tags) and not (own_ways and tags.get("crossing") != "no"):
             continue
-        told = {**tags, **{k: v for way in here for k, v in way.tags.items()}, **_told(tags)}
-        place = _Place(tuple(at_node[node]), position[node], str(node))
-        lines = [extract.way_line(way, frame) for way in (here or footways[node])]
-        whole = not lines and tags.get("highway") == "traffic_signals" and _meet(place.pieces, node)
-        found.append(replace(_crossing(place, told, lines, country), on_every_arm=whole))
-    known = at_node.keys()
-    for way in crossing_ways:
-        for number, place in enumerate(_overlaid(extract, frame, way, known, pieces)):
-            named = _Place(place.pieces, place.xy, f"{way.id}_{number}")
-            line = extract.way_line(way, frame)
-            found.append(_crossing(named, way.tags, [line], country))
-    return tuple(_once(found))
+        merged_tags = {
+            **tags,
+            **{k: v for osm_way in own_ways for k, v in osm_way.tags.items()},
+            **_crossing_tags(tags),
+        }
+        place = _CrossingPlace(tuple(at_node[node]), position[node], str(node))
+        lines = [extract.way_line(osm_way, frame) for osm_way in (own_ways or footways[node])]
+        whole = (
+            not lines
+            and tags.get("highway") == "traffic_signals"
+            and _streets_meet(place.pieces, node)
+        )
+        crossings.append(replace(_crossing(place, merged_tags, lines, country), on_every_arm=whole))
+    street_nodes = at_node.keys()
+    for osm_way in crossing_ways:
+        for number, place in enumerate(_overlaid(extract, frame, osm_way, street_nodes, pieces)):
+            named = _CrossingPlace(place.pieces, place.xy, f"{osm_way.id}_{number}")
+            line = extract.way_line(osm_way, frame)
+            crossings.append(_crossing(named, osm_way.tags, [line], country))
+    return tuple(_without_duplicates(crossings))
 
 
 def is_crossing_node(tags: Mapping[str, str]) -> bool:
@@ -169,19 +177,19 @@ def is_crossing_way(way: Way) -> bool:
     return tags.get("highway") in WALKED and ("crossing" in kinds or "crossing" in tags)
 
 
-def _meet(pieces: Sequence[WayPiece], node: int) -> bool:
+def _streets_meet(pieces: Sequence[WayPiece], node: int) -> bool:
     """Return whether streets meet at a node."""
     seen = {piece.id: piece for piece in pieces}.values()
     return sum(2 - (node in (piece.nodes[0], piece.nodes[-1])) for piece in seen) > 2
 
 
-def _told(tags: Mapping[str, str]) -> dict[str, str]:
+def _crossing_tags(tags: Mapping[str, str]) -> dict[str, str]:
     """Return a node's tags on its crossing, which take precedence over the way's."""
     return {k: v for k, v in tags.items() if k.startswith("crossing") or k == "highway"}
 
 
 def _crossing(
-    place: _Place,
+    place: _CrossingPlace,
     tags: Mapping[str, str],
     lines: Sequence[NDArray[np.float64]],
     country: str,
@@ -215,16 +223,16 @@ def _crossing(
 
 
 def _marking(tags: Mapping[str, str], country: str, *, signalised: bool) -> str:
-    told = tags.get("crossing:markings", "").split(":")[0].split(";")[0]
-    if told == "no" or tags.get("crossing") == "unmarked":
+    marking = tags.get("crossing:markings", "").split(":")[0].split(";")[0]
+    if marking == "no" or tags.get("crossing") == "unmarked":
         return "none"
-    if told in ("lines", "dashes", "dots"):
-        return told
-    if told in ("zebra", "ladder"):
+    if marking in ("lines", "dashes", "dots"):
+        return marking
+    if marking in ("zebra", "ladder"):
         return "zebra"
     if signalised:
         return AT_SIGNALS.get(country, "zebra")
-    if told or {tags.get("crossing"), tags.get("crossing_ref")} & STRIPED:
+    if marking or {tags.get("crossing"), tags.get("crossing_ref")} & STRIPED:
         return "zebra"
     return "none"
 
@@ -232,8 +240,8 @@ def _marking(tags: Mapping[str, str], country: str, *, signalised: bool) -> str:
 def _heading(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit vector (2,) along a line near a point on it."""
     whole = shapely.LineString(line)
-    at = whole.project(shapely.Point(xy))
-    ends = [np.clip(at + d, 0.0, whole.length) for d in (-AROUND_M, AROUND_M)]
+    station_m = whole.project(shapely.Point(xy))
+    ends = [np.clip(station_m + d, 0.0, whole.length) for d in (-AROUND_M, AROUND_M)]
     a, b = (shapely.get_coordinates(whole.interpolate(float(d)))[0] for d in ends)
     return np.asarray((b - a) / max(float(np.linalg.norm(b - a)), 1e-9))
 
@@ -248,7 +256,7 @@ def _overlaid(
     way: Way,
     known: Collection[int],
     pieces: Sequence[WayPiece],
-) -> Iterator[_Place]:
+) -> Iterator[_CrossingPlace]:
     """Yield the places where a crossing way intersects streets without a common node."""
     points = extract.way_line(way, frame)
     if len(points) < 2:
@@ -262,27 +270,27 @@ def _overlaid(
         street = shapely.LineString(piece.points)
         for point in shapely.get_parts(shapely.intersection(line, street)):
             if point.geom_type == "Point":
-                yield _Place((piece,), shapely.get_coordinates(point)[0], "")
+                yield _CrossingPlace((piece,), shapely.get_coordinates(point)[0], "")
 
 
-def _once(found: Sequence[MappedCrossing]) -> list[MappedCrossing]:
+def _without_duplicates(found: Sequence[MappedCrossing]) -> list[MappedCrossing]:
     """Return crossings without duplicates on one carriageway.
 
     Adjacent crossings for pedestrians and bicycles become one with their total width.
     """
-    kept: list[MappedCrossing] = []
+    distinct: list[MappedCrossing] = []
     order = {crossing.name: k for k, crossing in enumerate(found)}
     # Crossings with signals or markings take precedence.
     for crossing in sorted(found, key=lambda c: (not c.signalised, c.marking == "none")):
-        for k, other in enumerate(kept):
+        for k, other in enumerate(distinct):
             if _is_same(crossing, other):
                 gap = float((crossing.xy - other.xy) @ other.ahead)
                 middle = other.xy + gap / 2 * other.ahead
-                kept[k] = replace(other, xy=middle, width=other.width + abs(gap))
+                distinct[k] = replace(other, xy=middle, width=other.width + abs(gap))
                 break
         else:
-            kept.append(crossing)
-    return sorted(kept, key=lambda c: order[c.name])
+            distinct.append(crossing)
+    return sorted(distinct, key=lambda c: order[c.name])
 
 
 def _is_same(crossing: MappedCrossing, other: MappedCrossing) -> bool:
@@ -303,7 +311,9 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
         meeting: nodes where streets meet, where signals do not imply stop lines.
     """
     # A footway that only touches a street does not cross it.
-    crossed = {node for way in extract.highways() if is_crossing_way(way) for node in way.nodes}
+    crossed = {
+        node for osm_way in extract.highways() if is_crossing_way(osm_way) for node in osm_way.nodes
+    }
     lines: dict[str, list[float]] = defaultdict(list)
     crossings: dict[str, list[float]] = defaultdict(list)
     for piece in pieces:
@@ -311,19 +321,19 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
             continue
         steps = np.linalg.norm(np.diff(piece.points, axis=0), axis=1)
         share = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-9)
-        for node, at in zip(piece.nodes, share.tolist(), strict=True):
+        for node, position in zip(piece.nodes, share.tolist(), strict=True):
             if node in meeting:
                 continue
             tags = extract.node_tags.get(node, {})
             if is_crossing_node(tags) or (node in crossed and tags.get("crossing") != "no"):
-                crossings[str(piece.id)].append(at)
-                crossings[f"-{piece.id}"].append(1.0 - at)
+                crossings[str(piece.id)].append(position)
+                crossings[f"-{piece.id}"].append(1.0 - position)
             if tags.get("highway") == "traffic_signals":
-                told = tags.get("traffic_signals:direction", "")
-                if told != "backward":
-                    lines[str(piece.id)].append(at)
-                if told != "forward":
-                    lines[f"-{piece.id}"].append(1.0 - at)
+                direction = tags.get("traffic_signals:direction", "")
+                if direction != "backward":
+                    lines[str(piece.id)].append(position)
+                if direction != "forward":
+                    lines[f"-{piece.id}"].append(1.0 - position)
     return Marks(_sorted(lines), _sorted(crossings))
 
 

@@ -80,7 +80,7 @@ def mouths(
         marks: the map's stop lines and crossings.
     """
     profiles = [_profile(arm, strips) for arm in arms]
-    found = []
+    rows = []
     for k, arm in enumerate(arms):
         apart = _parting(k, profiles)
         marked = _marked(arm, marks, min(CROSSING_M, apart + BEYOND_M))
@@ -89,8 +89,8 @@ def mouths(
         else:
             reach = max(marked, min(apart, marked + 6.0))
         reach = float(np.clip(reach, 0.5, max(arm.length - SHORTEST_M, 0.5)))
-        found.append((reach, marked is not None))
-    return found
+        rows.append((reach, marked is not None))
+    return rows
 
 
 def _marked(arm: Arm, marks: Marks, furthest: float) -> float | None:
@@ -98,22 +98,22 @@ def _marked(arm: Arm, marks: Marks, furthest: float) -> float | None:
 
     Crossings farther out than ``furthest`` do not belong to the junction.
     """
-    found = []
+    distances = []
     if arm.inward is not None:
         length = arm.inward.length
         lines = [length - s for s in arm.inward.stations(marks.stop_lines)]
         crossed = [length - s for s in arm.inward.stations(marks.crossings)]
-        near = min((d for d in crossed if d <= furthest), default=None)
+        crossing_m = min((d for d in crossed if d <= furthest), default=None)
         line = min((d for d in lines if d <= STOP_LINE_M), default=None)
-        if line is not None and (near is None or line > near + 1.0):
-            found.append(line)
-        elif near is not None:
-            found.append(near + BEFORE_M)
+        if line is not None and (crossing_m is None or line > crossing_m + 1.0):
+            distances.append(line)
+        elif crossing_m is not None:
+            distances.append(crossing_m + BEFORE_M)
     if arm.outward is not None:
         crossed = [d for d in arm.outward.stations(marks.crossings) if d <= furthest]
         if crossed:
-            found.append(min(crossed) + BEHIND_M)
-    return max(found, default=None)
+            distances.append(min(crossed) + BEHIND_M)
+    return max(distances, default=None)
 
 
 def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
@@ -142,23 +142,23 @@ def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
         halves.append(np.full(len(points), half))
     places = np.vstack(lines)
     reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    near = reach <= FURTHEST_M + 10.0
-    places = places[near]
+    in_range = reach <= FURTHEST_M + 10.0
+    places = places[in_range]
     ahead = places[min(len(places) - 1, int(10.0 / STEP_M))] - places[0]
-    return _Profile(places, np.concatenate(halves)[near], float(np.arctan2(ahead[1], ahead[0])))
+    return _Profile(places, np.concatenate(halves)[in_range], float(np.arctan2(ahead[1], ahead[0])))
 
 
 def _parting(k: int, profiles: Sequence[_Profile]) -> float:
     """Return the distance at which an arm no longer overlaps others, metres."""
-    mine, furthest = profiles[k], 0.0
-    along = np.linalg.norm(np.diff(mine.places, axis=0), axis=1)
+    profile, furthest = profiles[k], 0.0
+    along = np.linalg.norm(np.diff(profile.places, axis=0), axis=1)
     reach = np.concatenate([[0.0], np.cumsum(along)])
     for j, other in enumerate(profiles):
         if j == k:
             continue
-        gap = np.linalg.norm(mine.places[:, None] - other.places[None], axis=2)
+        gap = np.linalg.norm(profile.places[:, None] - other.places[None], axis=2)
         nearest = gap.argmin(axis=1)
-        overlap = gap.min(axis=1) < mine.half + other.half[nearest]
+        overlap = gap.min(axis=1) < profile.half + other.half[nearest]
         if not overlap.any():
             continue
         # Farther out, arms may approach each other again at the next junction.
@@ -166,9 +166,9 @@ def _parting(k: int, profiles: Sequence[_Profile]) -> float:
         last = np.flatnonzero(overlap[: gaps[0]] if len(gaps) else overlap)
         if not len(last):
             continue
-        at = float(reach[last[-1]])
-        angle = abs((mine.heading - other.heading + np.pi) % (2 * np.pi) - np.pi)
-        furthest = max(furthest, min(at, FLAT_M) if angle < FLAT else at)
+        overlap_m = float(reach[last[-1]])
+        angle = abs((profile.heading - other.heading + np.pi) % (2 * np.pi) - np.pi)
+        furthest = max(furthest, min(overlap_m, FLAT_M) if angle < FLAT else overlap_m)
     return furthest
 
 
@@ -196,23 +196,23 @@ def marks_of_junctions(
         if first is None or last is None or first == last:
             continue
         back = reverse.get(chain)
-        for edge, share, at in _crossings(chain, marks):
-            there = _cost(chain, chain.length - at, marks, signals=junctions[last][1])
-            here = at - SIGNALS_M * junctions[first][1]
+        for edge, share, station_m in _crossings(chain, marks):
+            end_cost = _cost(chain, chain.length - station_m, marks, signals=junctions[last][1])
+            start_cost = station_m - SIGNALS_M * junctions[first][1]
             if back is not None:
-                here = _cost(back, at, marks, signals=junctions[first][1])
-            lost[first if there < here else last].add((edge, share))
-    return [_without(marks, lost.get(number, ())) for number in range(len(junctions))]
+                start_cost = _cost(back, station_m, marks, signals=junctions[first][1])
+            lost[first if end_cost < start_cost else last].add((edge, share))
+    return [_without_crossings(marks, lost.get(number, ())) for number in range(len(junctions))]
 
 
 def _crossings(chain: Chain, marks: Marks) -> list[tuple[str, float, float]]:
     """Return the crossings on a chain: edge, share, and distance from the chain's start, metres."""
-    found, before = [], 0.0
+    crossings, before = [], 0.0
     for edge in chain.edges:
         length = float(edge.line.length)
-        found += [(edge.id, x, before + x * length) for x in marks.crossings.get(edge.id, ())]
+        crossings += [(edge.id, x, before + x * length) for x in marks.crossings.get(edge.id, ())]
         before += length
-    return found
+    return crossings
 
 
 def _cost(chain: Chain, left: float, marks: Marks, *, signals: bool) -> float:
@@ -224,12 +224,12 @@ def _cost(chain: Chain, left: float, marks: Marks, *, signals: bool) -> float:
         marks: the map's stop lines.
         signals: whether the junction has signals.
     """
-    at = chain.length - left
-    stop = any(-STOP_BEHIND_M <= at - s <= STOP_BEFORE_M for s in chain.stations(marks.stop_lines))
+    pos = chain.length - left
+    stop = any(-STOP_BEHIND_M <= pos - s <= STOP_BEFORE_M for s in chain.stations(marks.stop_lines))
     return left - SIGNALS_M * signals - 1000.0 * stop
 
 
-def _without(marks: Marks, lost: Collection[tuple[str, float]]) -> Marks:
+def _without_crossings(marks: Marks, lost: Collection[tuple[str, float]]) -> Marks:
     if not lost:
         return marks
     crossings: Mapping[str, tuple[float, ...]] = {

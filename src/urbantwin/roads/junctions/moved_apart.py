@@ -103,14 +103,14 @@ def moved_apart(
     bands = [
         shapely.LineString(s.places).buffer(float(s.half.max()) + FURTHEST_M / 2) for s in streets
     ]
-    near = shapely.STRtree(bands).query(np.array(bands, object), predicate="intersects")
-    pairs = [(a, b) for a, b in near.T.tolist() if a != b]
+    hits = shapely.STRtree(bands).query(np.array(bands, object), predicate="intersects")
+    pairs = [(a, b) for a, b in hits.T.tolist() if a != b]
     for _ in range(ROUNDS):
         # A displaced street may come close to the next one.
         now = [street.moved(push) for street, push in zip(streets, by, strict=True)]
         pushes = [push + _before_walls(street) for street, push in zip(now, by, strict=True)]
         for a, b in pairs:
-            pushes[a] += _push(now[a], now[b])
+            pushes[a] += _displacement(now[a], now[b])
         by = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
     moved = dict(edges)
     for street, push in zip(streets, by, strict=True):
@@ -130,13 +130,13 @@ def _streets(
     chains = {
         part.nodes: part for chain in chains_of(plain, meeting) for part in _parts(chain, still)
     }
-    found, done = [], set[tuple[str, ...]]()
+    streets, seen = [], set[tuple[str, ...]]()
     for nodes, chain in sorted(chains.items()):
         back = chains.get(nodes[::-1])
-        if nodes in done:
+        if nodes in seen:
             continue
         if back is not None and len(back.edges) == len(chain.edges):
-            done.add(nodes[::-1])
+            seen.add(nodes[::-1])
         else:
             back = None
         places, half = _middle(chain, back, outward)
@@ -148,8 +148,8 @@ def _streets(
             reach = half + FURTHEST_M + WALL_M
             room = np.minimum(room_beside(places, _directions(places), reach, walls), FAR_M)
             room[room.sum(axis=1) < PASSAGE_M] = FAR_M
-            found.append(_Street(chain, back, places, half, room, free))
-    return found
+            streets.append(_Street(chain, back, places, half, room, free))
+    return streets
 
 
 def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:
@@ -177,8 +177,8 @@ def _middle(
         lines.append(points + (low + high) / 2 * np.column_stack([-leg[:, 1], leg[:, 0]]))
         halves.append(np.full(len(points), (high - low) / 2))
     places, half = np.vstack(lines), np.concatenate(halves)
-    kept = np.concatenate([[True], np.linalg.norm(np.diff(places, axis=0), axis=1) > 1e-3])
-    return places[kept], half[kept]
+    distinct = np.concatenate([[True], np.linalg.norm(np.diff(places, axis=0), axis=1) > 1e-3])
+    return places[distinct], half[distinct]
 
 
 def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,7 +186,7 @@ def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9))
 
 
-def _push(street: _Street, other: _Street) -> NDArray[np.float64]:
+def _displacement(street: _Street, other: _Street) -> NDArray[np.float64]:
     """Return the displacement (N,) to the left of a street's places to clear another street.
 
     The narrower one moves more, as where lanes split off a wide carriageway.
@@ -247,16 +247,16 @@ def _shifted(
     by: NDArray[np.float64],
 ) -> dict[str, PlainEdge]:
     """Return a chain's edges, moved to the left by ``by`` metres at stations along it."""
-    found, before = {}, 0.0
+    shifted, before = {}, 0.0
     scale = float(stations[-1]) / max(chain.length, 1e-9)
     for edge in chain.edges:
         length = float(edge.line.length)
         points = shapely.get_coordinates(edge.line.segmentize(STEP_M))
-        at = (before + stations_of_points(points)) * scale
+        along = (before + stations_of_points(points)) * scale
         ahead = _directions(points)
         normal = np.column_stack([-ahead[:, 1], ahead[:, 0]])
-        aside = np.interp(at, stations, by)
-        if np.abs(aside).max() >= NOTHING_M:
-            found[edge.id] = replace(edges[edge.id], shape=points + aside[:, None] * normal)
+        offset = np.interp(along, stations, by)
+        if np.abs(offset).max() >= NOTHING_M:
+            shifted[edge.id] = replace(edges[edge.id], shape=points + offset[:, None] * normal)
         before += length
-    return found
+    return shifted

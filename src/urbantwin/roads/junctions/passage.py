@@ -74,20 +74,20 @@ def passages_of(
         for edge in plain.arriving[node]
         if edge.id not in inner and edge.is_street
     ]
-    found: list[Passage] = []
+    passages: list[Passage] = []
     for entry in entries:
         best: dict[str, tuple[PlainEdge, ...]] = {}
         for path in _paths(plain, entry, inner, onward):
             if not _is_forbidden([edge.id for edge in path], forbidden):
                 best.setdefault(path[-1].id, path)
-        mine = []
+        from_entry = []
         for path in best.values():
             first = heading_of(strips[path[0].id].middle, at_end=True)
             last = heading_of(strips[path[-1].id].middle, at_end=False)
-            mine.append(Passage(path, float(wrapped(last - first))))
-        on = [item for item in mine if not _turns_back(item)]
-        found += on or mine
-    return found
+            from_entry.append(Passage(path, float(wrapped(last - first))))
+        on = [item for item in from_entry if not _turns_back(item)]
+        passages += on or from_entry
+    return passages
 
 
 def _paths(

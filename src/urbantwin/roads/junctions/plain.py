@@ -170,26 +170,26 @@ class PlainNetwork:
     @cached_property
     def arriving(self) -> Mapping[str, list[PlainEdge]]:
         """Edges that end at each node."""
-        found: dict[str, list[PlainEdge]] = defaultdict(list)
+        edges: dict[str, list[PlainEdge]] = defaultdict(list)
         for edge in self.edges.values():
-            found[edge.end].append(edge)
-        return found
+            edges[edge.end].append(edge)
+        return edges
 
     @cached_property
     def leaving(self) -> Mapping[str, list[PlainEdge]]:
         """Edges that start at each node."""
-        found: dict[str, list[PlainEdge]] = defaultdict(list)
+        edges: dict[str, list[PlainEdge]] = defaultdict(list)
         for edge in self.edges.values():
-            found[edge.start].append(edge)
-        return found
+            edges[edge.start].append(edge)
+        return edges
 
     @cached_property
     def links_from(self) -> Mapping[str, list[PlainLink]]:
         """Links from the lanes of each edge."""
-        found: dict[str, list[PlainLink]] = defaultdict(list)
+        links: dict[str, list[PlainLink]] = defaultdict(list)
         for link in self.links:
-            found[link.start].append(link)
-        return found
+            links[link.start].append(link)
+        return links
 
 
 def read_plain(prefix: Path, net: Path) -> PlainNetwork:
@@ -207,14 +207,14 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
     }
     nodes = {}
     for item in _root(prefix, "nod").findall("node"):
-        rest = _rest(item, "id", "x", "y", "shape")
+        rest = _other_attributes(item, "id", "x", "y", "shape")
         xy = np.array([float(item.get("x")), float(item.get("y"))])
         nodes[item.get("id")] = PlainNode(
             item.get("id"), xy, rest, points_of_text(item.get("shape"))
         )
     edges = {}
     for item in _root(prefix, "edg").findall("edge"):
-        rest = _rest(item, "id", "from", "to", "shape", "numLanes")
+        rest = _other_attributes(item, "id", "from", "to", "shape", "numLanes")
         start, end = item.get("from"), item.get("to")
         shape = points_of_text(item.get("shape"))
         if len(shape) < 2:
@@ -228,7 +228,7 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
             item.get("to", ""),
             int(item.get("fromLane", -1)),
             int(item.get("toLane", -1)),
-            _rest(item, "from", "to", "fromLane", "toLane"),
+            _other_attributes(item, "from", "to", "fromLane", "toLane"),
         )
         for item in _root(prefix, "con").findall("connection")
     )
@@ -301,7 +301,7 @@ def _root(prefix: Path, kind: str) -> etree._Element:
     return etree.parse(prefix.with_name(f"{prefix.name}.{kind}.xml")).getroot()
 
 
-def _rest(item: etree._Element, *named: str) -> dict[str, str]:
+def _other_attributes(item: etree._Element, *named: str) -> dict[str, str]:
     return {str(key): str(value) for key, value in item.items() if key not in named}
 
 
@@ -317,14 +317,14 @@ def _lanes(
     common: dict[str, str] = {key: edge.pop(key) for key in every if key in edge}
     lanes = []
     for row in item.findall("lane"):
-        own = _rest(row, "index")
-        if {"allow", "disallow"} & own.keys():
-            told = {key: value for key, value in common.items() if key == "width"}
+        attributes = _other_attributes(row, "index")
+        if {"allow", "disallow"} & attributes.keys():
+            inherited = {key: value for key, value in common.items() if key == "width"}
         else:
-            told = common
+            inherited = common
         if width := widths.get(f"{item.get('id')}_{row.get('index')}"):
-            own["width"] = width
-        lanes.append(PlainLane({**told, **own}, _params(row).get("origId", "")))
+            attributes["width"] = width
+        lanes.append(PlainLane({**inherited, **attributes}, _params(row).get("origId", "")))
     return tuple(lanes)
 
 

@@ -85,7 +85,7 @@ def small_rings(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -
     of_rings = [k for k, piece in enumerate(pieces) if piece.tags.get("junction") in RINGS]
     for k in of_rings:
         onward[pieces[k].nodes[0]].append(k)
-    found, seen = [], set[int]()
+    rings, seen = [], set[int]()
     for first in of_rings:
         members: list[int] = []
         k = first
@@ -99,13 +99,13 @@ def small_rings(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -
         if members and pieces[members[-1]].nodes[-1] == pieces[first].nodes[0]:
             ring = _ring([pieces[k] for k in members], [segments[k] for k in members])
             if ring is not None:
-                found.append(ring)
-    return found
+                rings.append(ring)
+    return rings
 
 
 def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring | None:
     """Return a closed chain of pieces as a ring; ``None`` if it is not a small circle."""
-    lanes = [one.section.forward + one.section.backward for one in segments]
+    lanes = [segment.section.forward + segment.section.backward for segment in segments]
     driven = [[lane for lane in each if lane.kind != "bicycle"] for each in lanes]
     if any(len(each) != 1 for each in driven):
         return None
@@ -117,7 +117,7 @@ def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring
     centre = np.array([x, y])
     radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
     off = np.abs(np.linalg.norm(points - centre, axis=1) - radius).max()
-    width = max(one.section.width for one in segments)
+    width = max(segment.section.width for segment in segments)
     if off > ROUND * radius or 2 * radius + width > INSCRIBED_M or 2 * radius <= width:
         return None
     edges = frozenset(f"{sign}{piece.id}" for piece in pieces for sign in ("", "-"))
@@ -136,9 +136,9 @@ def circulating(plain: PlainNetwork, rings: Sequence[Ring], minis: Collection[st
     names = {*minis, *(node for edge in edges for node in (edge.start, edge.end))}
     nodes = dict(plain.nodes)
     for name in names & nodes.keys():
-        told = nodes[name].attributes
-        if not told.get("type", "").startswith("traffic_light"):
-            nodes[name] = replace(nodes[name], attributes={**told, "type": CIRCULATING})
+        attributes = nodes[name].attributes
+        if not attributes.get("type", "").startswith("traffic_light"):
+            nodes[name] = replace(nodes[name], attributes={**attributes, "type": CIRCULATING})
     return replace(plain, nodes=nodes)
 
 

@@ -61,22 +61,22 @@ class RoundNode:
     @cached_property
     def driven(self) -> list[tuple[float, PlainEdge]]:
         """Angle (radians, 0 to 2 pi) and edge of all edges for vehicles, in order."""
-        met = {
+        edges = {
             edge.id: edge
             for edge in (*self.plain.arriving[self.node], *self.plain.leaving[self.node])
             if is_driven(edge)
         }
         rows = [
             (self.angle(self._outwards(edge), len(self.outline.bounds) > 0), edge)
-            for edge in met.values()
+            for edge in edges.values()
         ]
         return sorted(rows, key=lambda row: (row[0], row[1].id))
 
     def angle(self, points: NDArray[np.float64], reaches_in: bool = False) -> float:
         """Return the angle of an edge, given its points away from the node."""
         line = shapely.LineString(points)
-        at = min(line.length / 2, LOOK_M) + (INTO_M / 2 if reaches_in else 0.0)
-        place = line.interpolate(at)
+        station = min(line.length / 2, LOOK_M) + (INTO_M / 2 if reaches_in else 0.0)
+        place = line.interpolate(station)
         gap = np.array([place.x, place.y]) - self.centre
         return float(np.arctan2(gap[1], gap[0]) % (2 * np.pi))
 
@@ -103,13 +103,13 @@ class RoundNode:
 
     def sidewalk_gaps(self) -> list[int]:
         """Return the gaps that sidewalks of streets lead to."""
-        found = []
+        gaps = []
         for k, (_, edge) in enumerate(self.driven):
             arrives = edge.end == self.node
             after = arrives == (self.outward < 0)
             if edge.lanes[0].is_sidewalk:
-                found.append(k if after else (k - 1) % len(self.driven))
-        return found
+                gaps.append(k if after else (k - 1) % len(self.driven))
+        return gaps
 
     def ordered(self, crossings: Sequence[PlainCrossing]) -> list[PlainCrossing]:
         """Return crossings in the order in which netconvert joins them.

@@ -49,7 +49,7 @@ class Strip:
 
         Lanes are counted from the kerb, which is at the outward side.
         """
-        before = sum(one.width for one in self.edge.lanes[:lane])
+        before = sum(other.width for other in self.edge.lanes[:lane])
         return self.outward * (self.edge.width / 2 - before - self.edge.lanes[lane].width / 2)
 
     def driven(self) -> tuple[float, float]:
@@ -84,10 +84,10 @@ class Strip:
 def pose_on(line: shapely.LineString, station: float) -> NDArray[np.float64]:
     """Return x, y, heading (3,) of a line at a station, with the heading over about 1 m."""
     half = min(0.5, line.length / 4)
-    at = float(np.clip(station, 0.0, line.length))
-    a, b = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-half, half))
-    here = line.interpolate(at)
-    return np.array([here.x, here.y, np.arctan2(b.y - a.y, b.x - a.x)])
+    along = float(np.clip(station, 0.0, line.length))
+    a, b = (line.interpolate(float(np.clip(along + d, 0.0, line.length))) for d in (-half, half))
+    point = line.interpolate(along)
+    return np.array([point.x, point.y, np.arctan2(b.y - a.y, b.x - a.x)])
 
 
 def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
@@ -102,9 +102,9 @@ def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float
     """Return the points (N, 2) of a line between two stations."""
     points = np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
     ends = points[[0, -1]]
-    near = np.linalg.norm(points[:, None] - ends[None], axis=2).min(axis=1) < LEG_M
-    near[[0, -1]] = False
-    return np.asarray(points[~near])
+    is_near = np.linalg.norm(points[:, None] - ends[None], axis=2).min(axis=1) < LEG_M
+    is_near[[0, -1]] = False
+    return np.asarray(points[~is_near])
 
 
 def split_edges(
@@ -133,8 +133,8 @@ def split_edges(
         if name not in stations:
             edges[name] = edge
             continue
-        at, first = stations[name], before[name]
-        shapes = cut(edge.line, 0.0, at), cut(edge.line, at, edge.line.length)
+        station, first = stations[name], before[name]
+        shapes = cut(edge.line, 0.0, station), cut(edge.line, station, edge.line.length)
         edges[first] = replace(edge, id=first, end=node.id, shape=shapes[0])
         edges[name] = replace(edge, start=node.id, shape=shapes[1])
         links += [
@@ -144,14 +144,16 @@ def split_edges(
         ]
     nodes = {**plain.nodes, node.id: node}
     crossings = tuple(
-        replace(one, edges=tuple(_at(one.node, name, before, edges) for name in one.edges))
-        for one in plain.crossings
+        replace(item, edges=tuple(_part_at(item.node, name, before, edges) for name in item.edges))
+        for item in plain.crossings
     )
     split = replace(plain, nodes=nodes, edges=edges, links=tuple(links), crossings=crossings)
     return split, before
 
 
-def _at(node: str, name: str, before: Mapping[str, str], edges: Mapping[str, PlainEdge]) -> str:
+def _part_at(
+    node: str, name: str, before: Mapping[str, str], edges: Mapping[str, PlainEdge]
+) -> str:
     """Return the part of an edge that is connected to a node."""
     first = before.get(name, name)
     return first if edges[first].start == node else name

@@ -79,30 +79,30 @@ def ways_through(
     curves = _curves(ways, strips, driving_side)
     drawn = drawn_turns(ways, curves, strips, followed)
     drawn |= _round_rings(ways, curves, rings, 1 if driving_side == "right" else -1)
-    others = [way for way in ways if way not in drawn]
-    passages = [ways[way] for way in others]
-    moved = round_standing([curves[way] for way in others], passages, standing)
-    led = drawn | {others[k]: curve for k, curve in moved.items()}
-    curves |= led
-    return WaysThrough(curves, frozenset(led), tuple(_drivable(ways, curves)))
+    undrawn = [movement for movement in ways if movement not in drawn]
+    passages = [ways[movement] for movement in undrawn]
+    moved = round_standing([curves[movement] for movement in undrawn], passages, standing)
+    guided = drawn | {undrawn[k]: curve for k, curve in moved.items()}
+    curves |= guided
+    return WaysThrough(curves, frozenset(guided), tuple(_drivable(ways, curves)))
 
 
 def _round_rings(
     ways: Mapping[Way, Passage], curves: Mapping[Way, Curve], rings: Sequence[Ring], side: int
 ) -> dict[Way, Curve]:
     """Return the movements that use small rings, with paths around their centre."""
-    found = {}
-    for way, passage in ways.items():
+    ring_curves = {}
+    for movement, passage in ways.items():
         inner = {edge.id: edge for edge in passage.path[1:-1]}
         ring = ring_of(inner, rings)
         if ring is None:
             continue
         along = sum(edge.line.length for name, edge in inner.items() if name in ring.edges)
-        ends = curves[way].at([0.0, curves[way].length])
+        ends = curves[movement].at([0.0, curves[movement].length])
         curve = round_ring(ends, ring, float(along), side)
         if curve is not None:
-            found[way] = curve
-    return found
+            ring_curves[movement] = curve
+    return ring_curves
 
 
 def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
@@ -111,21 +111,26 @@ def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
     The last movement into a street is kept.
     """
     radius: dict[tuple[str, str], float] = {}
-    for way in ways:
-        curve = curves[way]
+    for movement in ways:
+        curve = curves[movement]
         s = np.linspace(0.0, curve.length, max(12, int(curve.length * 2)))
         bend = np.abs(np.gradient(np.unwrap(curve.at(s)[:, 2]), s)).max()
-        pair = way[0], way[2]
+        pair = movement[0], movement[2]
         radius[pair] = min(radius.get(pair, np.inf), 1.0 / max(float(bend), 1e-6))
     left = list(curves)
     for pair in sorted(radius, key=lambda pair: (radius[pair], pair)):
         if radius[pair] >= TIGHTEST_M:
             break
-        others = [way for way in left if (way[0], way[2]) != pair]
-        led, met = {way[:2] for way in others}, {way[2] for way in others}
-        if pair[1] in met and all(way[:2] in led for way in left if (way[0], way[2]) == pair):
-            left = others
-    return [way for way in ways if way in left]
+        remaining = [movement for movement in left if (movement[0], movement[2]) != pair]
+        lanes_served, edges_reached = (
+            {movement[:2] for movement in remaining},
+            {movement[2] for movement in remaining},
+        )
+        if pair[1] in edges_reached and all(
+            movement[:2] in lanes_served for movement in left if (movement[0], movement[2]) == pair
+        ):
+            left = remaining
+    return [movement for movement in ways if movement in left]
 
 
 def _curves(
@@ -169,10 +174,10 @@ def _guide(
         for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
             share = (before + station) / max(total, 1e-9)
             low, high = strip.driven()
-            aside = float(
+            lateral_m = float(
                 np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
             )
-            place = _posed(strip.at(float(station)), aside)[:2]
+            place = _posed(strip.at(float(station)), lateral_m)[:2]
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)
         before += line.length
@@ -215,14 +220,14 @@ def passing_in_front(curves: Sequence[Curve], groups: Sequence[int], inner: floa
             apart = float((middle[k][:2] - middle[j][:2]) @ inwards)
             lacking = float(np.clip((APART_M - apart) / 2, 0.0, MOST_M))
             moved[groups[k]] = max(moved.get(groups[k], 0.0), lacking)
-    found = list(curves)
+    adjusted = list(curves)
     for k in turning:
         if by := moved.get(groups[k], 0.0):
             heading = middle[k][2]
             inwards = inner * np.array([-np.sin(heading), np.cos(heading)])
             points = np.array([ends[k, 0, :2], middle[k][:2] + by * inwards, ends[k, 1, :2]])
-            found[k] = splined(points, float(ends[k, 0, 2]), float(ends[k, 1, 2]))
-    return found
+            adjusted[k] = splined(points, float(ends[k, 0, 2]), float(ends[k, 1, 2]))
+    return adjusted
 
 
 def drawn_turns(
@@ -244,31 +249,31 @@ def drawn_turns(
     """
     beside: dict[Passage, list[Way]] = defaultdict(list)
     lines: dict[Passage, NDArray[np.float64]] = {}
-    for way, passage in ways.items():
+    for movement, passage in ways.items():
         drawn = [followed[edge.id] for edge in passage.path[1:-1] if edge.id in followed]
-        lane = passage.entry.lanes[way[1]]
-        own = passage.entry.is_cycle_track
-        if drawn and (own or lane.admits("passenger") or lane.admits("bus")):
-            beside[passage].append(way)
+        lane = passage.entry.lanes[movement[1]]
+        is_cycle_track = passage.entry.is_cycle_track
+        if drawn and (is_cycle_track or lane.admits("passenger") or lane.admits("bus")):
+            beside[passage].append(movement)
             lines[passage] = np.vstack(drawn)
-    found: dict[Way, Curve] = {}
-    for passage, mine in beside.items():
+    turn_curves: dict[Way, Curve] = {}
+    for passage, movements in beside.items():
         # Lanes are counted from the kerb.
-        order = sorted({way[1:2] + way[3:] for way in mine})
+        order = sorted({movement[1:2] + movement[3:] for movement in movements})
         widths = [passage.entry.lanes[k].width for k, _ in order]
         middle = _distinct(smoothed(_distinct(lines[passage]), LINE_M, radius_m=RADIUS_M))
         kerb = np.cumsum(widths) - np.array(widths) / 2
         outward = strips[passage.entry.id].outward
-        for way in mine:
-            place = outward * (sum(widths) / 2 - kerb[order.index((way[1], way[3]))])
-            ends = curves[way].at([0.0, curves[way].length])
-            found[way] = _along(middle, ends, float(place))
-    return found
+        for movement in movements:
+            place = outward * (sum(widths) / 2 - kerb[order.index((movement[1], movement[3]))])
+            ends = curves[movement].at([0.0, curves[movement].length])
+            turn_curves[movement] = _offset_path(middle, ends, float(place))
+    return turn_curves
 
 
-def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float) -> Curve:
+def _offset_path(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float) -> Curve:
     """Return a path between two poses (2, 3), ``place`` metres left of a line (N, 2)."""
-    lane = _beside(middle, place)
+    lane = _offset_line(middle, place)
     length = float(stations_of_points(lane)[-1])
     ahead = np.column_stack([np.cos(ends[:, 2]), np.sin(ends[:, 2])])
     off = np.zeros_like(lane)
@@ -289,16 +294,16 @@ def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float)
 
 def _middle_run(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the mask of points between the ends; far around a bend, points may lie behind them."""
-    found = np.ones_like(within)
+    between_ends = np.ones_like(within)
     half = len(within) // 2
-    if len(behind := np.flatnonzero(~within[:half])):
-        found[: behind[-1] + 1] = False
+    if len(behind_start := np.flatnonzero(~within[:half])):
+        between_ends[: behind_start[-1] + 1] = False
     if len(beyond := np.flatnonzero(~within[half:])):
-        found[half + beyond[0] :] = False
-    return found
+        between_ends[half + beyond[0] :] = False
+    return between_ends
 
 
-def _beside(middle: NDArray[np.float64], place: float) -> NDArray[np.float64]:
+def _offset_line(middle: NDArray[np.float64], place: float) -> NDArray[np.float64]:
     """Return a smooth line (N, 2) offset to its left by ``place`` metres."""
     leg = np.gradient(middle, axis=0)
     return aside(np.column_stack([middle, np.arctan2(leg[:, 1], leg[:, 0])]), place)
