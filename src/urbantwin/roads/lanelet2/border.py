@@ -158,17 +158,17 @@ def profile_of(
         fine: (M,) stations of the values, including the knots, ascending.
         value: (M,) the values.
     """
-    at = np.searchsorted(fine, knots)
+    pos = np.searchsorted(fine, knots)
     start, rows = [], []
     k = 0
     while k < len(knots) - 1:
         end = k + 1
-        best = _cubic(fine[at[k] : at[end] + 1], value[at[k] : at[end] + 1])[0]
+        best = _cubic(fine[pos[k] : pos[end] + 1], value[pos[k] : pos[end] + 1])[0]
         step = 1
         while end < len(knots) - 1:
             # Extend in growing steps, and in single ones after the first failure.
             reach = min(end + step, len(knots) - 1)
-            row, error = _cubic(fine[at[k] : at[reach] + 1], value[at[k] : at[reach] + 1])
+            row, error = _cubic(fine[pos[k] : pos[reach] + 1], value[pos[k] : pos[reach] + 1])
             if error <= TOLERANCE_M:
                 best, end, step = row, reach, step * 2
             elif step == 1:

@@ -61,18 +61,18 @@ class BuiltRoads:
     @cached_property
     def lanes(self) -> dict[int, tuple[LaneAt, ...]]:
         """Lanelet -> the lanes made from it."""
-        found: dict[int, list[LaneAt]] = {}
+        lanes_of: dict[int, list[LaneAt]] = {}
         for street in self.streets:
             for number, (lanes, span) in enumerate(zip(street.lanes, street.spans, strict=True)):
                 for track, identity in lanes.items():
                     for group in span:
                         lanelet = track.member(group).lanelet.id
-                        found.setdefault(lanelet, []).append((street.road.id, number, identity))
+                        lanes_of.setdefault(lanelet, []).append((street.road.id, number, identity))
         for connecting_road in self.connecting_roads:
             for lanelet in connecting_road.lanelets:
                 lane = connecting_road.road.sections[0].lanes[0].id
-                found.setdefault(lanelet, []).append((connecting_road.road.id, 0, lane))
-        return {i: tuple(rows) for i, rows in found.items()}
+                lanes_of.setdefault(lanelet, []).append((connecting_road.road.id, 0, lane))
+        return {i: tuple(rows) for i, rows in lanes_of.items()}
 
     @cached_property
     def approaches(self) -> dict[int, tuple[tuple[int, int], ...]]:
@@ -80,18 +80,18 @@ class BuiltRoads:
 
         For a lanelet within a junction that is the lane where the connecting roads over it begin.
         """
-        found: dict[int, dict[tuple[int, int], None]] = {}
+        lanes_to: dict[int, dict[tuple[int, int], None]] = {}
         for street in self.streets:
             for number, span in enumerate(street.spans):
                 for track, identity in street.lanes[number].items():
                     for group in span:
                         lanelet = track.member(group).lanelet.id
-                        found.setdefault(lanelet, {})[street.road.id, identity] = None
+                        lanes_to.setdefault(lanelet, {})[street.road.id, identity] = None
         for connecting_road in self.connecting_roads:
             for lanelet in connecting_road.lanelets:
                 gate = connecting_road.start
-                found.setdefault(lanelet, {})[gate.street.road.id, gate.lane] = None
-        return {i: tuple(rows) for i, rows in found.items()}
+                lanes_to.setdefault(lanelet, {})[gate.street.road.id, gate.lane] = None
+        return {i: tuple(rows) for i, rows in lanes_to.items()}
 
 
 def build_streets_and_junctions(
@@ -124,7 +124,7 @@ def build_streets_and_junctions(
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
         plan = plan_streets(topology, forced, barred)
-        ending = _ending(topology, plan) - apart
+        ending = _cut_without_continuation(topology, plan) - apart
         if ending:
             apart |= ending
             continue
@@ -140,7 +140,7 @@ def build_streets_and_junctions(
                 lost |= ids
         if not failed:
             paths = _paths(streets, topology, plan)
-            missed = plan.inner - {i for _, way, _ in paths for i in way}
+            missed = plan.inner - {i for _, path, _ in paths for i in path}
             if not missed:
                 connecting_roads = _connecting_roads(
                     paths, len(streets), topology, side, attributes, ways
@@ -165,10 +165,10 @@ def build_streets_and_junctions(
     )
 
 
-def _ending(topology: Topology, plan: Plan) -> frozenset[int]:
+def _cut_without_continuation(topology: Topology, plan: Plan) -> frozenset[int]:
     """Return lanelets without continuation beside others that are cut: they must not be cut too."""
     before = {k for following in topology.successors.values() for k in following}
-    found = set()
+    lanelet_ids = set()
     for chain in plan.chains:
         for group, cut, end in zip(
             (chain.groups[0], chain.groups[-1]), chain.cuts, (False, True), strict=True
@@ -180,8 +180,8 @@ def _ending(topology: Topology, plan: Plan) -> frozenset[int]:
                 i = member.lanelet.id
                 joined = topology.successors[i] if member.forward == end else i in before
                 if not joined:
-                    found.add(i)
-    return frozenset(found)
+                    lanelet_ids.add(i)
+    return frozenset(lanelet_ids)
 
 
 def _streets(
@@ -241,10 +241,10 @@ def _paths(
     gates = [gate for street in streets for gate in gates_of(street)]
     exits: dict[int, Gate] = {gate.lanelet: gate for gate in gates if not gate.inward}
     return [
-        (gate, way, exits[last])
+        (gate, path, exits[last])
         for gate in gates
         if gate.inward
-        for way, last in routes(gate.lanelet, topology.successors, plan.inner)
+        for path, last in routes(gate.lanelet, topology.successors, plan.inner)
         if last in exits
     ]
 
@@ -258,8 +258,8 @@ def _connecting_roads(
     ways: Mapping[int, dict[str, str]],
 ) -> list[ConnectingRoad]:
     connecting_roads: list[ConnectingRoad] = []
-    for start, way, end in paths:
-        members = [Member(topology.lanelets[i], forward=True) for i in way]
+    for start, path, end in paths:
+        members = [Member(topology.lanelets[i], forward=True) for i in path]
         number = 1 + streets + len(connecting_roads)
         connecting_roads.append(
             connecting_road_of(number, start, members, end, side, attributes, ways)

@@ -84,8 +84,8 @@ def gates_of(street: Street) -> Iterator[Gate]:
         if cut is None:
             continue
         section = road.sections[-1 if end else 0]
-        at = road.length if end else 0.0
-        heading = float(road.curve.at(at)[0, 2])
+        station = road.length if end else 0.0
+        heading = float(road.curve.at(station)[0, 2])
         for track, identity in street.lanes[-1 if end else 0].items():
             whole = track.first + len(track.members) - 1 == last if end else track.first == 0
             member = track.members[-1 if end else 0]
@@ -96,9 +96,9 @@ def gates_of(street: Street) -> Iterator[Gate]:
             for k, border in enumerate(street.whole[track]):
                 # The outer border of a lane to the left of the reference line is its left one.
                 outer = (identity > 0) == (k == 0)
-                t = road.border(section, lane, at, outer=outer)
+                t = road.border(section, lane, station, outer=outer)
                 rest = border.beyond(street.reach[1]) if end else border.before(street.reach[0])
-                points.append(np.vstack([road.place(at, t), rest]))
+                points.append(np.vstack([road.place(station, t), rest]))
             if not member.forward:
                 points = points[::-1]
             inward = member.forward == bool(end)
@@ -119,15 +119,15 @@ def routes(
 
     Each consists of the lanelets between and the last one; none contains a lanelet twice.
     """
-    found: list[tuple[tuple[int, ...], int]] = []
+    paths: list[tuple[tuple[int, ...], int]] = []
     waiting: list[tuple[tuple[int, ...], int]] = [((), k) for k in successors.get(start, ())]
-    while waiting and len(found) < MOST_ROUTES:
-        way, at = waiting.pop(0)
-        if at not in inner:
-            found.append((way, at))
-        elif at not in way:
-            waiting += [((*way, at), k) for k in successors.get(at, ())]
-    return found
+    while waiting and len(paths) < MOST_ROUTES:
+        path, last = waiting.pop(0)
+        if last not in inner:
+            paths.append((path, last))
+        elif last not in path:
+            waiting += [((*path, last), k) for k in successors.get(last, ())]
+    return paths
 
 
 def connecting_road_of(
@@ -211,7 +211,7 @@ def _followed(
 
     best = along(0.0 if side == "right" else 1.0)
     if best.room < LEAST_SHARE:
-        best = max(best, along(0.5), key=lambda found: found.room)
+        best = max(best, along(0.5), key=lambda followed: followed.room)
     return best
 
 

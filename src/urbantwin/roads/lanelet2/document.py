@@ -51,7 +51,7 @@ class Relation:
 
     def of_role(self, role: str, kind: str = "way") -> list[int]:
         """Return the ids of the members with a role."""
-        return [ref for what, ref, name in self.members if what == kind and name == role]
+        return [ref for member, ref, name in self.members if member == kind and name == role]
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Document:
         """Return the position of a relation as text: its first point with degrees."""
         item = self.relations.get(relation, Relation((), {}))
         ways = (self.ways[ref] for _, ref, _ in item.members if ref in self.ways)
-        for node in (self.nodes[n] for way in ways for n in way.nodes if n in self.nodes):
+        for node in (self.nodes[n] for osm_way in ways for n in osm_way.nodes if n in self.nodes):
             if math.isfinite(node.latitude) and (node.latitude or node.longitude):
                 return f" at {node.latitude:.5f}, {node.longitude:.5f}"
         return ""
@@ -141,7 +141,7 @@ def read_document(path: Path) -> Document:
     if not any(r.tags.get("type") == "lanelet" for r in relations.values()):
         if dropped:
             raise dropped[0]
-        streets = any("highway" in way.tags for way in ways.values())
+        streets = any("highway" in osm_way.tags for osm_way in ways.values())
         raise document.error(
             "is a street map of OpenStreetMap, without lanelets" if streets else "has no lanelets"
         )

@@ -103,22 +103,22 @@ def groups_of(lanelets: Mapping[int, Lanelet], apart: frozenset[int]) -> tuple[G
 
 def _beside(lanelets: Mapping[int, Lanelet]) -> dict[tuple[int, bool], list[int]]:
     """Return (way, whether to the left of the way as drawn) -> lanelets there."""
-    found = defaultdict(list)
+    by_side = defaultdict(list)
     for lanelet in lanelets.values():
         for k in (0, 1):
             # A lanelet lies to the right of its left bound, and to the left of its right one.
-            found[lanelet.ways[k], (k == 1) != lanelet.turned[k]].append(lanelet.id)
-    return found
+            by_side[lanelet.ways[k], (k == 1) != lanelet.turned[k]].append(lanelet.id)
+    return by_side
 
 
 def _right_of(
     member: Member, beside: Mapping[tuple[int, bool], list[int]], lanelets: Mapping[int, Lanelet]
 ) -> Member | None:
     k = 1 if member.forward else 0
-    way = member.lanelet.ways[k]
-    here = (k == 1) != member.lanelet.turned[k]
-    if len(beside[way, here]) != 1 or len(beside.get((way, not here), ())) != 1:
+    way_id = member.lanelet.ways[k]
+    is_left = (k == 1) != member.lanelet.turned[k]
+    if len(beside[way_id, is_left]) != 1 or len(beside.get((way_id, not is_left), ())) != 1:
         return None
-    other = lanelets[beside[way, not here][0]]
+    other = lanelets[beside[way_id, not is_left][0]]
     # In the group's direction the shared bound is its left one.
-    return Member(other, forward=other.ways[0] == way)
+    return Member(other, forward=other.ways[0] == way_id)

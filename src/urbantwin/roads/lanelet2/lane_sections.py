@@ -111,14 +111,14 @@ def heights_of(
     height, slope = np.zeros(len(s)), np.zeros(len(s))
     for k, order in enumerate(orders):
         last = k == len(orders) - 1
-        here = (s >= stations[k]) & ((s < stations[k + 1]) | last)
-        rows = [border.at(s[here]) for _, pair in order for border in pair]
+        in_section = (s >= stations[k]) & ((s < stations[k + 1]) | last)
+        rows = [border.at(s[in_section]) for _, pair in order for border in pair]
         t, z = (np.array([row[i] for row in rows]) for i in (0, 1))
         mean_t, mean_z = t.mean(axis=0), z.mean(axis=0)
         spread = ((t - mean_t) ** 2).sum(axis=0)
         rise = ((t - mean_t) * (z - mean_z)).sum(axis=0)
-        slope[here] = np.where(spread > 1e-6, rise / np.maximum(spread, 1e-6), 0.0)
-        height[here] = mean_z - slope[here] * mean_t
+        slope[in_section] = np.where(spread > 1e-6, rise / np.maximum(spread, 1e-6), 0.0)
+        height[in_section] = mean_z - slope[in_section] * mean_t
     if np.abs(height).max() < 1e-9 and np.abs(slope).max() < 1e-9:
         return Profile.constant(0.0), Profile.constant(0.0)
     bank = np.arctan(slope)

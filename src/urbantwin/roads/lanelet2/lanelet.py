@@ -69,8 +69,8 @@ class Lanelet:
         """
         if "turn_direction" in self.tags:
             return True
-        said = self.tags.get("intersection")
-        return None if said is None else said == "yes"
+        tag = self.tags.get("intersection")
+        return None if tag is None else tag == "yes"
 
     @property
     def start(self) -> tuple[int, int]:
@@ -108,26 +108,26 @@ def bounds_of(document: Document, identity: int, relation: Relation) -> tuple[in
     Raises:
         InputError: a bound is missing, repeated, or refers to missing elements.
     """
-    found = []
+    bounds = []
     for role in ("left", "right"):
-        ways = relation.of_role(role)
-        if len(ways) != 1:
-            many = "no" if not ways else str(len(ways))
+        way_ids = relation.of_role(role)
+        if len(way_ids) != 1:
+            many = "no" if not way_ids else str(len(way_ids))
             raise document.error(f"has {many} ways of role {role}, not one", identity)
-        way = document.ways.get(ways[0])
-        if way is None:
-            raise document.error(f"refers to way {ways[0]}, which the file lacks", identity)
-        missing = next((n for n in way.nodes if n not in document.nodes), None)
+        osm_way = document.ways.get(way_ids[0])
+        if osm_way is None:
+            raise document.error(f"refers to way {way_ids[0]}, which the file lacks", identity)
+        missing = next((n for n in osm_way.nodes if n not in document.nodes), None)
         if missing is not None:
             raise document.error(
-                f"way {ways[0]} refers to node {missing}, which the file lacks", identity
+                f"way {way_ids[0]} refers to node {missing}, which the file lacks", identity
             )
-        if len(set(way.nodes)) < 2:
-            raise document.error(f"way {ways[0]} has fewer than two points", identity)
-        found.append(ways[0])
-    if found[0] == found[1]:
-        raise document.error(f"way {found[0]} is its left and its right bound", identity)
-    return found[0], found[1]
+        if len(set(osm_way.nodes)) < 2:
+            raise document.error(f"way {way_ids[0]} has fewer than two points", identity)
+        bounds.append(way_ids[0])
+    if bounds[0] == bounds[1]:
+        raise document.error(f"way {bounds[0]} is its left and its right bound", identity)
+    return bounds[0], bounds[1]
 
 
 def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places: Places) -> Lanelet:
@@ -141,10 +141,10 @@ def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places:
             lanelet has no width.
     """
     relation = document.relations[identity]
-    for node in (node for way in ways for node in document.ways[way].nodes):
+    for node in (node for way_id in ways for node in document.ways[way_id].nodes):
         if node not in places:
             raise document.error(f"node {node} has no finite latitude and longitude", identity)
-    nodes = [_distinct(document.ways[way].nodes, places) for way in ways]
+    nodes = [_distinct(document.ways[way_id].nodes, places) for way_id in ways]
     lines = [np.array([places[n] for n in ids]) for ids in nodes]
     if any(len(line) < 2 for line in lines):
         raise document.error("has a bound without length", identity)
@@ -173,13 +173,13 @@ def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places:
 
 def _distinct(nodes: tuple[int, ...], places: Places) -> tuple[int, ...]:
     """Remove nodes at the position of the previous one, but never an end."""
-    kept = [nodes[0]]
+    distinct = [nodes[0]]
     for n in nodes[1:]:
-        if np.linalg.norm(places[n][:2] - places[kept[-1]][:2]) > 1e-4:
-            kept.append(n)
+        if np.linalg.norm(places[n][:2] - places[distinct[-1]][:2]) > 1e-4:
+            distinct.append(n)
         elif n == nodes[-1]:
-            kept[-1] = n if len(kept) > 1 else kept[-1]
-    return tuple(kept)
+            distinct[-1] = n if len(distinct) > 1 else distinct[-1]
+    return tuple(distinct)
 
 
 def _middle(line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -43,8 +43,8 @@ class Host:
         x, y, heading = self.road.curve.at(s)[0]
         c, sn = math.cos(heading), math.sin(heading)
         gap = xyz[:, :2] - [x, y]
-        at, t = self.road.curve.locate(xyz[:, :2])
-        z = self.road.heights(np.clip(at, 0.0, self.road.length), t)
+        stations, t = self.road.curve.locate(xyz[:, :2])
+        z = self.road.heights(np.clip(stations, 0.0, self.road.length), t)
         up = z - float(self.road.elevation.at(s)[0])
         return np.column_stack([gap @ [c, sn], gap @ [-sn, c], up])
 
@@ -55,7 +55,7 @@ class Host:
 
 def hosts_of(roads: Iterable[ModelRoad]) -> dict[int, Host]:
     """Return all streets as hosts of objects, by id."""
-    found = {}
+    hosts = {}
     for road in roads:
         if road.junction >= 0:
             continue
@@ -64,35 +64,39 @@ def hosts_of(roads: Iterable[ModelRoad]) -> dict[int, Host]:
         for k in (0, -1):
             parts = []
             for section, end in zip(road.sections, road.section_ends, strict=True):
-                here = s[(s >= section.s) & (s <= end)]
+                in_section = s[(s >= section.s) & (s <= end)]
                 lane = section.lanes[k]
                 outer = lane.id > 0 if k == 0 else lane.id < 0
-                parts.append(road.curve.beside(here, road.border(section, lane, here, outer=outer)))
+                parts.append(
+                    road.curve.beside(
+                        in_section, road.border(section, lane, in_section, outer=outer)
+                    )
+                )
             edges.append(np.vstack(parts))
         axis = (edges[0] + edges[1]) / 2
-        line = np.vstack([_beyond(axis[0], axis[1]), axis, _beyond(axis[-1], axis[-2])])
+        line = np.vstack([_extended_end(axis[0], axis[1]), axis, _extended_end(axis[-1], axis[-2])])
         ring = np.vstack([edges[0], edges[1][::-1]])
-        found[road.id] = Host(
+        hosts[road.id] = Host(
             road, shapely.make_valid(shapely.Polygon(ring)), shapely.LineString(line)
         )
-    return found
+    return hosts
 
 
-def _beyond(end: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+def _extended_end(end: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
     step = end - before
     return np.asarray(end + REACH_M * step / max(float(np.linalg.norm(step)), 1e-9))
 
 
 def stop_lines(document: Document) -> dict[int, tuple[int, ...]]:
     """Return way of a stop line -> regulatory elements that refer to it."""
-    found: dict[int, list[int]] = {
-        way: [] for way, item in document.ways.items() if item.tags.get("type") == "stop_line"
+    owners_of: dict[int, list[int]] = {
+        way_id: [] for way_id, item in document.ways.items() if item.tags.get("type") == "stop_line"
     }
     for identity, relation in document.relations.items():
         if relation.tags.get("type") == "regulatory_element":
-            for way in relation.of_role("ref_line"):
-                found.setdefault(way, []).append(identity)
-    return {way: tuple(owners) for way, owners in sorted(found.items())}
+            for way_id in relation.of_role("ref_line"):
+                owners_of.setdefault(way_id, []).append(identity)
+    return {way_id: tuple(owners) for way_id, owners in sorted(owners_of.items())}
 
 
 def island_ways(document: Document) -> dict[int, Relation]:
@@ -126,11 +130,11 @@ class BuiltMap:
     @cached_property
     def governed(self) -> dict[int, list[int]]:
         """Regulatory element -> lanelets that it applies to."""
-        found: dict[int, list[int]] = {}
+        lanelets_of: dict[int, list[int]] = {}
         for lanelet in self.lanelets.values():
             for regulation in lanelet.regulations:
-                found.setdefault(regulation, []).append(lanelet.id)
-        return found
+                lanelets_of.setdefault(regulation, []).append(lanelet.id)
+        return lanelets_of
 
 
 def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadArea, ...]:
@@ -142,7 +146,7 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
         notes: receives the counts of objects without a street.
     """
     document, places, hosts = built.document, built.places, built.hosts
-    found: list[RoadArea] = []
+    fixtures: list[RoadArea] = []
     lost = {"stop_lines": 0, "crosswalks": 0, "traffic_islands": 0}
 
     def put(kind: str, name: str, host: Host, ring: NDArray[np.float64], height: float) -> None:
@@ -150,14 +154,14 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
         corners = shapely.get_coordinates(polygon)[:-1]
         s = host.station(corners.mean(axis=0))
         local = host.local(np.column_stack([corners, np.zeros(len(corners))]), s)
-        found.append(RoadArea(first + len(found), host.road.id, kind, name, s, local, height))
+        fixtures.append(RoadArea(first + len(fixtures), host.road.id, kind, name, s, local, height))
 
-    for way, owners in stop_lines(document).items():
-        nodes = document.ways[way].nodes
+    for way_id, owners in stop_lines(document).items():
+        nodes = document.ways[way_id].nodes
         line = np.array([places[n][:2] for n in nodes])
         ids = [i for owner in owners for i in built.governed.get(owner, [])]
-        said = [hosts[road] for i in ids for road, _ in built.approaches.get(i, ())]
-        host = _nearest(line, said or list(hosts.values()), across=True)
+        governed_hosts = [hosts[road] for i in ids for road, _ in built.approaches.get(i, ())]
+        host = _nearest(line, governed_hosts or list(hosts.values()), across=True)
         if host is None or len(set(nodes)) < 2:
             lost["stop_lines"] += 1
             continue
@@ -177,9 +181,9 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
         put("crosswalk", "crosswalk", host, ring, 0.0)
     for relation in island_ways(document).values():
         lines = [
-            shapely.LineString([places[n][:2] for n in document.ways[way].nodes])
-            for way in relation.of_role("outer")
-            if len(document.ways[way].nodes) > 1
+            shapely.LineString([places[n][:2] for n in document.ways[way_id].nodes])
+            for way_id in relation.of_role("outer")
+            if len(document.ways[way_id].nodes) > 1
         ]
         for polygon in shapely.get_parts(shapely.polygonize([shapely.union_all(lines)])):
             corners = shapely.get_coordinates(polygon)[:-1]
@@ -189,7 +193,7 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
                 continue
             put("trafficIsland", "island", host, corners, ISLAND_M)
     notes.update({f"{name}_without_a_street": n for name, n in lost.items() if n})
-    return tuple(found)
+    return tuple(fixtures)
 
 
 def _nearest(points: NDArray[np.float64], hosts: Sequence[Host], *, across: bool) -> Host | None:
@@ -204,8 +208,8 @@ def _nearest(points: NDArray[np.float64], hosts: Sequence[Host], *, across: bool
         beyond = float(host.area.distance(line))
         cost = min(away, NEAR_M) + 0.5 * beyond
         if across:
-            at = host.station(points.mean(axis=0))
-            heading = float(host.road.curve.at(at)[0, 2])
+            station_m = host.station(points.mean(axis=0))
+            heading = float(host.road.curve.at(station_m)[0, 2])
             cost += 8.0 * (1.0 - abs(math.sin(math.atan2(chord[1], chord[0]) - heading)))
         if best is None or cost < best[0] - 1e-9:
             best = cost, k

@@ -68,17 +68,17 @@ def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[i
         cuts = _cuts(topology, inner)
         more = set()
         for k, group in enumerate(topology.groups):
-            mine = [cuts.get((k, e)) for e in (0, 1)]
-            given = sum(cut or 0.0 for cut in mine)
-            if k in inner or not given:
+            end_cuts = [cuts.get((k, e)) for e in (0, 1)]
+            cut_m = sum(cut or 0.0 for cut in end_cuts)
+            if k in inner or not cut_m:
                 continue
-            short = group.length - given < (LEAST_STREET_M if all(mine) else 1.0)
+            short = group.length - cut_m < (LEAST_STREET_M if all(end_cuts) else 1.0)
             if short and topology.is_through(k) and not barred.intersection(group.ids):
                 more.add(k)
-            elif given > (most := group.length - min(KEPT_M, 0.4 * group.length)):
+            elif cut_m > (most := group.length - min(KEPT_M, 0.4 * group.length)):
                 for e in (0, 1):
                     if (k, e) in cuts:
-                        cuts[k, e] *= most / given
+                        cuts[k, e] *= most / cut_m
         if not more:
             break
         inner |= more
@@ -98,8 +98,8 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
         if not topology.is_through(k):
             continue
         ids = set(group.ids)
-        said = {m.lanelet.within for m in group.members if m.lanelet.drives}
-        turns = True in said or (None in said and ids & crossed)
+        within = {m.lanelet.within for m in group.members if m.lanelet.drives}
+        turns = True in within or (None in within and ids & crossed)
         if ids & forced or (turns and group.length <= LONGEST_INNER_M):
             inner.add(k)
     return inner
@@ -157,29 +157,29 @@ def _is_cut(
 def _rings(topology: Topology) -> list[End]:
     """Return two ends at which each ring of groups without entry is cut open."""
     seen: set[int] = set()
-    found = []
+    ends = []
     for k in range(len(topology.groups)):
         entered: list[End] = []
-        at: End = (k, 1)
-        while k not in seen and topology.is_plain(at):
-            other = next(iter(topology.partners[at]))
+        end: End = (k, 1)
+        while k not in seen and topology.is_plain(end):
+            other = next(iter(topology.partners[end]))
             entered.append(other)
-            at = (other[0], 1 - other[1])
+            end = (other[0], 1 - other[1])
             if other[0] == k:
-                found += [entered[-1], entered[(len(entered) - 1) // 2]]
+                ends += [entered[-1], entered[(len(entered) - 1) // 2]]
             if other[0] in seen or other[0] == k:
                 break
             seen.add(other[0])
         seen.add(k)
-    return found
+    return ends
 
 
 def _joins(topology: Topology, e: End, f: End) -> bool:
     """Return whether the lanes of two ends continue into each other in the same order."""
     pairs = {}
-    for a, b, one, two in topology.links:
+    for a, b, from_id, to_id in topology.links:
         if {a, b} == {e, f}:
-            first, second = (one, two) if a == e else (two, one)
+            first, second = (from_id, to_id) if a == e else (to_id, from_id)
             if first in pairs:
                 return False
             pairs[first] = second
@@ -209,19 +209,19 @@ def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tupl
         seen.add(k)
         for end in (1, 0):
             # First forwards, then backwards from the start.
-            at: End = (k, end)
-            while (other := following(at)) is not None and other[0] not in seen:
+            tip: End = (k, end)
+            while (other := following(tip)) is not None and other[0] not in seen:
                 seen.add(other[0])
                 same = (other[1] == 0) == (end == 1)
                 row.insert(len(row) if end else 0, (other[0], same))
-                at = (other[0], 1 - other[1])
+                tip = (other[0], 1 - other[1])
         ends = [
             (row[0][0], 0 if row[0][1] else 1),
             (row[-1][0], 1 if row[-1][1] else 0),
         ]
         chains.append(
             Chain(
-                tuple(_looked(topology.groups, number, same) for number, same in row),
+                tuple(_oriented(topology.groups, number, same) for number, same in row),
                 tuple(number for number, _ in row),
                 (
                     cuts.get(ends[0], 0.0) if topology.partners.get(ends[0]) else None,
@@ -232,5 +232,5 @@ def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tupl
     return tuple(chains)
 
 
-def _looked(groups: Sequence[Group], number: int, same: bool) -> Group:
+def _oriented(groups: Sequence[Group], number: int, same: bool) -> Group:
     return groups[number] if same else groups[number].flipped

@@ -32,10 +32,10 @@ def anchor_of(path: Path) -> tuple[float, float]:
     """
     document = read_document(path)
     degrees = np.array([(node.latitude, node.longitude) for node in document.nodes.values()])
-    known = degrees[~_unplaced(degrees)]
-    if not len(known):
+    placed = degrees[~_unplaced(degrees)]
+    if not len(placed):
         raise document.error("has no latitudes and longitudes")
-    middle = (known.min(axis=0) + known.max(axis=0)) / 2
+    middle = (placed.min(axis=0) + placed.max(axis=0)) / 2
     return float(middle[0]), float(middle[1])
 
 
@@ -74,14 +74,14 @@ def places_of(
     # The reference is on the ground, not on a traffic light.
     ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
     away_m = np.where(placed, np.linalg.norm(xy, axis=1), np.inf)
-    near = int(np.argmin(np.where(ground, away_m, np.maximum(away_m, 1e9))))
-    away = float(np.linalg.norm(xy[near]))
+    reference = int(np.argmin(np.where(ground, away_m, np.maximum(away_m, 1e9))))
+    away = float(np.linalg.norm(xy[reference]))
     if away > FAR_M and not unplaced.all():
         raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
     z = _numbers(((n.tags.get("ele", "0"), "0") for n in nodes), 0.0)[:, 0]
-    if z[near]:
-        notes["heights_count_from_metres"] = round(float(z[near]), 3)
-    z = z - z[near]
+    if z[reference]:
+        notes["heights_count_from_metres"] = round(float(z[reference]), 3)
+    z = z - z[reference]
     return {
         i: np.array([*point, h]) for i, point, h, ok in zip(ids, xy, z, placed, strict=True) if ok
     }
@@ -103,8 +103,8 @@ def _numbers(rows: Iterable[tuple[str | None, str | None]], missing: float) -> N
 def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, object]) -> None:
     """Set the positions of nodes with local coordinates only."""
     has = np.isfinite(local).all(axis=1)
-    known = np.isfinite(xy).all(axis=1)
-    both, need = has & known, has & ~known
+    has_xy = np.isfinite(xy).all(axis=1)
+    both, need = has & has_xy, has & ~has_xy
     if both.sum() >= 2:
         # Rotation, scale and translation as one complex factor and summand.
         a = np.column_stack([local[both] @ [1, 1j], np.ones(both.sum())])
@@ -112,6 +112,6 @@ def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, 
         put = local[need] @ np.array([1, 1j]) * factor + shift
         xy[need] = np.column_stack([put.real, put.imag])
         notes["nodes_placed_by_local_coordinates"] = int(need.sum())
-    elif need.any() and not known.any():
+    elif need.any() and not has_xy.any():
         xy[need] = local[need]
         notes["map_without_a_place_on_earth"] = "its origin lies at the anchor"

@@ -87,16 +87,16 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
     notes: dict[str, object] = {}
     document, lanelets, places = _lanelets(document, frame, notes)
     side = driving_side(frame.latitude, frame.longitude)
-    ways = {identity: way.tags for identity, way in document.ways.items()}
+    way_tags = {identity: osm_way.tags for identity, osm_way in document.ways.items()}
     if not any(n.drives for n in lanelets.values()):
         if document.dropped:
             raise document.dropped[0]
         raise document.error("has no lanelets that vehicles may use")
     notes["dropped"] = [f"{error.place}: {error.problem}" for error in document.dropped]
-    parts = build_streets_and_junctions(lanelets, side, attributes_of(document), ways)
+    parts = build_streets_and_junctions(lanelets, side, attributes_of(document), way_tags)
     first = 1 + len(parts.streets) + len(parts.connecting_roads)
     roads, junctions = junctions_of(parts.streets, parts.connecting_roads, first)
-    if not any(tags.get("type") in PAINTED for tags in ways.values()):
+    if not any(tags.get("type") in PAINTED for tags in way_tags.values()):
         roads = tuple(_painted(road) for road in roads)
         notes["lines_between_lanes"] = "assumed: the map has none"
     hosts = hosts_of(roads)
@@ -129,18 +129,18 @@ def _lanelets(
                 dropped.append(error)
     if not bounds:
         raise dropped[0]
-    needs: dict[int, int] = {way: i for i, pair in bounds.items() for way in pair}
-    others = _ways_of_others(document)
-    for identity, ways in others.items():
-        for way in ways:
-            needs.setdefault(way, identity)
-    for way in stop_lines(document):
-        needs.setdefault(way, next(iter(bounds)))
+    needs: dict[int, int] = {way_id: i for i, pair in bounds.items() for way_id in pair}
+    ways_of_relation = _ways_of_others(document)
+    for identity, way_ids in ways_of_relation.items():
+        for way_id in way_ids:
+            needs.setdefault(way_id, identity)
+    for way_id in stop_lines(document):
+        needs.setdefault(way_id, next(iter(bounds)))
     used = {
         node: identity
-        for way, identity in reversed(needs.items())
-        if way in document.ways
-        for node in document.ways[way].nodes
+        for way_id, identity in reversed(needs.items())
+        if way_id in document.ways
+        for node in document.ways[way_id].nodes
         if node in document.nodes
     }
     places = places_of(document, frame, used, notes)
@@ -155,8 +155,10 @@ def _lanelets(
         for identity, relation in document.relations.items()
         if relation.tags.get("type") != "lanelet" or identity in lanelets
     }
-    for identity, ways in others.items():
-        bad = {way: problem for way in ways if (problem := _problem(document, way, places))}
+    for identity, way_ids in ways_of_relation.items():
+        bad = {
+            way_id: problem for way_id in way_ids if (problem := _problem(document, way_id, places))
+        }
         if bad:
             dropped += [document.error(problem, identity) for problem in bad.values()]
             members = tuple(
@@ -164,21 +166,23 @@ def _lanelets(
             )
             relations[identity] = replace(relations[identity], members=members)
     # Stop lines are ways without a relation.
-    lost = {way for way in stop_lines(document) if _problem(document, way, places)}
-    kept = {identity: way for identity, way in document.ways.items() if identity not in lost}
-    sound = replace(document, ways=kept, relations=relations, dropped=tuple(dropped))
+    lost = {way_id for way_id in stop_lines(document) if _problem(document, way_id, places)}
+    remaining_ways = {
+        identity: osm_way for identity, osm_way in document.ways.items() if identity not in lost
+    }
+    sound = replace(document, ways=remaining_ways, relations=relations, dropped=tuple(dropped))
     return sound, lanelets, places
 
 
 def _ways_of_others(document: Document) -> dict[int, list[int]]:
     """Return the ways of lights, signs, stop lines and islands, by relation."""
-    found = {}
+    way_ids = {}
     for identity, relation in sorted(document.relations.items()):
         if relation.tags.get("type") == "regulatory_element":
-            found[identity] = [*sign_ways(relation), *relation.of_role("ref_line")]
+            way_ids[identity] = [*sign_ways(relation), *relation.of_role("ref_line")]
     for identity, relation in island_ways(document).items():
-        found[identity] = relation.of_role("outer")
-    return found
+        way_ids[identity] = relation.of_role("outer")
+    return way_ids
 
 
 def _problem(document: Document, way: int, places: Places) -> str:
@@ -251,17 +255,17 @@ def _loose(parts: BuiltRoads) -> list[int]:
     drives = parts.topology.lanelets
     ids = list(drives)
     tree = shapely.STRtree([drives[i].polygon for i in ids])
-    found = []
+    lanelet_ids = []
     for i, lanelet in drives.items():
         if parts.topology.successors[i]:
             continue
         line = lanelet.centre
         end = shapely.line_interpolate_point(line, line.length - min(0.5, line.length / 2))
-        mine = parts.topology.place[i][0]
+        own_street = parts.topology.place[i][0]
         hits = tree.query(end, predicate="intersects")
-        if any(parts.topology.place[ids[k]][0] != mine for k in hits):
-            found.append(i)
-    return found
+        if any(parts.topology.place[ids[k]][0] != own_street for k in hits):
+            lanelet_ids.append(i)
+    return lanelet_ids
 
 
 def junctions_of(
@@ -276,29 +280,29 @@ def junctions_of(
     """
     number = _clusters(connecting_roads)
     identity = {k: first + n for n, k in enumerate(dict.fromkeys(number))}
-    at: dict[tuple[int, bool], int] = {}
+    junction_at: dict[tuple[int, bool], int] = {}
     rows: dict[int, list[Connection]] = {i: [] for i in identity.values()}
     roads = []
-    for way, cluster in zip(connecting_roads, number, strict=True):
+    for connecting_road, cluster in zip(connecting_roads, number, strict=True):
         junction = identity[cluster]
-        for gate in (way.start, way.end):
-            at[gate.street.road.id, gate.end] = junction
-        road = replace(way.road, junction=junction)
+        for gate in (connecting_road.start, connecting_road.end):
+            junction_at[gate.street.road.id, gate.end] = junction
+        road = replace(connecting_road.road, junction=junction)
         lane = road.sections[0].lanes[0].id
         rows[junction].append(
             Connection(
-                way.start.street.road.id,
+                connecting_road.start.street.road.id,
                 road.id,
                 "start",
-                ((way.start.lane, lane),),
+                ((connecting_road.start.lane, lane),),
             )
         )
         roads.append(road)
     linked = [
         replace(
             street.road,
-            predecessor=_link(at.get((street.road.id, False))),
-            successor=_link(at.get((street.road.id, True))),
+            predecessor=_link(junction_at.get((street.road.id, False))),
+            successor=_link(junction_at.get((street.road.id, True))),
         )
         for street in streets
     ]
@@ -324,10 +328,10 @@ def _clusters(connecting_roads: Sequence[ConnectingRoad]) -> list[int]:
         parent[max(a, b)] = min(a, b)
 
     first: dict[tuple[int, bool], int] = {}
-    for k, way in enumerate(connecting_roads):
-        for gate in (way.start, way.end):
+    for k, connecting_road in enumerate(connecting_roads):
+        for gate in (connecting_road.start, connecting_road.end):
             join(k, first.setdefault((gate.street.road.id, gate.end), k))
-    areas = np.array([way.area for way in connecting_roads], object)
+    areas = np.array([connecting_road.area for connecting_road in connecting_roads], object)
     tree = shapely.STRtree(areas)
     for a, b in zip(*tree.query(areas, predicate="intersects"), strict=True):
         if a < b and root(a) != root(b):
@@ -358,9 +362,9 @@ def attributes_of(document: Document) -> Callable[[Member], Row]:
     for identity, relation in document.relations.items():
         if relation.tags.get("subtype") == "speed_limit":
             signs = [
-                document.ways[way].tags.get("subtype", "")
-                for way in relation.of_role("refers")
-                if way in document.ways
+                document.ways[way_id].tags.get("subtype", "")
+                for way_id in relation.of_role("refers")
+                if way_id in document.ways
             ]
             limits[identity] = speed_of([relation.tags.get("sign_type", ""), *signs])
 
@@ -375,8 +379,8 @@ def attributes_of(document: Document) -> Callable[[Member], Row]:
             or default_speed(tags)
         )
         left, right = (
-            (way, turned == member.forward)
-            for way, turned in zip(lanelet.ways, lanelet.turned, strict=True)
+            (way_id, turned == member.forward)
+            for way_id, turned in zip(lanelet.ways, lanelet.turned, strict=True)
         )
         if not member.forward:
             left, right = right, left

@@ -64,10 +64,10 @@ def smooth_curve(
     for wavelength in WAVELENGTHS_M:
         curve = curve_through(_fit(line, wavelength, pins), pins[0][2], pins[1][2])
         borders = tuple(border.along(curve) for border in beside)
-        found = Followed(curve, borders, min(border.room for border in borders))
-        if best is None or found.room > best.room:
-            best = found
-        if found.room >= LEAST_SHARE:
+        followed = Followed(curve, borders, min(border.room for border in borders))
+        if best is None or followed.room > best.room:
+            best = followed
+        if followed.room >= LEAST_SHARE:
             break
     assert best is not None
     return best
@@ -99,8 +99,8 @@ def _fit(
     length = float(along[-1])
     count = int(np.clip(math.ceil(length / STEP_M) + 1, 9, MOST_POINTS))
     step = length / (count - 1)
-    at = np.linspace(0.0, length, count)
-    target = np.column_stack([np.interp(at, along, line[:, k]) for k in (0, 1)])
+    grid_s = np.linspace(0.0, length, count)
+    target = np.column_stack([np.interp(grid_s, along, line[:, k]) for k in (0, 1)])
     weight = np.ones(count)
     for pose, rows, sign in ((pins[0], [0, 1], step), (pins[1], [-1, -2], -step)):
         ahead = np.array([math.cos(pose[2]), math.sin(pose[2])])

@@ -51,7 +51,7 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
         notes: receives the counts of moved signals and of those without a street.
     """
     document, hosts = built.document, built.hosts
-    found: list[RoadSignal] = []
+    items: list[RoadSignal] = []
     lost = moved = 0
     for identity, relation in sorted(document.relations.items()):
         subtype = relation.tags.get("subtype", "")
@@ -63,30 +63,30 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
             walkers |= built.lanelets[i].kind in ("crosswalk", "sidewalk")
             for road, lane in built.approaches.get(i, ()):
                 lanes.setdefault(road, []).append(lane)
-        for way in sign_ways(relation):
-            points = np.array([built.places[n] for n in document.ways[way].nodes])
+        for way_id in sign_ways(relation):
+            points = np.array([built.places[n] for n in document.ways[way_id].nodes])
             place = points.mean(axis=0)
-            tags = document.ways[way].tags
+            tags = document.ways[way_id].tags
             if walkers and not lanes:
                 point = shapely.Point(place[:2])
-                near = min(
+                nearest = min(
                     hosts.values(), key=lambda h: float(h.area.distance(point)), default=None
                 )
-                rows: Iterable[tuple[int, list[int]]] = [(near.road.id, [])] if near else []
+                rows: Iterable[tuple[int, list[int]]] = [(nearest.road.id, [])] if nearest else []
             else:
                 rows = lanes.items()
             lost += not rows
             for road, ids in rows:
                 host = hosts[road]
-                moved += _beyond(host, place) > BEYOND_M
-                found.append(
-                    _signal(first + len(found), identity, subtype, relation, tags, place, host, ids)
+                moved += _distance_beyond(host, place) > BEYOND_M
+                items.append(
+                    _signal(first + len(items), identity, subtype, relation, tags, place, host, ids)
                 )
     if lost:
         notes["lights_and_signs_without_a_street"] = lost
     if moved:
         notes["lights_and_signs_moved_back_to_the_end_of_their_street"] = moved
-    return tuple(found)
+    return tuple(items)
 
 
 def controllers_of(
@@ -128,7 +128,7 @@ def _program(junction: int, signal: RoadSignal) -> str:
     return f"junction {junction}" if junction >= 0 else f"road {signal.road}"
 
 
-def _beyond(host: Host, place: NDArray[np.float64]) -> float:
+def _distance_beyond(host: Host, place: NDArray[np.float64]) -> float:
     """Return the distance of a point beyond the ends of a street, metres."""
     s = float(host.road.curve.locate(place[None, :2])[0][0])
     return max(-s, s - host.road.length, 0.0)
@@ -183,13 +183,13 @@ def _signal(
 
 def _catalogue(text: str) -> tuple[str, str, str, float, str]:
     """Return country, type, subtype, value and unit of a sign such as ``de274-60``."""
-    found = _SIGN.match(text.strip())
-    if not found:
+    match = _SIGN.match(text.strip())
+    if not match:
         speed = speed_of([text])
         if speed is not None:
             return "OpenDRIVE", "274", "-1", round(speed * 3.6, 3), "km/h"
         return "OpenDRIVE", text or "-1", "-1", math.nan, ""
-    country, code, sub = found[1].upper(), found[2], found[3] or "-1"
+    country, code, sub = match[1].upper(), match[2], match[3] or "-1"
     if country == "DE" and code == "274" and sub != "-1":
         return country, code, sub, float(sub), "km/h"
     return country, code, sub, math.nan, ""

@@ -109,10 +109,10 @@ def street_of(
     if last - first < LEAST_M:
         raise StreetTooShort
     curve = trimmed(followed.curve, first, last)
-    here = {
+    in_range = {
         key: border.window(first - 1.0, last + 1.0).along(curve) for key, border in seen.items()
     }
-    measured = {t: (here[t.left.tobytes()], here[t.right.tobytes()]) for t in tracks}
+    measured = {t: (in_range[t.left.tobytes()], in_range[t.right.tobytes()]) for t in tracks}
     spans, stations = _sections(chain, tracks, curve, attributes)
     orders = [_across(chain, tracks, span[0], measured) for span in spans]
     elevation, bank = heights_of(curve, stations, orders)
@@ -135,8 +135,8 @@ def street_of(
     members = [member for group in chain.groups for member in group.members]
     road = ModelRoad(
         identity,
-        _said(members, "name"),
-        _said(members, "highway") or _class(members),
+        _most_frequent_tag(members, "name"),
+        _most_frequent_tag(members, "highway") or _class(members),
         tuple(member.lanelet.id for member in members),
         -1,
         curve,
@@ -149,7 +149,7 @@ def street_of(
         Profile.constant(0.0),
         linked,
     )
-    dropped = sum(border.dropped for border in here.values())
+    dropped = sum(border.dropped for border in in_range.values())
     return Street(road, chain, tuple(lanes), spans, whole, (first, last), dropped)
 
 
@@ -243,13 +243,13 @@ def _sections(
             for point in (t.member(k).left[0], t.member(k).right[0])
             if t.member(k).lanelet.drives
         ]
-        at = float(np.mean(seams))
-        if at < stations[-1] + LEAST_SECTION_M:
+        seam_s = float(np.mean(seams))
+        if seam_s < stations[-1] + LEAST_SECTION_M:
             # The previous section was cut off: this one begins at its start.
             spans[-1] = [k]
-        elif at < curve.length - LEAST_SECTION_M:
+        elif seam_s < curve.length - LEAST_SECTION_M:
             spans.append([k])
-            stations.append(at)
+            stations.append(seam_s)
         else:
             break
     return tuple(map(tuple, spans)), [*stations, curve.length]
@@ -270,12 +270,12 @@ def _across(
 def _linked(
     sections: Sequence[LaneSection], lanes: Sequence[Mapping[Track, int]]
 ) -> tuple[LaneSection, ...]:
-    found = []
+    linked = []
     for k, section in enumerate(sections):
         track_of = {identity: track for track, identity in lanes[k].items()}
         before = lanes[k - 1] if k else {}
         after = lanes[k + 1] if k + 1 < len(lanes) else {}
-        found.append(
+        linked.append(
             replace(
                 section,
                 lanes=tuple(
@@ -288,13 +288,13 @@ def _linked(
                 ),
             )
         )
-    return tuple(found)
+    return tuple(linked)
 
 
-def _said(members: Sequence[Member], key: str) -> str:
+def _most_frequent_tag(members: Sequence[Member], key: str) -> str:
     """Return the most frequent value of a tag; of equals the first."""
-    said = [m.lanelet.tags[key] for m in members if m.lanelet.tags.get(key)]
-    return max(said, key=said.count, default="")
+    values = [m.lanelet.tags[key] for m in members if m.lanelet.tags.get(key)]
+    return max(values, key=values.count, default="")
 
 
 def _class(members: Sequence[Member]) -> str:
@@ -308,8 +308,8 @@ def joined(lines: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Return polylines joined to one, without consecutive duplicate points."""
     points = np.vstack(lines)
     step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    kept = points[np.concatenate([[True], step > 1e-4])]
-    return kept if len(kept) > 1 else points[[0, -1]]
+    distinct = points[np.concatenate([[True], step > 1e-4])]
+    return distinct if len(distinct) > 1 else points[[0, -1]]
 
 
 def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> tuple[Track, ...]:
@@ -320,7 +320,7 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
         follows: whether one lanelet leads to another.
     """
     open_: list[tuple[int, list[Member]]] = []
-    done: list[tuple[int, list[Member]]] = []
+    finished: list[tuple[int, list[Member]]] = []
     for k, group in enumerate(groups):
         still = []
         waiting = list(open_)
@@ -332,7 +332,7 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
                 waiting.remove(row)
             row[1].append(member)
             still.append(row)
-        done += waiting
+        finished += waiting
         open_ = still
     return tuple(
         Track(
@@ -341,7 +341,7 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
             joined([m.left for m in members]),
             joined([m.right for m in members]),
         )
-        for first, members in done + open_
+        for first, members in finished + open_
     )
 
 
@@ -351,5 +351,5 @@ def _goes_on(a: Member, b: Member, follows: Callable[[int, int], bool]) -> bool:
         return a.lanelet.kind == b.lanelet.kind and bool(np.abs(ends).max() < 1e-6)
     if a.forward != b.forward:
         return False
-    one, two = (a, b) if a.forward else (b, a)
-    return follows(one.lanelet.id, two.lanelet.id)
+    before, after = (a, b) if a.forward else (b, a)
+    return follows(before.lanelet.id, after.lanelet.id)

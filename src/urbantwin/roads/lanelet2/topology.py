@@ -66,11 +66,11 @@ class Topology:
     @cached_property
     def partners(self) -> dict[End, set[End]]:
         """End -> ends linked to it."""
-        found: dict[End, set[End]] = defaultdict(set)
+        partners: dict[End, set[End]] = defaultdict(set)
         for e, f, _, _ in self.links:
-            found[e].add(f)
-            found[f].add(e)
-        return found
+            partners[e].add(f)
+            partners[f].add(e)
+        return partners
 
     def is_through(self, group: int) -> bool:
         """Return whether both ends of a group are linked."""
@@ -78,10 +78,10 @@ class Topology:
 
     def is_plain(self, end: End) -> bool:
         """Return whether an end has one link, to an end of another group without other links."""
-        mine = self.partners.get(end, set())
-        if len(mine) != 1:
+        linked = self.partners.get(end, set())
+        if len(linked) != 1:
             return False
-        other = next(iter(mine))
+        other = next(iter(linked))
         return self.partners[other] == {end} and other[0] != end[0]
 
     @cached_property
@@ -93,12 +93,12 @@ class Topology:
         ids = list(self.lanelets)
         lines = [self.lanelets[i].centre for i in ids]
         tree = shapely.STRtree(lines)
-        found = []
+        crossings = []
         for a, b in zip(*tree.query(lines, predicate="intersects"), strict=True):
-            one, two = self.lanelets[ids[a]], self.lanelets[ids[b]]
-            if a >= b or one.start == two.start or one.end == two.end:
+            first, second = self.lanelets[ids[a]], self.lanelets[ids[b]]
+            if a >= b or first.start == second.start or first.end == second.end:
                 continue
-            if one.end == two.start or two.end == one.start:
+            if first.end == second.start or second.end == first.start:
                 continue
             if self.place[ids[a]][0] == self.place[ids[b]][0]:
                 continue
@@ -107,8 +107,8 @@ class Topology:
             heights = [_height(line, point) for line in (lines[a], lines[b])]
             if abs(heights[0] - heights[1]) < CLEARANCE_M:
                 along = [shapely.line_locate_point(line, point) for line in (lines[a], lines[b])]
-                found.append(((ids[a], float(along[0])), (ids[b], float(along[1]))))
-        return found
+                crossings.append(((ids[a], float(along[0])), (ids[b], float(along[1]))))
+        return crossings
 
     def overlap(self, end: End) -> float:
         """Return the length from an end where a group overlaps groups of the same origin."""
@@ -134,5 +134,5 @@ class Topology:
 
 
 def _height(line: shapely.LineString, point: shapely.Point) -> float:
-    at = shapely.line_interpolate_point(line, shapely.line_locate_point(line, point))
-    return float(shapely.get_z(at))
+    on_line = shapely.line_interpolate_point(line, shapely.line_locate_point(line, point))
+    return float(shapely.get_z(on_line))

@@ -58,7 +58,7 @@ PAINT = {
 }
 #: Maximum speed limit, m/s.
 FASTEST_MPS = 100.0
-_AMOUNT = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(km/h|kmh|kph|mph|m/s|mps)?", re.IGNORECASE)
+_SPEED = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(km/h|kmh|kph|mph|m/s|mps)?", re.IGNORECASE)
 _TO_MPS = {"": 1 / 3.6, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704}
 
 
@@ -77,13 +77,13 @@ def allowed_of(tags: dict[str, str]) -> tuple[str, ...]:
         users.add("bicycle")
     elif subtype == "play_street":
         users.add("pedestrian")
-    said = {k.split(":", 1)[1]: v for k, v in tags.items() if k.startswith("participant:")}
-    if any(v == "yes" for v in said.values()):
+    tagged = {k.split(":", 1)[1]: v for k, v in tags.items() if k.startswith("participant:")}
+    if any(v == "yes" for v in tagged.values()):
         users = set()
     # From general to specific: a specific tag overrides the general one.
-    for name in sorted(said, key=lambda n: (n.count(":"), n)):
+    for name in sorted(tagged, key=lambda n: (n.count(":"), n)):
         classes = set(PARTICIPANTS.get(name, ()))
-        users = users | classes if said[name] == "yes" else users - classes
+        users = users | classes if tagged[name] == "yes" else users - classes
     return tuple(name for name in ROAD_USERS if name in users)
 
 
@@ -93,10 +93,10 @@ def speed_of(texts: Iterable[str]) -> float | None:
     A number without unit is in km/h; that of a German sign follows its code.
     """
     for text in texts:
-        found = _AMOUNT.search(re.sub(r"^[a-z]{2}\s*[0-9]+(\.[0-9]+)?-", "", text.strip().lower()))
-        if found:
-            unit = (found[2] or "").lower()
-            value = float(found[1]) * _TO_MPS.get(unit, 1.0)
+        match = _SPEED.search(re.sub(r"^[a-z]{2}\s*[0-9]+(\.[0-9]+)?-", "", text.strip().lower()))
+        if match:
+            unit = (match[2] or "").lower()
+            value = float(match[1]) * _TO_MPS.get(unit, 1.0)
             if 0 < value < FASTEST_MPS:
                 return value
     return None
