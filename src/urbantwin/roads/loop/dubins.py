@@ -20,11 +20,11 @@ Pose2 = tuple[float, float, float]
 #: 5.3 m (Directive 97/27/EC, annex I, 7.6.1), with its lane's centre at about 7 m.
 BUS_RADIUS_M = 7.0
 #: Path types by the side of their largest turn: +1 turns left, -1 right, 0 is straight.
-_WORDS = {
+_PATH_TYPES = {
     "left": ((1, 0, 1), (-1, 0, 1), (1, 0, -1), (-1, 1, -1)),
     "right": ((-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1)),
 }
-_NOTHING_M = 1e-6  # Shorter pieces are left out.
+_LEAST_M = 1e-6  # Shorter pieces are left out.
 
 
 def dubins_path(
@@ -47,15 +47,15 @@ def dubins_path(
     dx, dy = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
     a, b = start[2] - bearing, end[2] - bearing
-    words = _WORDS[turn] if turn else (*_WORDS["left"], *_WORDS["right"])
-    found = [(sum(legs), word, legs) for word in words if (legs := _legs(word, a, b, distance))]
-    length, word, legs = min(found)
-    if length * radius < _NOTHING_M:
+    words = _PATH_TYPES[turn] if turn else (*_PATH_TYPES["left"], *_PATH_TYPES["right"])
+    paths = [(sum(legs), word, legs) for word in words if (legs := _legs(word, a, b, distance))]
+    length, word, legs = min(paths)
+    if length * radius < _LEAST_M:
         raise ValueError("a path from a pose to itself")
     pieces: list[Piece] = []
     x, y, heading = start
     for side, leg in zip(word, legs, strict=True):
-        if leg * radius < _NOTHING_M:
+        if leg * radius < _LEAST_M:
             continue
         piece = Piece(x, y, heading, leg * radius, side / radius)
         pieces.append(piece)

@@ -102,8 +102,8 @@ class FreeSpace:
         cost = STANDING_COST * self.walls_on(area)
         if cost > enough:
             return cost
-        met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
-        roads = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
+        hits = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
+        roads = [*(self._streets[k] for k in hits), *self._taken, *self._reserved]
         cost += ROAD_COST * _area_on(area, roads)
         if cost > enough:
             return cost
@@ -112,8 +112,8 @@ class FreeSpace:
 
     def walls_on(self, area: shapely.Geometry) -> float:
         """Return the overlap of an area with buildings in the twin, square metres."""
-        met = sorted(self._standing.query(area, predicate="intersects").tolist())
-        return _area_on(area, [self._standing.geometries[k] for k in met])
+        hits = sorted(self._standing.query(area, predicate="intersects").tolist())
+        return _area_on(area, [self._standing.geometries[k] for k in hits])
 
     def leads_out(self, street: int, point: Points, heading: float) -> bool:
         """Return whether the straight continuation of a street's end avoids all other streets."""
@@ -135,8 +135,8 @@ class FreeSpace:
 def _area_on(area: shapely.Geometry, others: Sequence[shapely.Geometry]) -> float:
     """Return the overlap of an area with others, square metres."""
     shapely.prepare(area)
-    met = [area.intersection(other) for other in others if area.intersects(other)]
-    return float(shapely.union_all(met).area)
+    overlaps = [area.intersection(other) for other in others if area.intersects(other)]
+    return float(shapely.union_all(overlaps).area)
 
 
 def _leaves(border: shapely.LinearRing, point: Points, heading: float) -> float:

@@ -173,10 +173,10 @@ class Layout:
         if half is None:
             along = stations_of_points(points)
             half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
-        known = dict(joints or {})
-        middle = known.get(half) or self.new_node()
-        before = {k: node for k, node in known.items() if k < half}
-        after = {k - half: node for k, node in known.items() if k > half}
+        node_at = dict(joints or {})
+        middle = node_at.get(half) or self.new_node()
+        before = {k: node for k, node in node_at.items() if k < half}
+        after = {k - half: node for k, node in node_at.items() if k > half}
         self.add(points[: half + 1], tags, first=first, last=middle, joints=before)
         self.add(points[half:], tags, first=middle, last=last, joints=after)
 
@@ -201,10 +201,10 @@ class Layout:
         named = {0: first, len(points) - 1: last, **(joints or {})}
         nodes = tuple(named[k] if k in named else self.new_node() for k in range(len(points)))
         self.nodes += named.values()
-        way = self._next_way
+        way_id = self._next_way
         self._next_way += 1
-        self.outer.append(WayPiece(way, 0, nodes, points, tags))
-        return way
+        self.outer.append(WayPiece(way_id, 0, nodes, points, tags))
+        return way_id
 
 
 def turning_radius(carriageway_m: float) -> float:

@@ -86,10 +86,10 @@ def close_loop(
         layout = Layout(_cut_back(layout.pieces, blind), *about)
         cut_back += len(blind)
     number = {piece.id: k for k, piece in enumerate(layout.pieces)}
-    at: dict[int, list[int]] = defaultdict(list)
+    by_node: dict[int, list[int]] = defaultdict(list)
     for piece in layout.pieces:
-        at[piece.nodes[0]].append(piece.id)
-        at[piece.nodes[-1]].append(piece.id)
+        by_node[piece.nodes[0]].append(piece.id)
+        by_node[piece.nodes[-1]].append(piece.id)
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
@@ -109,22 +109,22 @@ def close_loop(
                 end.piece.tags,
                 lanes,
                 end.lane_m,
-                beside=tuple(number[one] for one in at[end.node] if one != end.piece.id),
+                beside=tuple(number[other] for other in by_node[end.node] if other != end.piece.id),
             )
             (exits if end.leaves else entries).append(gate)
-    near = near_pairs(exits, entries)
-    exits = [_past_walls(layout, g) for g in exits if all(g is not a for a, _ in near)]
-    entries = [_past_walls(layout, g) for g in entries if all(g is not b for _, b in near)]
+    matched = near_pairs(exits, entries)
+    exits = [_past_walls(layout, g) for g in exits if all(g is not a for a, _ in matched)]
+    entries = [_past_walls(layout, g) for g in entries if all(g is not b for _, b in matched)]
     for gate in (*exits, *entries):
         layout.space.reserve(_ahead(gate))
-    for exit_, entry in near:
+    for exit_, entry in matched:
         join_carriageways(layout, exit_, entry)
     tips = [add_turnaround(layout, end, number[end.piece.id]) for end in turning]
-    led, still_open = add_ring_roads(layout, exits, entries, tips)
+    routed, still_open = add_ring_roads(layout, exits, entries, tips)
     notes = {
         "turning_drops": len(turning),
-        "carriageways_joined": len(near),
-        "roads_round_the_region": led,
+        "carriageways_joined": len(matched),
+        "roads_round_the_region": routed,
         "dead_ends_cut_back": cut_back,
         "open_ends": still_open,
         "outer_roads_without_room": layout.overlaps,
@@ -142,7 +142,7 @@ def close_loop(
 def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
     """Return ways whose tag ``sidewalk`` gives the sides with sidewalks."""
     one_way = ("yes", "1", "true")
-    others = [
+    oneway_lines = [
         shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
     ]
     return [
@@ -150,7 +150,7 @@ def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
             piece,
             tags={
                 **piece.tags,
-                "sidewalk": sidewalk_sides(piece.tags, piece.points, others, side=side),
+                "sidewalk": sidewalk_sides(piece.tags, piece.points, oneway_lines, side=side),
             },
         )
         for piece in pieces
@@ -177,8 +177,8 @@ def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
 def _past_walls(layout: Layout, gate: Gate) -> Gate:
     """Return a gate whose way out has the least overlap with buildings in the twin."""
     turned = [replace(gate, heading=gate.heading + bend) for bend in FINER_BENDS]
-    free = [one for one in turned if layout.space.leads_out(one.street, one.point, one.heading)]
-    return min(free, key=lambda one: layout.space.walls_on(_ahead(one)), default=gate)
+    free = [g for g in turned if layout.space.leads_out(g.street, g.point, g.heading)]
+    return min(free, key=lambda g: layout.space.walls_on(_ahead(g)), default=gate)
 
 
 def _ahead(gate: Gate) -> shapely.Polygon:
@@ -190,16 +190,16 @@ def _ahead(gate: Gate) -> shapely.Polygon:
 def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:
     """Return the ways without the parts between some ends and the last junction before each."""
     uses = Counter(node for piece in pieces for node in piece.nodes)
-    found = {piece.id: piece for piece in pieces}
+    left = {piece.id: piece for piece in pieces}
     for end in ends:
-        piece = found.pop(end.piece.id, None)
+        piece = left.pop(end.piece.id, None)
         if piece is None:
             continue
         shared = [k for k, node in enumerate(piece.nodes) if uses[node] > 1]
         if end.at_start:
-            kept = slice(shared[0], None) if shared else slice(0)
+            part = slice(shared[0], None) if shared else slice(0)
         else:
-            kept = slice(0, shared[-1] + 1) if shared else slice(0)
-        if len(piece.nodes[kept]) > 1:
-            found[piece.id] = replace(piece, nodes=piece.nodes[kept], points=piece.points[kept])
-    return [found[piece.id] for piece in pieces if piece.id in found]
+            part = slice(0, shared[-1] + 1) if shared else slice(0)
+        if len(piece.nodes[part]) > 1:
+            left[piece.id] = replace(piece, nodes=piece.nodes[part], points=piece.points[part])
+    return [left[piece.id] for piece in pieces if piece.id in left]

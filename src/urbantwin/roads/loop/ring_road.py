@@ -38,13 +38,13 @@ def add_ring_roads(
         return 0, len(exits) + len(entries)
     hull = layout.space.hull
     length = float(hull.exterior.length)
-    at = [
+    stations = [
         np.array([layout.space.place(gate.point, gate.heading) for gate in gates])
         for gates in (starts, ends)
     ]
-    apart = ring_distance(at[0], at[1], length)
+    apart = ring_distance(stations[0], stations[1], length)
     if exits and entries:
-        pairs = match_exits(at[0], at[1], length)
+        pairs = match_exits(stations[0], stations[1], length)
     elif exits:
         pairs = [(k, int(row.argmin())) for k, row in enumerate(apart)]
     else:
@@ -55,7 +55,7 @@ def add_ring_roads(
     for i, j in pairs:
         leave[i] -= 1
         arrive[j] -= 1
-        forward = (at[1][j] - at[0][i]) % length <= length / 2
+        forward = (stations[1][j] - stations[0][i]) % length <= length / 2
         _road(layout, starts[i], ends[j], forward, leave[i] > 0, arrive[j] > 0)
     return len(pairs), 0
 
@@ -95,9 +95,9 @@ def _road(
             line.append(point)
     if more_arrive:
         last, end = layout.new_node(), _pose(ring, b, _course(ring, b, sense))
-    ways = _between(ring, start, end, a, b, sense)
-    way = min(ways, key=lambda way: layout.space.walls_on(band(way, half)))
-    line += list(way)
+    paths = _candidate_paths(ring, start, end, a, b, sense)
+    path = min(paths, key=lambda path: layout.space.walls_on(band(path, half)))
+    line += list(path)
     if more_arrive:
         entry.joints.append((last, np.array(end[:2])))
     else:
@@ -110,7 +110,7 @@ def _road(
     layout.add_halves(points, tags, first=first, last=last, joints=joints)
 
 
-def _between(
+def _candidate_paths(
     ring: shapely.LinearRing, start: Pose2, end: Pose2, a: float, b: float, sense: float
 ) -> list[Points]:
     """Return candidate paths (N, 2) between two poses: along the ring if they are far apart on it.
@@ -118,13 +118,13 @@ def _between(
     Otherwise straight across, and through a point of the ring between, to avoid buildings.
     """
     length = float(ring.length)
-    way = (sense * (b - a)) % length
+    arc = (sense * (b - a)) % length
     bend = 2.5 * RADIUS_M
-    if way < 3 * bend:
-        middle = _pose(ring, a + sense * way / 2, _course(ring, a + sense * way / 2, sense))
+    if arc < 3 * bend:
+        middle = _pose(ring, a + sense * arc / 2, _course(ring, a + sense * arc / 2, sense))
         halves = (dubins_points(start, middle, RADIUS_M), dubins_points(middle, end, RADIUS_M))
         return [dubins_points(start, end, RADIUS_M), np.vstack([halves[0], halves[1][1:]])]
-    stations = a + sense * np.linspace(bend, way - bend, max(2, int((way - 2 * bend) / STEP_M) + 1))
+    stations = a + sense * np.linspace(bend, arc - bend, max(2, int((arc - 2 * bend) / STEP_M) + 1))
     points = shapely.get_coordinates(ring.interpolate(stations % length))
     on, off = (
         (float(x), float(y), _course(ring, float(s), sense))
@@ -152,8 +152,8 @@ def _pose(ring: shapely.LinearRing, station: float, heading: float) -> Pose2:
 def _course(ring: shapely.LinearRing, station: float, sense: float) -> float:
     """Return the heading along the ring at a station."""
     length = float(ring.length)
-    near = [(station + sense * d) % length for d in (-1.0, 1.0)]
-    (x0, y0), (x1, y1) = shapely.get_coordinates(ring.interpolate(near))
+    stations = [(station + sense * d) % length for d in (-1.0, 1.0)]
+    (x0, y0), (x1, y1) = shapely.get_coordinates(ring.interpolate(stations))
     return math.atan2(y1 - y0, x1 - x0)
 
 

@@ -66,9 +66,9 @@ def motor_lanes(
     """
     walks = tags.get("sidewalk", "no")
     section = cross_section(tags, driving_side=side, sidewalks=walks, country=country)
-    own = tags.get("highway") == CYCLE_TRACK
+    track = tags.get("highway") == CYCLE_TRACK
     forward, backward = (
-        [lane.width for lane in lanes if (own or lane.kind != "bicycle") and not lane.both_ways]
+        [lane.width for lane in lanes if (track or lane.kind != "bicycle") and not lane.both_ways]
         for lanes in (section.forward, section.backward)
     )
     return forward, backward
@@ -117,13 +117,13 @@ def loose_ends(
                     node not in of_map,
                 )
             )
-    found = []
-    for node, here in ends.items():
-        one_sided = not any(end.leaves for end in here) or not any(end.enters for end in here)
-        if arms[node] == len(here) and (len(here) == 1 or one_sided):
-            found.append(max(here, key=lambda end: end.leaves + end.enters))
+    loose = []
+    for node, group in ends.items():
+        one_sided = not any(end.leaves for end in group) or not any(end.enters for end in group)
+        if arms[node] == len(group) and (len(group) == 1 or one_sided):
+            loose.append(max(group, key=lambda end: end.leaves + end.enters))
     order = {id(piece): k for k, piece in enumerate(pieces)}
-    return sorted(found, key=lambda end: (order[id(end.piece)], not end.at_start))
+    return sorted(loose, key=lambda end: (order[id(end.piece)], not end.at_start))
 
 
 def outward(points: NDArray[np.float64]) -> float:

@@ -57,7 +57,7 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
         return heading, line, area
 
     radii = (turning_radius(width), BUS_RADIUS_M)
-    places = (choice(*one) for one in product(radii, STEMS_M, BENDS))
+    places = (choice(*option) for option in product(radii, STEMS_M, BENDS))
     heading, line, area = layout.with_most_room(places, lambda place: place[2], street)
     layout.space.take(area)
     node, far, middle = layout.new_node(), layout.new_node(), len(line) // 2
@@ -83,18 +83,18 @@ End = TypeVar("End", bound=Directed)
 def near_pairs(exits: Sequence[End], entries: Sequence[End]) -> list[tuple[End, End]]:
     """Return pairs of adjacent exits and entries, the nearest first: two carriageways each."""
     pairs = sorted(
-        (_apart(a, b), i, j)
+        (_lateral_distance(a, b), i, j)
         for i, a in enumerate(exits)
         for j, b in enumerate(entries)
         if math.cos(a.heading - b.heading) > 0.5
         and float(np.linalg.norm(a.point - b.point)) < NEAR_AHEAD_M
     )
-    found: list[tuple[End, End]] = []
+    chosen: list[tuple[End, End]] = []
     for distance, i, j in pairs:
-        taken = any(exits[i] is a or entries[j] is b for a, b in found)
-        if distance < NEAR_M and not taken:
-            found.append((exits[i], entries[j]))
-    return found
+        used = any(exits[i] is a or entries[j] is b for a, b in chosen)
+        if distance < NEAR_M and not used:
+            chosen.append((exits[i], entries[j]))
+    return chosen
 
 
 def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
@@ -113,11 +113,11 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     def turnaround_line(stem: float, splay: float) -> Points:
         """Return legs straight to the front, then apart by the splay, then joined."""
         poses = []
-        for gate, aside in ((exit_, -side * splay), (entry, side * splay)):
+        for gate, bend in ((exit_, -side * splay), (entry, side * splay)):
             step = front - float(gate.point @ ahead) + LEG_M
             knee = gate.point + gate.ahead * step / float(gate.ahead @ ahead)
-            tip = knee + unit(gate.heading + aside) * (stem - LEG_M) / math.cos(splay)
-            poses.append((knee, tip, gate.heading + aside))
+            tip = knee + unit(gate.heading + bend) * (stem - LEG_M) / math.cos(splay)
+            poses.append((knee, tip, gate.heading + bend))
         (knee, tip, course), (last_knee, last_tip, last_course) = poses
         start = (float(tip[0]), float(tip[1]), course)
         end = (float(last_tip[0]), float(last_tip[1]), last_course + math.pi)
@@ -134,8 +134,8 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
         return max(length * width - float(band(line, width / 2).area), 0.0)
 
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
-    own = (exit_.street, entry.street, *exit_.beside, *entry.beside)
-    line = layout.with_most_room(lines, area_of, *own, twice=twice)
+    streets = (exit_.street, entry.street, *exit_.beside, *entry.beside)
+    line = layout.with_most_room(lines, area_of, *streets, twice=twice)
     layout.space.take(area_of(line))
     # The halves meet at the tip: one leg may be much longer than the other, and where the two ways
     # are side by side netconvert would make a junction of the turn.
@@ -143,7 +143,7 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     layout.add_halves(line, tags, first=exit_.node, last=entry.node, half=tip)
 
 
-def _apart(gate: Directed, other: Directed) -> float:
+def _lateral_distance(gate: Directed, other: Directed) -> float:
     """Return the lateral distance of a gate from another, metres."""
     ahead = unit(gate.heading) + unit(other.heading)
     gap = other.point - gate.point
@@ -158,7 +158,7 @@ def _tags(layout: Layout, street: dict[str, str], lanes: int, lane_m: float) -> 
 
 def _turnaround_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
     """Return the line (N, 2) of a turnaround from the end of a street and back."""
-    aside = SPLAY if turn == "left" else -SPLAY
+    splay = SPLAY if turn == "left" else -SPLAY
     x, y = (float(v) for v in tip)
-    start, end = (x, y, heading - aside), (x, y, heading + math.pi + aside)
+    start, end = (x, y, heading - splay), (x, y, heading + math.pi + splay)
     return dubins_points(start, end, radius, turn)
