@@ -54,8 +54,8 @@ def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
         section = road.section_at(base)
         for lane in section.directed:
             key = (road.id, forward, lane.id)
-            asked = lane.id in lanes and lane.kind in MOTOR and lane.forward == forward
-            if asked and key not in drawn and road.length >= 4 * LONG_M:
+            is_yielding = lane.id in lanes and lane.kind in MOTOR and lane.forward == forward
+            if is_yielding and key not in drawn and road.length >= 4 * LONG_M:
                 drawn.add(key)
                 yield road.level, _row(road, section, lane, base, ahead)
 
@@ -145,10 +145,10 @@ def _bays(
     lean *= 0.5 if lane.forward else -0.5
     # Where the lane tapers a slanted line would be distorted.
     least = 0.9 * widest if slanted else NARROWEST_M
-    whole = [lane.width.at(s + at - section.s) >= least for at in (-lean, lean)]
+    whole = [lane.width.at(s + shift - section.s) >= least for shift in (-lean, lean)]
     s = s[np.logical_and(*whole)]
     ends = [
-        road.place(at, road.border(section, lane, at, outer=outer))[:, :2]
-        for outer, at in ((False, s - lean), (True, s + lean))
+        road.place(stations, road.border(section, lane, stations, outer=outer))[:, :2]
+        for outer, stations in ((False, s - lean), (True, s + lean))
     ]
     return np.stack(ends, axis=1)

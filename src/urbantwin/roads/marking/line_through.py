@@ -35,18 +35,18 @@ GUIDE_STEP_M = 0.5
 def lines_through(network: RoadNetwork, model: LaneModel) -> Iterator[Line]:
     """Yield the lines between adjacent lanes through junctions without signals."""
     controlled = {junction for item in model.controllers for junction in item.junctions}
-    ways: dict[int, list[ModelRoad]] = defaultdict(list)
+    connecting: dict[int, list[ModelRoad]] = defaultdict(list)
     for road in model.roads:
         if road.junction >= 0 and road.junction not in controlled:
-            ways[road.junction].append(road)
+            connecting[road.junction].append(road)
     walked = shapely.union_all(
         [lane.polygon.buffer(CLEAR_M) for lane in network.lanes if lane.kind == "crossing"]
     )
-    for mine in ways.values():
-        for road in mine:
-            for other in mine:
-                if _is_beside(road, other) and not _is_crossed(model, road, mine):
-                    for line in _between(road, other):
+    for group in connecting.values():
+        for road in group:
+            for other in group:
+                if _is_next_outwards(road, other) and not _is_crossed(model, road, group):
+                    for line in _midway_line(road, other):
                         rest = shapely.get_parts(line.difference(walked))
                         yield from (
                             Line("broken", shapely.get_coordinates(part), road.level)
@@ -65,12 +65,12 @@ def _ends(road: ModelRoad) -> tuple[tuple[int, int], tuple[int, int]]:
     return (roads[0], lane.predecessor or 0), (roads[1], lane.successor or 0)
 
 
-def _is_beside(road: ModelRoad, other: ModelRoad) -> bool:
+def _is_next_outwards(road: ModelRoad, other: ModelRoad) -> bool:
     """Return whether another connecting road links the next lanes outwards at both ends."""
     if not all(_lane(x).kind in MOTOR for x in (road, other)):
         return False
-    for (at, lane), (there, next_lane) in zip(_ends(road), _ends(other), strict=True):
-        if at != there or lane * next_lane <= 0 or abs(next_lane) != abs(lane) + 1:
+    for (street, lane), (other_street, next_lane) in zip(_ends(road), _ends(other), strict=True):
+        if street != other_street or lane * next_lane <= 0 or abs(next_lane) != abs(lane) + 1:
             return False
     return max(_turn(road), _turn(other)) < float(STRAIGHT)
 
@@ -84,10 +84,10 @@ def _is_crossed(model: LaneModel, road: ModelRoad, ways: Sequence[ModelRoad]) ->
     """Return whether a movement from a street with at least as many lanes crosses."""
     (start, _), (end, _) = _ends(road)
     return any(
-        bool(way.curve.line.crosses(road.curve.line))
-        and _lanes(model, _ends(way)[0]) >= _lanes(model, _ends(road)[0])
-        for way in ways
-        if _ends(way)[0][0] != start and _ends(way)[1][0] != end
+        bool(other.curve.line.crosses(road.curve.line))
+        and _lanes(model, _ends(other)[0]) >= _lanes(model, _ends(road)[0])
+        for other in ways
+        if _ends(other)[0][0] != start and _ends(other)[1][0] != end
     )
 
 
@@ -95,19 +95,19 @@ def _lanes(model: LaneModel, end: tuple[int, int]) -> int:
     """Return the number of motor traffic lanes of a road on one side of its middle."""
     road, lane = model.road_by_id[end[0]], end[1]
     most = max(road.sections, key=lambda section: len(section.lanes)).lanes
-    return sum(one.kind in MOTOR and one.id * lane > 0 for one in most)
+    return sum(section_lane.kind in MOTOR and section_lane.id * lane > 0 for section_lane in most)
 
 
-def _between(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
+def _midway_line(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
     """Yield the line midway between two connecting roads if they are adjacent all along."""
     count = max(3, int(road.length / STEP_M) + 1)
     share = np.linspace(0.0, 1.0, count)
-    here, there = (one.curve.at(share * one.length)[:, :2] for one in (road, other))
+    own_xy, other_xy = (path.curve.at(share * path.length)[:, :2] for path in (road, other))
     wide = (
         _lane(road).width.at(share * road.length) + _lane(other).width.at(share * other.length)
     ) / 2
-    if (np.linalg.norm(there - here, axis=1) < wide + PARTED_M).all():
-        yield shapely.LineString((here + there) / 2)
+    if (np.linalg.norm(other_xy - own_xy, axis=1) < wide + PARTED_M).all():
+        yield shapely.LineString((own_xy + other_xy) / 2)
 
 
 def guide_lines(model: LaneModel) -> Iterator[Line]:

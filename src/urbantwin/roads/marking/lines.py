@@ -64,7 +64,7 @@ def lane_marks(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
 
 def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
     """Return the lines at which traffic stops, across its lane in either direction."""
-    found = []
+    lines = []
     stopped = {head.lane: head.program for head in network.signals}
     for area in model.areas if model else ():
         if model is None or area.name != "StopLine" or len(area.corners) < 2:
@@ -72,7 +72,7 @@ def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
         corners = shapely.MultiPoint(placed(model, area.road, area.s, area.corners))
         along = _long_axis(corners)
         if along is not None:
-            found.append(
+            lines.append(
                 Line(
                     "stop",
                     along,
@@ -81,16 +81,16 @@ def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
                     stopped.get(area.strip, ""),
                 )
             )
-    if found:
-        return found
+    if lines:
+        return lines
     for head in network.signals:
         lane = network.lane_by_id.get(head.lane)
         if lane is not None and lane.kind != "crossing":
             across = np.array([-np.sin(head.yaw), np.cos(head.yaw)]) * lane.width / 2
             middle = np.array([head.x, head.y])
             ends = np.array([middle - across, middle + across])
-            found.append(Line("stop", ends, lane.level, lane.id, head.program))
-    return found
+            lines.append(Line("stop", ends, lane.level, lane.id, head.program))
+    return lines
 
 
 def strokes(line: Line) -> list[NDArray[np.float64]]:

@@ -73,46 +73,46 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
         model: the lane model, for lane marks, stop lines, give-way lines, parking bays and arrows;
             without it only crossings, dashes between lanes and stop lines of signals are painted.
     """
-    found: list[tuple[str, int, Sequence[Quad]]] = [
+    marks: list[tuple[str, int, Sequence[Quad]]] = [
         (kind, lane.level, quads)
         for lane in network.lanes
         if lane.kind == "crossing"
         for kind, quads in [crossing_marks(lane)]
     ]
     if model is None:
-        found += [("line", level, quads) for level, quads in _borders(network)]
-        found += [("stop", level, [quad]) for level, quad in _stop_lines(network)]
+        marks += [("line", level, quads) for level, quads in _borders(network)]
+        marks += [("stop", level, [quad]) for level, quad in _stop_lines(network)]
     else:
         through = lines_through(network, model)
         for line in [*lane_marks(network, model), *guide_lines(model), *through]:
             if line.kind != "curb":
                 quads = [quad for points in strokes(line) for quad in _ribbon(points, LINE_M)]
-                found.append(("line", line.level, quads))
-        found += [
+                marks.append(("line", line.level, quads))
+        marks += [
             ("stop", line.level, _ribbon(line.points, STOP_LINE_M))
             for line in stop_lines(network, model)
         ]
-        found += [("arrow", level, quads) for level, quads in _arrows(network)]
-        found += [
+        marks += [("arrow", level, quads) for level, quads in _arrows(network)]
+        marks += [
             ("zebra", model.road_by_id[area.road].level, zebra_of_area(model, area))
             for area in model.areas
             if area.kind == "crosswalk" and not area.strip
         ]
-        found += [
-            ("disc", model.road_by_id[area.road].level, _fan(model, area))
+        marks += [
+            ("disc", model.road_by_id[area.road].level, _triangles(model, area))
             for area in model.areas
             if area.name == MINI_ROUNDABOUT and len(area.corners) > 2
         ]
-        found += [("teeth", level, quads) for level, quads in teeth(model)]
-        found += [("bay", level, _ribbon(ends, BAY_LINE_M)) for level, ends in parking_bays(model)]
-    found = [(kind, level, quads) for kind, level, quads in found if len(quads)]
-    if not found:
+        marks += [("teeth", level, quads) for level, quads in teeth(model)]
+        marks += [("bay", level, _ribbon(ends, BAY_LINE_M)) for level, ends in parking_bays(model)]
+    marks = [(kind, level, quads) for kind, level, quads in marks if len(quads)]
+    if not marks:
         return Paint(np.zeros((0, 4, 2)), np.zeros(0, np.uint8), np.zeros(0, np.int64))
-    counts = [len(quads) for _, _, quads in found]
+    counts = [len(quads) for _, _, quads in marks]
     return Paint(
-        np.concatenate([np.asarray(quads, np.float64) for _, _, quads in found]),
-        np.repeat([PAINT_KINDS.index(kind) for kind, _, _ in found], counts).astype(np.uint8),
-        np.repeat([level for _, level, _ in found], counts),
+        np.concatenate([np.asarray(quads, np.float64) for _, _, quads in marks]),
+        np.repeat([PAINT_KINDS.index(kind) for kind, _, _ in marks], counts).astype(np.uint8),
+        np.repeat([level for _, level, _ in marks], counts),
     )
 
 
@@ -128,7 +128,7 @@ def _ribbon(points: NDArray[np.float64], width: float) -> list[Quad]:
     return list(quads[np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
 
 
-def _fan(model: LaneModel, area: RoadArea) -> list[Quad]:
+def _triangles(model: LaneModel, area: RoadArea) -> list[Quad]:
     """Return a convex area as triangles, each with its last corner repeated."""
     ring = placed(model, area.road, area.s, area.corners)[:, :2]
     return [ring[[0, k, k + 1, k + 1]] for k in range(1, len(ring) - 1)]
@@ -157,8 +157,8 @@ def _borders(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
 def _dashes_beside(lane: Lane, side: float) -> list[Quad]:
     line = shapely.LineString(lane.centre[:, :2])
     quads = []
-    for at in np.arange(GAP_M / 2, line.length - DASH_M, DASH_M + GAP_M):
-        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + DASH_M))
+    for start_m in np.arange(GAP_M / 2, line.length - DASH_M, DASH_M + GAP_M):
+        a, b = (np.array(line.interpolate(d).coords[0]) for d in (start_m, start_m + DASH_M))
         along = (b - a) / np.linalg.norm(b - a)
         across = np.array([-along[1], along[0]])
         middle = side * lane.width / 2
@@ -207,8 +207,8 @@ def _stripes(line: shapely.LineString, width: float) -> list[NDArray[np.float64]
     margin = (line.length - (count - 1) * PERIOD_M - STRIPE_M) / 2
     stripes = []
     for number in range(count):
-        at = margin + number * PERIOD_M
-        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + STRIPE_M))
+        start_m = margin + number * PERIOD_M
+        a, b = (np.array(line.interpolate(d).coords[0]) for d in (start_m, start_m + STRIPE_M))
         across = np.array([a[1] - b[1], b[0] - a[0]])
         across *= width / 2 / np.linalg.norm(across)
         stripes.append(np.array([a - across, b - across, b + across, a + across]))
@@ -231,8 +231,8 @@ def crossing_marks(lane: Lane) -> tuple[str, list[NDArray[np.float64]]]:
         count = int((border.length + period - mark) // period) if period else 1
         margin = (border.length - (count - 1) * period - mark) / 2 if period else 0.0
         for number in range(count):
-            at = margin + number * period
-            piece = shapely.ops.substring(border, at, at + (mark or border.length))
+            start_m = margin + number * period
+            piece = shapely.ops.substring(border, start_m, start_m + (mark or border.length))
             points = shapely.get_coordinates(piece)
             for a, b in pairwise(points):
                 across = np.array([a[1] - b[1], b[0] - a[0]])

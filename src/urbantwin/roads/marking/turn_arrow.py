@@ -53,30 +53,30 @@ def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     if lane.kind == "bicycle":
         return None
     if lane.arrows is None:
-        return _led(network, lane)
+        return _movement_arrow(network, lane)
     words = {PAINTED[word] for word in lane.arrows if word in PAINTED}
-    ways = tuple(way for way in ORDER if way in words)
+    shown = tuple(movement for movement in ORDER if movement in words)
     line: shapely.LineString | None = shapely.LineString(lane.centre[:, :2])
     if lane.length < ARROW_M + 2 * BEFORE_STOP_M:
         line = approach_line(network, lane)
-    if not ways or line is None or line.length < LENGTHS_M[-1] + 2 * CLOSEST_M + 1e-6:
+    if not shown or line is None or line.length < LENGTHS_M[-1] + 2 * CLOSEST_M + 1e-6:
         return None
     before = float(np.clip((line.length - ARROW_M) / 2, CLOSEST_M, BEFORE_STOP_M))
     room = line.length - before - CLOSEST_M
     length, tip = next(x for x in LENGTHS_M if x <= room), line.length - before
     tips = [tip] if line.length < LONG_M else [tip, tip - AGAIN_M]
-    return shapely.union_all([arrow_on(line, ways, lane.width, at, length) for at in tips])
+    return shapely.union_all([arrow_on(line, shown, lane.width, tip, length) for tip in tips])
 
 
-def _led(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
+def _movement_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     """Return the arrow for a lane's movements; ``None`` if it needs none."""
-    ways = turns(network, lane)
-    if not ways or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
+    movements = turns(network, lane)
+    if not movements or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
         return None
-    plain = ways == ("through",) or {"left", "through", "right"} <= set(ways)
+    plain = movements == ("through",) or {"left", "through", "right"} <= set(movements)
     if plain and lane.id not in network.stopped_lanes:
         return None
-    return arrow_at(ways, lane, lane.length - BEFORE_STOP_M, ARROW_M)
+    return arrow_at(movements, lane, lane.length - BEFORE_STOP_M, ARROW_M)
 
 
 def arrow_at(ways: tuple[str, ...], lane: Lane, at: float, length: float) -> shapely.Geometry:
@@ -95,11 +95,11 @@ def arrow_on(
     wide *= 1.0 if length >= ARROW_M else 0.9
     middle = shapely.ops.substring(line, max(at - length, 0.0), at)
     if shapely.hausdorff_distance(middle, shapely.LineString([a, b])) > BENT_M:
-        return _bent(arrow(ways), line, wide, at, length)
+        return _along_curve(arrow(ways), line, wide, at, length)
     return affine_transform(arrow(ways), [length * c, -wide * s, length * s, wide * c, b[0], b[1]])
 
 
-def _bent(
+def _along_curve(
     shape: shapely.Geometry, line: shapely.LineString, wide: float, at: float, length: float
 ) -> shapely.Geometry:
     """Return an arrow of unit length drawn along a curved line."""
@@ -107,11 +107,13 @@ def _bent(
     def placed(points: NDArray[np.float64]) -> NDArray[np.float64]:
         along = np.clip(at + length * points[:, 0], 0.0, line.length)
         reach = np.clip([along - 1.0, along + 1.0], 0.0, line.length)
-        here, back, ahead = (shapely.get_coordinates(line.interpolate(s)) for s in (along, *reach))
+        centre, back, ahead = (
+            shapely.get_coordinates(line.interpolate(s)) for s in (along, *reach)
+        )
         step = ahead - back
         step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
         left = np.column_stack([-step[:, 1], step[:, 0]])
-        return np.asarray(here + wide * points[:, 1:] * left)
+        return np.asarray(centre + wide * points[:, 1:] * left)
 
     return shapely.make_valid(shapely.transform(shape.segmentize(0.1), placed))
 
@@ -127,8 +129,8 @@ def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
     if "through" in ways:
         parts += [_stroke([(-1.0, 0.0), (-0.3, 0.0)], thick)]
         parts += [shapely.Polygon([(0.0, 0.0), (-0.32, 0.12), (-0.32, -0.12)])]
-    for way, side in (("left", 1.0), ("right", -1.0)):
-        if way not in ways:
+    for movement, side in (("left", 1.0), ("right", -1.0)):
+        if movement not in ways:
             continue
         back = 0.36 if "through" in ways else 0.0
         start = (-1.0, 0.0) if not several else (-0.62 - back, 0.0)
@@ -169,33 +171,33 @@ def approach_line(network: RoadNetwork, lane: Lane) -> shapely.LineString | None
             serves both.
     """
     if lane.id not in network.stopped_lanes:
-        for way, after in _ways(network, lane, ahead=True):
-            if after.arrows == lane.arrows and _is_free(network, way):
+        for connection, after in _connections(network, lane, ahead=True):
+            if after.arrows == lane.arrows and _is_free(network, connection):
                 return None
     points = lane.centre[:, :2]
     before = sorted(
-        (abs(_turn(way)), way.id, way, first)
-        for way, first in _ways(network, lane, ahead=False)
-        if abs(_turn(way)) < STRAIGHT and _is_free(network, way)
+        (abs(_turn(connection)), connection.id, connection, first)
+        for connection, first in _connections(network, lane, ahead=False)
+        if abs(_turn(connection)) < STRAIGHT and _is_free(network, connection)
     )
-    for _, _, way, first in before[:1]:
-        points = np.vstack([way.centre[:-1, :2], points])
+    for _, _, connection, first in before[:1]:
+        points = np.vstack([connection.centre[:-1, :2], points])
         if first.arrows is None or first.arrows == lane.arrows:
             points = np.vstack([first.centre[:-1, :2], points])
     line = shapely.LineString(points)
     return shapely.ops.substring(line, max(line.length - UPSTREAM_M, 0.0), line.length)
 
 
-def _ways(network: RoadNetwork, lane: Lane, *, ahead: bool) -> Iterator[tuple[Lane, Lane]]:
+def _connections(network: RoadNetwork, lane: Lane, *, ahead: bool) -> Iterator[tuple[Lane, Lane]]:
     """Yield the connections at a lane's end or start, each with the lane beyond it."""
     for name in lane.successors if ahead else network.lanes_into.get(lane.id, ()):
-        way = network.lane_by_id.get(name)
-        if way is None or not way.junction:
+        connection = network.lane_by_id.get(name)
+        if connection is None or not connection.junction:
             continue
-        for other in way.successors if ahead else network.lanes_into.get(way.id, ()):
+        for other in connection.successors if ahead else network.lanes_into.get(connection.id, ()):
             beyond = network.lane_by_id.get(other)
             if beyond is not None and not beyond.junction:
-                yield way, beyond
+                yield connection, beyond
 
 
 def _turn(way: Lane) -> float:
@@ -206,8 +208,8 @@ def _turn(way: Lane) -> float:
 
 def _is_free(network: RoadNetwork, way: Lane) -> bool:
     """Return whether a connection has no signal and no crossing traffic except of its own lanes."""
-    own = {*network.lanes_into.get(way.id, ())}
-    if own & network.stopped_lanes:
+    own_lanes = {*network.lanes_into.get(way.id, ())}
+    if own_lanes & network.stopped_lanes:
         return False
     line = shapely.LineString(way.centre[:, :2])
     return not any(
@@ -215,7 +217,7 @@ def _is_free(network: RoadNetwork, way: Lane) -> bool:
         for other in network.lanes
         if other.junction == way.junction
         and other.kind in ("connection", "crossing")
-        and not own & {other.id, *network.lanes_into.get(other.id, ())}
+        and not own_lanes & {other.id, *network.lanes_into.get(other.id, ())}
         and not set(other.successors) & {way.id, *way.successors}
         and other.id != way.id
     )
@@ -226,21 +228,21 @@ def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
 
     Empty for a lane that does not end at a junction.
     """
-    found = set()
+    movements = set()
     start = _heading(lane.centre[-2:, :2])
     for name in lane.successors:
-        way = network.lane_by_id.get(name)
-        if way is None or not way.junction:
+        connection = network.lane_by_id.get(name)
+        if connection is None or not connection.junction:
             continue
-        for last in _ends_of_way(network, way):
+        for last in _ends_of_way(network, connection):
             change = wrapped(_heading(last.centre[-2:, :2]) - start)
             if abs(change) <= STRAIGHT_ON:
-                found.add("through")
+                movements.add("through")
             elif abs(change) >= U_TURN:
-                found.add("around")
+                movements.add("around")
             else:
-                found.add("left" if change > 0 else "right")
-    return tuple(name for name in ("left", "through", "right", "around") if name in found)
+                movements.add("left" if change > 0 else "right")
+    return tuple(name for name in ("left", "through", "right", "around") if name in movements)
 
 
 def _ends_of_way(network: RoadNetwork, way: Lane, depth: int = 6) -> Iterator[Lane]:
