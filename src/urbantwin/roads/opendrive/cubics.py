@@ -42,12 +42,12 @@ def lowest(profile: Profile, length: float) -> tuple[float, float]:
     best = (np.inf, 0.0)
     inside = start <= ends
     for s in places:
-        at = np.clip(s, start, np.maximum(ends, start))[inside]
-        x = at - profile.start[inside]
+        stations = np.clip(s, start, np.maximum(ends, start))[inside]
+        x = stations - profile.start[inside]
         value = (profile.abcd[inside] * x[:, None] ** np.arange(4)).sum(axis=1)
         if len(value) and value.min() < best[0]:
             k = int(value.argmin())
-            best = (float(value[k]), float(at[k]))
+            best = (float(value[k]), float(stations[k]))
     return best
 
 

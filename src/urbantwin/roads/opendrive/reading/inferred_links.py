@@ -58,16 +58,16 @@ def with_inferred_ends(
         for tag, end in (("predecessor", "start"), ("successor", "end")):
             if getattr(road, tag) is not None:
                 continue
-            mine = _at(road, end, poses, outwards=end == "end")
-            near = [
+            lanes = _lanes_at_end(road, end, poses, outwards=end == "end")
+            candidates = [
                 (gap, other, contact)
                 for other, contact in ends.get(road.junction, ())
-                if other in by_id and (gap := _gap(mine, by_id[other], contact, poses)) < ROADS_M
+                if other in by_id and (gap := _gap(lanes, by_id[other], contact, poses)) < ROADS_M
             ]
-            if near:
-                _, other, contact = min(near)
-                there = RoadLink("road", other, contact)
-                by_id[road.id] = with_road_link(by_id[road.id], tag, there)
+            if candidates:
+                _, other, contact = min(candidates)
+                new_link = RoadLink("road", other, contact)
+                by_id[road.id] = with_road_link(by_id[road.id], tag, new_link)
                 spots[road.id].remark(
                     "roads through junctions without links: what they meet is taken"
                 )
@@ -86,13 +86,13 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
             if link is None or link.element != "road":
                 continue
             street = by_id[link.id]
-            told = street.predecessor if link.contact == "start" else street.successor
-            if street.junction >= 0 or told is not None:
+            existing = street.predecessor if link.contact == "start" else street.successor
+            if street.junction >= 0 or existing is not None:
                 continue
             spots[street.id].remark("streets that are not linked to the junction that they meet")
-            there = RoadLink("junction", road.junction)
+            new_link = RoadLink("junction", road.junction)
             tag = "predecessor" if link.contact == "start" else "successor"
-            by_id[street.id] = with_road_link(street, tag, there)
+            by_id[street.id] = with_road_link(street, tag, new_link)
 
 
 def with_inferred_lanes(
@@ -116,17 +116,19 @@ def with_inferred_lanes(
     sections = list(road.sections)
 
     def of(k: int, tag: str) -> set[int]:
-        return {lane for number, what, lane in wrong if (number, what) == (k, tag)}
+        return {lane for number, link_tag, lane in wrong if (number, link_tag) == (k, tag)}
 
     for k in range(len(sections) - 1):
-        before = _within(road, sections[k], road.section_ends[k])
-        after = _within(road, sections[k + 1], sections[k + 1].s)
-        sections[k] = _found(sections[k], "successor", before, after, spot, of(k, "successor"))
-        sections[k + 1] = _found(
+        before = _open_lanes(road, sections[k], road.section_ends[k])
+        after = _open_lanes(road, sections[k + 1], sections[k + 1].s)
+        sections[k] = _linked_section(
+            sections[k], "successor", before, after, spot, of(k, "successor")
+        )
+        sections[k + 1] = _linked_section(
             sections[k + 1], "predecessor", after, before, spot, of(k + 1, "predecessor")
         )
-        sections[k] = _returned(sections[k], "successor", sections[k + 1])
-        sections[k + 1] = _returned(sections[k + 1], "predecessor", sections[k])
+        sections[k] = _linked_back(sections[k], "successor", sections[k + 1])
+        sections[k + 1] = _linked_back(sections[k + 1], "predecessor", sections[k])
     last = len(sections) - 1
     for tag, end, k in (("predecessor", "start", 0), ("successor", "end", last)):
         link = getattr(road, tag)
@@ -135,9 +137,11 @@ def with_inferred_lanes(
         if _is_linked(sections[k], tag) and not of(k, tag):
             continue
         other = by_id[link.id]
-        mine = _at(replace(road, sections=tuple(sections)), end, poses, outwards=end == "end")
-        theirs = _at(other, link.contact, poses, outwards=link.contact == "start")
-        sections[k] = _found(sections[k], tag, mine, theirs, spot, of(k, tag))
+        own_lanes = _lanes_at_end(
+            replace(road, sections=tuple(sections)), end, poses, outwards=end == "end"
+        )
+        other_lanes = _lanes_at_end(other, link.contact, poses, outwards=link.contact == "start")
+        sections[k] = _linked_section(sections[k], tag, own_lanes, other_lanes, spot, of(k, tag))
     return replace(road, sections=tuple(sections))
 
 
@@ -145,11 +149,11 @@ def _is_linked(section: LaneSection, tag: str) -> bool:
     return any(getattr(lane, tag) is not None for lane in section.lanes)
 
 
-def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection:
+def _linked_back(section: LaneSection, tag: str, other: LaneSection) -> LaneSection:
     """Return a section whose unlinked lanes are linked back to lanes that are linked to them."""
     back = "successor" if tag == "predecessor" else "predecessor"
     links = {getattr(lane, back): lane for lane in reversed(other.lanes) if lane.kind in DRIVEN}
-    found = {
+    new_links = {
         lane.id: links[lane.id].id
         for lane in section.lanes
         if lane.kind in DRIVEN
@@ -157,7 +161,7 @@ def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection
         and lane.id in links
         and links[lane.id].forward == lane.forward
     }
-    return _with_links(section, tag, found)
+    return _with_links(section, tag, new_links)
 
 
 def _with_links(section: LaneSection, tag: str, links: Mapping[int, int]) -> LaneSection:
@@ -165,9 +169,9 @@ def _with_links(section: LaneSection, tag: str, links: Mapping[int, int]) -> Lan
     return with_lane_links(section, tag, lambda lane, link: links.get(lane.id, link))
 
 
-def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:
+def _open_lanes(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:
     """Return the lanes of a section open at a station, with their lateral position."""
-    found = {}
+    lanes = {}
     for sign in (1, -1):
         t = value(road.offset, s)
         for number in range(1, len(section.lanes) + 1):
@@ -178,31 +182,32 @@ def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]
             if lane.kind in DRIVEN and width > NO_WIDTH_M:
                 along = 1.0 if lane.forward else -1.0
                 # Lanes of opposite directions must not match: they are kept 100 m apart.
-                found[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
+                lanes[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
             t += sign * width
-    return found
+    return lanes
 
 
-def _at(road: ModelRoad, end: str, poses: Poses, *, outwards: bool) -> dict[int, _Lane]:
+def _lanes_at_end(road: ModelRoad, end: str, poses: Poses, *, outwards: bool) -> dict[int, _Lane]:
     """Return driven lanes at an end of a road; those not ``outwards`` are placed far away."""
     places = middles(road, end, poses)
-    found = {}
+    lanes = {}
     for lane in end_section(road, end).lanes:
         x, y = places[lane.id]
         if lane.kind in DRIVEN:
-            found[lane.id] = (lane, (x + (0.0 if lane.forward == outwards else 1e7), y))
-    return found
+            lanes[lane.id] = (lane, (x + (0.0 if lane.forward == outwards else 1e7), y))
+    return lanes
 
 
 def _gap(mine: Mapping[int, _Lane], other: ModelRoad, contact: str, poses: Poses) -> float:
     """Return the distance to the nearest lanes that could continue the given ones, metres."""
-    theirs = _at(other, contact, poses, outwards=contact == "start")
+    other_lanes = _lanes_at_end(other, contact, poses, outwards=contact == "start")
     return min(
-        (math.dist(a, b) for _, a in mine.values() for _, b in theirs.values()), default=math.inf
+        (math.dist(a, b) for _, a in mine.values() for _, b in other_lanes.values()),
+        default=math.inf,
     )
 
 
-def _found(
+def _linked_section(
     section: LaneSection,
     tag: str,
     mine: Mapping[int, _Lane],
@@ -221,7 +226,7 @@ def _found(
     for identity, (_, place) in mine.items():
         if linked and identity not in wrong:
             continue
-        gap, other = min((math.dist(place, there), key) for key, (_, there) in theirs.items())
+        gap, other = min((math.dist(place, target), key) for key, (_, target) in theirs.items())
         if gap < LANES_M:
             links[identity] = other
     if not links:

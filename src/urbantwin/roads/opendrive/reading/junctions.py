@@ -92,10 +92,10 @@ def read_connections(
     direct = node.kind == "direct"
     if direct:
         spot.remark("direct junctions: roads are joined there without a road between them")
-    found = []
+    connections = []
     for item in node.connections:
-        here = spot.within(f"connection {item.get('id', '')}")
-        names = _names(item, roads, here, dropped, direct=direct)
+        place = spot.within(f"connection {item.get('id', '')}")
+        names = _names(item, roads, place, dropped, direct=direct)
         if names is None:
             continue
         incoming, connecting = (by_id[roads[name].id] for name in names)
@@ -105,17 +105,17 @@ def read_connections(
         end = (
             _end_at(incoming, junction)
             if direct
-            else _end_of_incoming((incoming, connecting), contact, by_id, poses, here)
+            else _incoming_end((incoming, connecting), contact, by_id, poses, place)
         )
         first, second = end_section(incoming, end), end_section(connecting, contact)
-        pairs = _lane_links(item, names, (first, second), here)
+        pairs = _lane_links(item, names, (first, second), place)
         if not pairs:
             pairs = _usual_links(first, second, contact)
-            here.remark("connections without links of lanes: what lanes say themselves is taken")
-        found.append(Connection(incoming.id, connecting.id, contact, tuple(pairs)))
+            place.remark("connections without links of lanes: what lanes say themselves is taken")
+        connections.append(Connection(incoming.id, connecting.id, contact, tuple(pairs)))
     if direct:
-        return _direct_by_direction(found, by_id, junction)
-    return _by_direction(found, by_id, spot)
+        return _direct_by_direction(connections, by_id, junction)
+    return _by_direction(connections, by_id, spot)
 
 
 def _by_direction(
@@ -175,13 +175,13 @@ def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
     """Return the continuation of a lane at the other end of its road, through all sections."""
     sections = road.sections if end == "end" else road.sections[::-1]
     for k, section in enumerate(sections):
-        found = section.by_id.get(lane)
-        if found is None or k == len(sections) - 1:
-            return found
-        there = found.successor if end == "end" else found.predecessor
-        if there is None:
+        section_lane = section.by_id.get(lane)
+        if section_lane is None or k == len(sections) - 1:
+            return section_lane
+        next_lane = section_lane.successor if end == "end" else section_lane.predecessor
+        if next_lane is None:
             return None
-        lane = there
+        lane = next_lane
     return None
 
 
@@ -208,7 +208,7 @@ def _names(
     return first, second
 
 
-def _end_of_incoming(
+def _incoming_end(
     roads: tuple[ModelRoad, ModelRoad],
     contact: str,
     by_id: dict[int, ModelRoad],
@@ -223,9 +223,9 @@ def _end_of_incoming(
     end = poses.nearer(connecting, contact, incoming)
     if link is None and connecting.junction >= 0:
         spot.remark("roads through junctions without links: they are taken from connections")
-        told = RoadLink("road", incoming.id, end)
+        new_link = RoadLink("road", incoming.id, end)
         tag = "predecessor" if contact == "start" else "successor"
-        by_id[connecting.id] = with_road_link(connecting, tag, told)
+        by_id[connecting.id] = with_road_link(connecting, tag, new_link)
     else:
         spot.remark("connections whose road is not linked to the road that comes in")
     return end
@@ -237,7 +237,7 @@ def _lane_links(
     sections: tuple[LaneSection, LaneSection],
     spot: Spot,
 ) -> list[tuple[int, int]]:
-    found = []
+    pairs = []
     for lane_link in item.findall("laneLink"):
         with spot.dropping():
             pair = spot.whole(lane_link, "from"), spot.whole(lane_link, "to")
@@ -246,20 +246,20 @@ def _lane_links(
             for lane, section, name in zip(pair, sections, names, strict=True):
                 if lane not in section.by_id:
                     raise spot.error(f"links lane {lane} of road {name}, which does not exist")
-            found.append(pair)
-    return found
+            pairs.append(pair)
+    return pairs
 
 
 def _usual_links(
     incoming: LaneSection, connecting: LaneSection, contact: str
 ) -> list[tuple[int, int]]:
     """Return links from the lane links of the connecting road."""
-    found = []
+    pairs = []
     for lane in connecting.lanes:
         other = lane.predecessor if contact == "start" else lane.successor
         if other is not None and other in incoming.by_id:
-            found.append((other, lane.id))
-    return found
+            pairs.append((other, lane.id))
+    return pairs
 
 
 def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
@@ -302,12 +302,12 @@ def middles(road: ModelRoad, end: str, poses: Poses) -> dict[int, tuple[float, f
     x, y, heading = poses.at(road, end)
     level = math.cos(value(road.bank, s))
     left = (-math.sin(heading) * level, math.cos(heading) * level)
-    found = {}
+    centres = {}
     for sign in (1, -1):
         t = value(road.offset, s)
         for lane in sorted((e for e in section.lanes if e.id * sign > 0), key=lambda e: abs(e.id)):
             width = value(lane.width, s - section.s)
             middle = t + sign * width / 2
-            found[lane.id] = (x + middle * left[0], y + middle * left[1])
+            centres[lane.id] = (x + middle * left[0], y + middle * left[1])
             t += sign * width
-    return found
+    return centres

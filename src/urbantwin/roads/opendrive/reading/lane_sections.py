@@ -139,12 +139,12 @@ def _section(
                 spot.remark("ids of lanes with gaps: lanes of no width are put there")
                 lanes.append(SectionLane(identity, "none", Profile.constant(0.0), True))
                 continue
-            here = spot.within(f"lane {identity}")
-            width = _width(items[identity], sign, length, border, here)
-            width = _not_negative(width, start, length, here)
+            place = spot.within(f"lane {identity}")
+            width = _width(items[identity], sign, length, border, place)
+            width = _not_negative(width, start, length, place)
             if bordered:
                 border = added([(1.0, border), (1.0, width)], length)
-            lanes.append(_lane(items[identity], identity, width, street, start, here))
+            lanes.append(_lane(items[identity], identity, width, street, start, place))
     centre = item.find("center/lane")
     mark = ("none", "none") if centre is None else _mark(centre, spot)
     if bordered and not offset.is_zero:
@@ -221,11 +221,11 @@ def _width(item: etree._Element, sign: int, length: float, inner: Profile, spot:
 def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Profile:
     """Return a width with negative values set to zero."""
     if len(width.start) == 1 and not width.abcd[0, 1:].any():
-        least, at = float(width.abcd[0, 0]), 0.0
+        least, station = float(width.abcd[0, 0]), 0.0
     else:
-        least, at = lowest(width, length)
+        least, station = lowest(width, length)
     if least < -NEGATIVE_M:
-        spot.drop(f"is {least:.3g} m wide at s = {start + at:.3f}")
+        spot.drop(f"is {least:.3g} m wide at s = {start + station:.3f}")
         if length <= SLIVER_M:
             return Profile.constant(0.0)
         grid = np.linspace(0.0, length, 2 + int(length / CLIPPED_STEP_M))
@@ -389,23 +389,23 @@ def _without_slivers(
     sections: Sequence[LaneSection], length: float, spot: Spot
 ) -> list[LaneSection]:
     """Return lane sections without those shorter than `SLIVER_M`, with lanes linked across them."""
-    kept = list(sections)
+    result = list(sections)
     k = 0
-    while len(kept) > 1 and k < len(kept):
-        end = kept[k + 1].s if k + 1 < len(kept) else length
-        if end - kept[k].s >= SLIVER_M:
+    while len(result) > 1 and k < len(result):
+        end = result[k + 1].s if k + 1 < len(result) else length
+        if end - result[k].s >= SLIVER_M:
             k += 1
             continue
-        sliver = kept.pop(k)
+        sliver = result.pop(k)
         within = spot.within(f"lane section at s = {sliver.s:g}")
         within.drop(f"is {max(end - sliver.s, 0.0) * 1e3:.3g} mm long")
         if k > 0:
-            kept[k - 1] = _linked_over(kept[k - 1], "successor", sliver)
-        if k < len(kept):
-            start = 0.0 if k == 0 else kept[k].s
-            kept[k] = replace(_linked_over(kept[k], "predecessor", sliver), s=start)
+            result[k - 1] = _linked_over(result[k - 1], "successor", sliver)
+        if k < len(result):
+            start = 0.0 if k == 0 else result[k].s
+            result[k] = replace(_linked_over(result[k], "predecessor", sliver), s=start)
         k = max(k - 1, 0)
-    return kept
+    return result
 
 
 def _linked_over(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:

@@ -58,15 +58,15 @@ class Joined:
 
 def read_links(road: etree._Element, spot: Spot) -> dict[str, Link]:
     """Return ``predecessor`` and ``successor`` of a road as written."""
-    found = {}
+    links = {}
     for tag in _END:
         item = road.find(f"link/{tag}")
         if item is not None:
             with spot.dropping():
                 link = _read_link(item, tag, spot)
                 if link is not None:
-                    found[tag] = link
-    return found
+                    links[tag] = link
+    return links
 
 
 def _read_link(item: etree._Element, tag: str, spot: Spot) -> Link | None:
@@ -108,7 +108,7 @@ def joined(
             log.at(f"junction {key}").remark(
                 "virtual junctions and crossings: nothing turns off there"
             )
-    found: dict[str, ModelRoad] = {}
+    linked_roads: dict[str, ModelRoad] = {}
     for key, road in roads.items():
         spot = log.at(f"road {key}")
         junction = inside[key]
@@ -125,13 +125,13 @@ def joined(
                     else _road_link(tag, link, key, roads, poses, spot)
                 )
         through = junction in nodes and not nodes[junction].is_midway
-        found[key] = replace(
+        linked_roads[key] = replace(
             road,
             junction=number[junction] if through else -1,
             predecessor=ends.get("predecessor"),
             successor=ends.get("successor"),
         )
-    by_id = {road.id: road for road in found.values()}
+    by_id = {road.id: road for road in linked_roads.values()}
     junctions = []
     programs: dict[str, list[int]] = {}
     for key, node in nodes.items():
@@ -139,12 +139,12 @@ def joined(
             programs.setdefault(controller, []).append(number[key])
         if not node.is_midway:
             connections = read_connections(
-                node, number[key], found, by_id, poses, log, dropped=dropped
+                node, number[key], linked_roads, by_id, poses, log, dropped=dropped
             )
             junctions.append(ModelJunction(number[key], node.name, connections))
-    spots = {road.id: log.at(f"road {key}") for key, road in found.items()}
+    spots = {road.id: log.at(f"road {key}") for key, road in linked_roads.items()}
     with_inferred_ends(by_id, junctions, poses, spots)
-    junctions = [_of_roads(junction, by_id) for junction in junctions]
+    junctions = [_without_dropped_roads(junction, by_id) for junction in junctions]
     by_id = {key: _linked_to(road, by_id) for key, road in by_id.items()}
     final = [_linked_lanes(road, by_id, poses, spots[road.id]) for road in by_id.values()]
     switched = {key: tuple(where) for key, where in programs.items()}
@@ -154,9 +154,9 @@ def joined(
 def _numbers(nodes: Mapping[str, Node]) -> dict[str, int]:
     """Return ids in the model: those of the file if all are whole numbers, else new ones."""
     whole = {key: id_number(key) for key in nodes}
-    known = {key: value for key, value in whole.items() if value is not None}
-    if len(set(known.values())) == len(nodes):
-        return known
+    numbers = {key: value for key, value in whole.items() if value is not None}
+    if len(set(numbers.values())) == len(nodes):
+        return numbers
     return {key: k for k, key in enumerate(nodes)}
 
 
@@ -181,11 +181,11 @@ def _road_link(
     if link.midway:
         spot.remark("roads that begin or end beside another: they are not joined to it")
         return None
-    mine, other = roads[key], roads[link.id]
+    own_road, other = roads[key], roads[link.id]
     contact = link.contact
     if link.id == key:
         contact = "end" if tag == "predecessor" else "start"
-        if poses.gap(mine, _END[tag], mine, contact) > RING_M:
+        if poses.gap(own_road, _END[tag], own_road, contact) > RING_M:
             raise spot.error(
                 f"is its own {tag}", expected="another road, or an end that meets its start"
             )
@@ -195,7 +195,7 @@ def _road_link(
         )
     if not contact:
         spot.remark("links without a contact point: the nearer end is taken")
-        contact = poses.nearer(mine, _END[tag], other)
+        contact = poses.nearer(own_road, _END[tag], other)
     return RoadLink("road", other.id, contact)
 
 
@@ -213,26 +213,26 @@ def _linked_lanes(
     linked = with_inferred_lanes(linked, by_id, poses, spot, wrong=wrong)
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "road":
-            there = by_id[link.id]
-            if _apart(linked, end, there, link.contact, poses) > APART_M:
+            other = by_id[link.id]
+            if _largest_gap(linked, end, other, link.contact, poses) > APART_M:
                 spot.remark(f"linked lanes that end more than {APART_M:g} m apart")
     return linked
 
 
-def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Poses) -> float:
+def _largest_gap(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Poses) -> float:
     """Return the maximum distance between linked lanes at the end of two roads, metres."""
     pairs = [
-        (lane.id, there)
+        (lane.id, target)
         for lane in end_section(road, end).lanes
-        if (there := lane.predecessor if end == "start" else lane.successor) is not None
+        if (target := lane.predecessor if end == "start" else lane.successor) is not None
     ]
     if not pairs:
         return 0.0
-    mine, theirs = middles(road, end, poses), middles(other, contact, poses)
-    return max(math.dist(mine[a], theirs[b]) for a, b in pairs)
+    places, places_other = middles(road, end, poses), middles(other, contact, poses)
+    return max(math.dist(places[a], places_other[b]) for a, b in pairs)
 
 
-def _beyond(
+def _next_section(
     road: ModelRoad, k: int, by_id: Mapping[int, ModelRoad], *, ahead: bool
 ) -> tuple[LaneSection | None, bool]:
     """Return the adjacent lane section, and whether its stations run in the same direction."""
@@ -257,21 +257,21 @@ def _with_checked_links(
 
     A link is invalid if its lane does not exist or has traffic in the opposite direction.
     """
-    beyond, same = _beyond(road, k, by_id, ahead=tag == "successor")
+    beyond, same = _next_section(road, k, by_id, ahead=tag == "successor")
     invalid: set[int] = set()
 
     def checked(lane: SectionLane, link: int | None) -> int | None:
         if link is None or beyond is None:
             return None
-        there = beyond.by_id.get(link)
-        if there is None:
+        target = beyond.by_id.get(link)
+        if target is None:
             problem = "which does not exist"
-        elif {lane.kind, there.kind} <= set(DRIVEN) and (lane.forward == there.forward) != same:
+        elif {lane.kind, target.kind} <= set(DRIVEN) and (lane.forward == target.forward) != same:
             problem = "on which traffic runs the other way"
         else:
             return link
-        here = spot.within(f"lane section at s = {section.s:g}, lane {lane.id}")
-        here.drop(f"has the {tag} lane {link}, {problem}")
+        lane_spot = spot.within(f"lane section at s = {section.s:g}, lane {lane.id}")
+        lane_spot.drop(f"has the {tag} lane {link}, {problem}")
         invalid.add(lane.id)
         return None
 
@@ -287,7 +287,9 @@ def _linked_to(road: ModelRoad, by_id: Mapping[int, ModelRoad]) -> ModelRoad:
     return replace(road, predecessor=before, successor=after)
 
 
-def _of_roads(junction: ModelJunction, by_id: Mapping[int, ModelRoad]) -> ModelJunction:
+def _without_dropped_roads(
+    junction: ModelJunction, by_id: Mapping[int, ModelRoad]
+) -> ModelJunction:
     """Return a junction without connections of dropped roads."""
-    kept = tuple(e for e in junction.connections if e.incoming in by_id and e.connecting in by_id)
-    return replace(junction, connections=kept)
+    links = tuple(e for e in junction.connections if e.incoming in by_id and e.connecting in by_id)
+    return replace(junction, connections=links)

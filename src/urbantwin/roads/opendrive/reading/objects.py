@@ -48,17 +48,17 @@ def read_areas(
             )
             continue
         identity = item.get("id", "")
-        here = spot.within(f"object {identity}")
-        with here.dropping():
-            s = station_on_road(item, curve.length, here)
+        place = spot.within(f"object {identity}")
+        with place.dropping():
+            s = station_on_road(item, curve.length, place)
             if item.find("repeat") is not None:
-                here.remark("objects that repeat: only the first is read")
-            corners = _corners(item, s, curve, elevation, here)
+                place.remark("objects that repeat: only the first is read")
+            corners = _corners(item, s, curve, elevation, place)
             if len(corners) < 3:
-                here.remark("areas without an outline that are not read")
+                place.remark("areas without an outline that are not read")
                 continue
-            height = max(here.number(item, "height", 0.0), 0.0) if kind == "trafficIsland" else 0.0
-            marking = _marking(item, here) if kind == "crosswalk" else ""
+            height = max(place.number(item, "height", 0.0), 0.0) if kind == "trafficIsland" else 0.0
+            marking = _marking(item, place) if kind == "crosswalk" else ""
             area = RoadArea(0, 0, kind, label, s, corners, height, marking=marking)
             yield WrittenArea(identity, name, area)
 

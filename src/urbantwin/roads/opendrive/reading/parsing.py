@@ -36,7 +36,7 @@ LARGEST_BYTES = 200_000_000
 #: Distance beyond a road up to which an object or a signal is moved to its end silently, metres.
 BEYOND_M = 1.0
 #: Top-level elements that are read.
-_TOP = ("header", "road", "junction", "controller", "junctionGroup", "station")
+_TOP_ELEMENTS = ("header", "road", "junction", "controller", "junctionGroup", "station")
 
 
 @dataclass
@@ -59,14 +59,14 @@ class Log:
 
     def lines(self) -> list[str]:
         """Return the remarks, each with its first places."""
-        found = []
+        lines = []
         for text, places in self.remarks.items():
             unique = list(dict.fromkeys(place for place in places if place))
             listed = ", ".join(unique[:LISTED])
             if len(unique) > LISTED:
                 listed += f" and {len(unique) - LISTED} more"
-            found.append(f"{text} ({listed})" if listed else text)
-        return found
+            lines.append(f"{text} ({listed})" if listed else text)
+        return lines
 
     def dropped_lines(self) -> list[str]:
         """Return the dropped elements, each with its id and its place in the map."""
@@ -216,7 +216,7 @@ def top_elements(path: Path) -> Iterator[etree._Element]:
             f"is not OpenDRIVE: its root is <{root[:40]}>", file=path, expected="<OpenDRIVE>"
         )
     with path.open("rb") as stream:
-        for item in child_elements(stream, _TOP, path):
+        for item in child_elements(stream, _TOP_ELEMENTS, path):
             if "{" in item.tag:
                 for element in item.iter("{*}*"):
                     element.tag = etree.QName(element).localname

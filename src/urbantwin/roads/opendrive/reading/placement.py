@@ -74,14 +74,14 @@ def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
     try:
         transformer = Transformer.from_crs(crs, CRS(frame.proj_with_datum), always_xy=True)
         xy = np.vstack([xy, around])
-        there = np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
+        in_site = np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
     except ProjError as error:
         raise InputError(
             f"the map's georeference cannot be used ({error})", place="geoReference"
         ) from None
-    if not np.isfinite(there).all():
+    if not np.isfinite(in_site).all():
         raise InputError("the map lies where its georeference does not hold", place="geoReference")
-    return _moved(model, _fitted(xy, there))
+    return _moved(model, _fitted(xy, in_site))
 
 
 def crs_of(projection: str) -> CRS:
@@ -210,7 +210,7 @@ def _signal(signal: RoadSignal, how: Similarity) -> RoadSignal:
     k = how.scale
     if signal.pose:
         x, y, z, heading = signal.pose
-        there = how.apply(np.array([[x, y]]))[0]
-        pose = (float(there[0]), float(there[1]), z, heading + how.angle)
+        point = how.apply(np.array([[x, y]]))[0]
+        pose = (float(point[0]), float(point[1]), z, heading + how.angle)
         signal = replace(signal, pose=pose)
     return signal if k == 1.0 else replace(signal, s=signal.s * k, t=signal.t * k)

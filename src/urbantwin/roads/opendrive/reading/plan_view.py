@@ -36,7 +36,7 @@ STEP_U_M = 0.25
 STEPS_U = 20_000
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
-_Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+_PointsAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 #: Maximum deviation of a cross section from a crown without a remark, metres.
 SHAPE_M = 0.01
 
@@ -58,33 +58,33 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
     items = road.findall("planView/geometry")
     if not items:
         raise spot.error("has no reference line", expected="<planView> with <geometry>")
-    told = spot.number(road, "length")
-    if not 0 < told <= LONGEST_M:
-        raise spot.error(f"has length {told:g}", expected=f"more than 0 m, up to {LONGEST_M:g} m")
+    stated = spot.number(road, "length")
+    if not 0 < stated <= LONGEST_M:
+        raise spot.error(f"has length {stated:g}", expected=f"more than 0 m, up to {LONGEST_M:g} m")
     pieces: list[Piece] = []
     s = 0.0
     for item in sorted(items, key=lambda e: spot.number(e, "s")):
-        at, length = spot.number(item, "s"), spot.number(item, "length")
+        start, length = spot.number(item, "s"), spot.number(item, "length")
         if length < 0:
             raise spot.error(
-                f"<geometry> at s = {at:g} has length {length:g}", expected="0 or more"
+                f"<geometry> at s = {start:g} has length {length:g}", expected="0 or more"
             )
-        if abs(at - s) > LENGTH_M:
+        if abs(start - s) > LENGTH_M:
             raise spot.error(
-                f"<geometry> begins at s = {at:g}, where the one before ends at {s:.3f}",
+                f"<geometry> begins at s = {start:g}, where the one before ends at {s:.3f}",
                 expected="one after the other",
             )
         if length > SHORTEST_M:
-            pieces += _pieces(item, length, spot.within(f"geometry at s = {at:g}"))
+            pieces += _pieces(item, length, spot.within(f"geometry at s = {start:g}"))
         s += length
-    if not pieces and told <= LENGTH_M:
+    if not pieces and stated <= LENGTH_M:
         # Tools write movements straight across a boundary between two roads like this.
         spot.remark("roads whose reference line has no length: a straight one is taken")
         x, y, heading = (spot.number(items[0], key) for key in ("x", "y", "hdg"))
-        pieces, s = [Piece(x, y, heading, told)], told
+        pieces, s = [Piece(x, y, heading, stated)], stated
     if not pieces:
         raise spot.error("has a reference line of no length", expected="more than 0 m")
-    if abs(s - told) > LENGTH_M:
+    if abs(s - stated) > LENGTH_M:
         spot.remark("roads whose length is not that of their reference line: the line's is taken")
     curve = Curve(tuple(pieces))
     _check_gaps(curve, spot)
@@ -139,9 +139,9 @@ def _check_gaps(curve: Curve, spot: Spot) -> None:
     starts = np.array([(piece.x, piece.y) for piece in curve.pieces[1:]])
     gaps = np.hypot(*(starts - ends[:, :2]).T)
     k = int(gaps.argmax())
-    at = f"a gap of {gaps[k]:.3g} m in its reference line at s = {curve.starts[k + 1]:.3f}"
+    gap_text = f"a gap of {gaps[k]:.3g} m in its reference line at s = {curve.starts[k + 1]:.3f}"
     if gaps[k] > BROKEN_M:
-        raise spot.error(f"has {at}", expected="pieces that meet")
+        raise spot.error(f"has {gap_text}", expected="pieces that meet")
     if gaps[k] > GAP_M:
         spot.remark("reference lines with gaps of more than 1 cm")
 
@@ -169,8 +169,8 @@ def spiral_pieces(
         angle = first * q + rate * q * q / 2
         moves = [((f(angle) * WEIGHTS).sum(axis=1) * step) for f in (np.cos, np.sin)]
         xy = [np.concatenate([[0.0], np.cumsum(move)]) for move in moves]
-        which = np.searchsorted(stations, s)
-        return np.column_stack([xy[0][which], xy[1][which], first * s + rate * s * s / 2])
+        index = np.searchsorted(stations, s)
+        return np.column_stack([xy[0][index], xy[1][index], first * s + rate * s * s / 2])
 
     return _cubic_pieces(start, length, place)
 
@@ -216,7 +216,9 @@ def arc_length(u: Sequence[float], v: Sequence[float]) -> float:
     return float(speed @ WEIGHTS)
 
 
-def _cubic_pieces(start: tuple[float, float, float], length: float, place: _Place) -> list[Piece]:
+def _cubic_pieces(
+    start: tuple[float, float, float], length: float, place: _PointsAt
+) -> list[Piece]:
     """Return as many cubics through positions and headings as the tolerance requires."""
     count = 1
     probe = np.linspace(0.0, 1.0, 9)

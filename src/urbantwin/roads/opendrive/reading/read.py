@@ -128,7 +128,7 @@ def read_opendrive(path: Path) -> ReadMap:
             content.header = read_header(item, log)
         elif item.tag == "road":
             with spot.dropping():
-                _once(identity, content.roads, spot)
+                _check_id(identity, content.roads, spot)
                 try:
                     _road(item, identity, content, spot)
                 except InputError:
@@ -136,21 +136,21 @@ def read_opendrive(path: Path) -> ReadMap:
                     raise
         elif item.tag == "junction":
             with spot.dropping():
-                _once(identity, content.nodes, spot)
+                _check_id(identity, content.nodes, spot)
                 content.nodes[identity] = read_node(item)
         elif item.tag == "controller":
             with spot.dropping():
-                _once(identity, content.programs, spot)
+                _check_id(identity, content.programs, spot)
                 content.programs[identity] = read_program(item, spot)
         else:
             log.at("").remark(f"<{item.tag}> that is not read")
     content.dropped_roads -= content.roads.keys()
-    found = _assembled(content, log) if content.roads else None
-    if log.dropped and (found is None or not _is_driven(found.model)):
+    result = _assembled(content, log) if content.roads else None
+    if log.dropped and (result is None or not _is_driven(result.model)):
         raise log.dropped[0]
-    if found is None:
+    if result is None:
         raise log.at("").error("has no roads", expected="<road>")
-    return found
+    return result
 
 
 def _is_driven(model: LaneModel) -> bool:
@@ -163,7 +163,7 @@ def _is_driven(model: LaneModel) -> bool:
     )
 
 
-def _once(identity: str, known: Container[str], spot: Spot) -> None:
+def _check_id(identity: str, known: Container[str], spot: Spot) -> None:
     if not identity:
         raise spot.error("has no id")
     if identity in known:
@@ -187,7 +187,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         kind=notes.get("class")
         or CLASS_OF_TYPE.get("" if kind is None else kind.get("type", ""), ""),
         ways=tuple(
-            way for way in map(whole_number, notes.get("ways", "").split()) if way is not None
+            ref for ref in map(whole_number, notes.get("ways", "").split()) if ref is not None
         ),
         junction=-1,
         curve=curve,

@@ -80,12 +80,12 @@ def read_signals(
     """Yield the signals and signs of a ``<road>``; ``road`` is the same as read so far."""
     for signal in item.findall("signals/signal"):
         identity = signal.get("id", "")
-        here = spot.within(f"signal {identity}")
-        with here.dropping():
-            s = station_on_road(signal, road.length, here)
-            height = here.number(signal, "height", 0.0)
+        place = spot.within(f"signal {identity}")
+        with place.dropping():
+            s = station_on_road(signal, road.length, place)
+            height = place.number(signal, "height", 0.0)
             height = height if height > 0 else HEIGHT_M
-            width = here.number(signal, "width", 0.0)
+            width = place.number(signal, "width", 0.0)
             read = RoadSignal(
                 id=0,
                 road=0,
@@ -97,16 +97,16 @@ def read_signals(
                 value=_value(signal),
                 unit=signal.get("unit") if signal.get("unit") in _UNITS else "",
                 s=s,
-                t=here.number(signal, "t"),
-                z=here.number(signal, "zOffset", 0.0) + height / 2,
+                t=place.number(signal, "t"),
+                z=place.number(signal, "zOffset", 0.0) + height / 2,
                 orientation=_orientation(signal),
-                lanes=_valid_lanes(signal, road, s, here),
+                lanes=_valid_lanes(signal, road, s, place),
                 links=tuple(_numbers(user_data(signal).get("links", ""))),
                 height=height,
                 width=width if width > 0 else WIDTH_M,
-                pose=_inertial_pose(signal, height, here),
+                pose=_inertial_pose(signal, height, place),
             )
-            yield WrittenSignal(identity, name, read, here.number(signal, "hOffset", 0.0))
+            yield WrittenSignal(identity, name, read, place.number(signal, "hOffset", 0.0))
 
 
 def read_references(
@@ -115,10 +115,10 @@ def read_references(
     """Yield the references of a ``<road>`` to signals of other roads."""
     for reference in item.findall("signals/signalReference"):
         identity = reference.get("id", "")
-        here = spot.within(f"signalReference {identity}")
-        with here.dropping():
-            s = min(max(here.number(reference, "s"), 0.0), road.length)
-            t, lanes = here.number(reference, "t"), _valid_lanes(reference, road, s, here)
+        place = spot.within(f"signalReference {identity}")
+        with place.dropping():
+            s = min(max(place.number(reference, "s"), 0.0), road.length)
+            t, lanes = place.number(reference, "t"), _valid_lanes(reference, road, s, place)
             yield Reference(identity, name, s, t, _orientation(reference), lanes)
 
 
@@ -199,15 +199,15 @@ def resolve_references(
         log.at("signalReference").remark("references to signals that do not exist")
     resolved = []
     for written in signals:
-        others, signal = references_of.get(written.id, []), written.signal
-        if not others or signal.lanes:
+        refs, signal = references_of.get(written.id, []), written.signal
+        if not refs or signal.lanes:
             if not signal.pose and abs(written.turned) > SAME_ANGLE:
                 signal = replace(signal, pose=_pose(roads[written.road], signal, written.turned))
             resolved.append(replace(written, signal=signal))
             continue
-        if len({other.road for other in others}) > 1:
+        if len({other.road for other in refs}) > 1:
             log.at(f"signal {written.id}").remark("references of several roads to one signal")
-        first = others[0]
+        first = refs[0]
         pose = signal.pose or _pose(roads[written.road], signal, written.turned)
         road = roads[first.road]
         ground = float(road.place(first.s, first.t)[0, 2])
@@ -219,10 +219,10 @@ def resolve_references(
             orientation=first.orientation,
             lanes=first.lanes,
         )
-        there = _pose(road, moved, 0.0)
+        new_pose = _pose(road, moved, 0.0)
         is_same = (
-            math.dist(pose[:3], there[:3]) < SAME_M
-            and abs(wrapped(pose[3] - there[3])) < SAME_ANGLE
+            math.dist(pose[:3], new_pose[:3]) < SAME_M
+            and abs(wrapped(pose[3] - new_pose[3])) < SAME_ANGLE
         )
         moved = replace(moved, pose=() if is_same else pose)
         resolved.append(WrittenSignal(written.id, first.road, moved, written.turned))
@@ -278,7 +278,7 @@ def with_model_ids(
     ids = _Ids([*(s.id for s in signals), *programs, *(a.id for a in areas)])
     number: dict[str, int] = {}
     program_of = {signal: p.name for p in programs.values() for signal in p.signals}
-    kept = []
+    result = []
     for written in signals:
         spot = log.at(f"road {written.road}, signal {written.id}")
         if written.id in number:
@@ -287,7 +287,7 @@ def with_model_ids(
                 continue
             spot.remark("signals of the same id: they are numbered")
         number[written.id] = ids.assign(written.id)
-        kept.append(
+        result.append(
             replace(
                 written.signal,
                 id=number[written.id],
@@ -307,9 +307,9 @@ def with_model_ids(
         # A program written by UrbanTwin for CARLA is split into stages of one name.
         stage: object = (program.name, program.offset, program.phases) if program.phases else key
         if stage in controllers:
-            known = controllers[stage]
-            all_signals = tuple(sorted({*known.signals, *switched}))
-            controllers[stage] = replace(known, signals=all_signals)
+            existing = controllers[stage]
+            all_signals = tuple(sorted({*existing.signals, *switched}))
+            controllers[stage] = replace(existing, signals=all_signals)
             continue
         controllers[stage] = SignalController(
             ids.assign(key),
@@ -323,4 +323,4 @@ def with_model_ids(
         if key not in programs:
             log.at(f"controller {key}").remark("controllers of junctions that do not exist")
     numbered = (replace(a.area, id=ids.assign(a.id), road=roads[a.road].id) for a in areas)
-    return tuple(numbered), tuple(kept), tuple(controllers.values())
+    return tuple(numbered), tuple(result), tuple(controllers.values())

@@ -119,9 +119,9 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
     if links:
         parent = etree.SubElement(item, "link")
         for tag, link in links:
-            there = etree.SubElement(parent, tag, elementType=link.element, elementId=str(link.id))
+            child = etree.SubElement(parent, tag, elementType=link.element, elementId=str(link.id))
             if link.element == "road":
-                there.set("contactPoint", link.contact)
+                child.set("contactPoint", link.contact)
     kind = etree.SubElement(item, "type", s="0", type=ROAD_TYPES.get(road.kind, "town"))
     speed = max((lane.speed_limit for s in road.sections for lane in s.lanes), default=0.0)
     if speed > 0:
@@ -219,14 +219,14 @@ def write_profiles(road_item: etree._Element, road: ModelRoad, version: str) -> 
         for start, row in records(road.crown, road.length):
             etree.SubElement(lateral, "crossfall", side="both", s=number(start), **abcd(row))
         return
-    reach = _reach(road)
+    reach = _lane_extent(road)
     for s in _stations(road.crown, road.length, reach):
         fall = float(road.crown.at(s)[0])
         for t, a, b in ((-reach, -fall * reach, fall), (0.0, 0.0, -fall)):
             etree.SubElement(lateral, "shape", **numbers(s=s, t=t), **abcd((a, b, 0, 0)))
 
 
-def _reach(road: ModelRoad) -> float:
+def _lane_extent(road: ModelRoad) -> float:
     """Return the extent of lanes from the reference line, rounded up, metres."""
     furthest = 1.0
     for section, end in zip(road.sections, road.section_ends, strict=True):

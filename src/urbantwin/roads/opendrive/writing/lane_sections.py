@@ -26,7 +26,7 @@ NO_WIDTH_M = 1e-5
 
 
 @dataclass(frozen=True)
-class _Place:
+class _SectionPlace:
     """A lane section of a road within the map."""
 
     model: LaneModel
@@ -53,11 +53,11 @@ def write_lanes(road_item: etree._Element, model: LaneModel, road: ModelRoad, ve
         version: ``1.8`` or ``1.4``.
     """
     lanes = etree.SubElement(road_item, "lanes")
-    if not _is_nothing(road.offset):
+    if not _is_zero(road.offset):
         for start, row in records(road.offset, road.length):
             etree.SubElement(lanes, "laneOffset", s=number(start), **abcd(row))
     for index, section in enumerate(road.sections):
-        place = _Place(model, road, index, version)
+        place = _SectionPlace(model, road, index, version)
         item = etree.SubElement(lanes, "laneSection", s=number(section.s))
         ordered = sorted(section.lanes, key=lambda lane: -lane.id)
         for side, group in (
@@ -91,20 +91,20 @@ def lane_links(
     """
     link = connecting.predecessor if contact == "start" else connecting.successor
     end = link.contact if link is not None and link.id == incoming.id else ""
-    mine = _widths(connecting, contact)
-    theirs = _widths(incoming, end) if end else {}
+    widths = _widths(connecting, contact)
+    incoming_widths = _widths(incoming, end) if end else {}
     return {
         (a, b): width > NO_WIDTH_M and other > NO_WIDTH_M
-        for a, other in theirs.items()
-        for b, width in mine.items()
+        for a, other in incoming_widths.items()
+        for b, width in widths.items()
     }
 
 
-def _is_nothing(profile: Profile) -> bool:
+def _is_zero(profile: Profile) -> bool:
     return not profile.abcd.any()
 
 
-def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
+def _lane(parent: etree._Element, lane: SectionLane, place: _SectionPlace) -> None:
     # "A lane on which cars should not drive": lanes closed to all classes.
     is_closed = lane.kind in DRIVEN and not lane.allowed
     kind = "restricted" if is_closed else LANE_TYPES[place.version][lane.kind]
@@ -151,22 +151,22 @@ def _mark(lane: etree._Element, kind: str, change: str) -> None:
     )
 
 
-def _links(item: etree._Element, lane: SectionLane, place: _Place) -> None:
-    found = {
-        tag: there
-        for tag, there in (
+def _links(item: etree._Element, lane: SectionLane, place: _SectionPlace) -> None:
+    linked = {
+        tag: lane_id
+        for tag, lane_id in (
             ("predecessor", _linked(lane, place, ahead=False)),
             ("successor", _linked(lane, place, ahead=True)),
         )
-        if there is not None
+        if lane_id is not None
     }
-    if found:
+    if linked:
         links = etree.SubElement(item, "link")
-        for tag, there in found.items():
-            etree.SubElement(links, tag, id=str(there))
+        for tag, lane_id in linked.items():
+            etree.SubElement(links, tag, id=str(lane_id))
 
 
-def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
+def _linked(lane: SectionLane, place: _SectionPlace, *, ahead: bool) -> int | None:
     """Return the id of the continuing lane if both have a width and both links agree."""
     other = lane.successor if ahead else lane.predecessor
     if other is None:
@@ -182,12 +182,12 @@ def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
         link = road.successor if ahead else road.predecessor
         if link is None or link.element != "road" or link.id not in place.model.road_by_id:
             return None
-        there = place.model.road_by_id[link.id]
+        other_road = place.model.road_by_id[link.id]
         end = link.contact
-        section = there.sections[0 if end == "start" else -1]
-        extent = there.section_ends[0 if end == "start" else -1] - section.s
+        section = other_road.sections[0 if end == "start" else -1]
+        extent = other_road.section_ends[0 if end == "start" else -1] - section.s
         # Ends of streets at a junction have no links.
-        mutual = road.junction == there.junction
+        mutual = road.junction == other_road.junction
     partner = section.by_id.get(other)
     if partner is None:
         return None
@@ -202,5 +202,5 @@ def _widths(road: ModelRoad, end: str) -> dict[int, float]:
     """Return the width of each lane at one end of a road, metres."""
     index = 0 if end == "start" else -1
     section = road.sections[index]
-    at = 0.0 if end == "start" else road.section_ends[index] - section.s
-    return {lane.id: float(lane.width.at(at)[0]) for lane in section.lanes}
+    station_m = 0.0 if end == "start" else road.section_ends[index] - section.s
+    return {lane.id: float(lane.width.at(station_m)[0]) for lane in section.lanes}

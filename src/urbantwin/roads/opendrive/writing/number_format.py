@@ -50,24 +50,24 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float
     """
     starts, rows = profile.start.tolist(), profile.abcd.tolist()
     ends = [*starts[1:], max(length, starts[-1] + 1e-3)]
-    kept: tuple[float, list[float]] | None = None
+    previous: tuple[float, list[float]] | None = None
     for start, row, end in zip(starts, rows, ends, strict=True):
-        told = row
-        if kept is not None:
+        written = row
+        if previous is not None:
             if start >= length - 1e-9:
                 continue
-            before = _moved(kept[1], start - kept[0])
+            before = _moved(previous[1], start - previous[0])
             gap = [a - b for a, b in zip(before, row, strict=True)]
             away = max(abs(_moved(gap, share * (end - start))[0]) for share in SHARES)
-            pairs = zip(_moved(kept[1], -kept[0]), _moved(row, -start), strict=True)
+            pairs = zip(_moved(previous[1], -previous[0]), _moved(row, -start), strict=True)
             apart = [a - b for a, b in pairs]
             same = max(map(abs, apart)) < SAME
             if away <= LEFT_OUT and (same or away < 1e-9):
                 continue
             if same:
-                told = [row[0] - math.copysign(2 * SAME, apart[0]), *row[1:]]
-        kept = (start, told)
-        yield kept
+                written = [row[0] - math.copysign(2 * SAME, apart[0]), *row[1:]]
+        previous = (start, written)
+        yield previous
 
 
 def _moved(row: Sequence[float], by: float) -> list[float]:

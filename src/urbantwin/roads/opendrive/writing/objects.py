@@ -174,15 +174,15 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
             referred += [replace(signal, s=line)] if far else []
             continue
         posed = replace(signal, pose=pose_of(model, signal))
-        near = np.sort(tree.query(shapely.Point(posed.pose[:2]).buffer(NEAR_M)))
-        hosts = [h for k in near if (h := _beside(streets[k], posed)) is not None]
+        near_index = np.sort(tree.query(shapely.Point(posed.pose[:2]).buffer(NEAR_M)))
+        hosts = [h for k in near_index if (h := _beside(streets[k], posed)) is not None]
         hosts = hosts or [h for c in carriers if (h := _beside(c, posed)) is not None]
         if not hosts:
             place = np.array([posed.pose[:3]]) - [0.0, 0.0, signal.z]
             heading = posed.pose[3] + math.pi
             carriers.append(carrier(model.next_id + len(carriers), road.level, heading, place))
-            found = _beside(carriers[-1], posed)
-            hosts = [found] if found is not None else [signal]
+            hosted = _beside(carriers[-1], posed)
+            hosts = [hosted] if hosted is not None else [signal]
         standing.append(min(hosts, key=lambda host: (round(abs(host.t), 3), host.road)))
         if signal.lanes and signal.lanes != NO_LANE:
             referred.append(replace(signal, s=line))
@@ -197,8 +197,8 @@ def _stop_line(model: LaneModel, signal: RoadSignal) -> float:
         for area in model.areas
         if area.name == "StopLine" and area.road == signal.road and signal.dynamic
     ]
-    near = min(lines, key=lambda s: abs(s - signal.s), default=signal.s)
-    return near if abs(near - signal.s) <= LINE_WITHIN_M else signal.s
+    nearest = min(lines, key=lambda s: abs(s - signal.s), default=signal.s)
+    return nearest if abs(nearest - signal.s) <= LINE_WITHIN_M else signal.s
 
 
 def _beside(road: ModelRoad, signal: RoadSignal) -> RoadSignal | None:

@@ -115,14 +115,14 @@ def with_carla_stages(model: LaneModel) -> LaneModel:
     (``MapBuilder::GenerateDefaultValiditiesForSignalReferences``), and pedestrian heads would stop
     vehicles.
     """
-    model = replace(model, signals=tuple(_with_lanes(model, one) for one in model.signals))
+    model = replace(model, signals=tuple(_with_lanes(model, signal) for signal in model.signals))
     heads = {signal.id: signal for signal in model.signals if signal.dynamic}
     number = model.next_id
     controllers: list[SignalController] = []
-    for one in model.controllers:
-        for k, stage in enumerate(_stages(one, [heads[k] for k in one.signals if k in heads])):
-            signals = tuple(k for k in one.signals if k in stage)
-            controllers.append(replace(one, id=number if k else one.id, signals=signals))
+    for light in model.controllers:
+        for k, stage in enumerate(_stages(light, [heads[k] for k in light.signals if k in heads])):
+            signals = tuple(k for k in light.signals if k in stage)
+            controllers.append(replace(light, id=number if k else light.id, signals=signals))
             number += bool(k)
     return replace(model, controllers=tuple(controllers))
 
@@ -148,21 +148,21 @@ def _stages(program: SignalController, heads: Iterable[RoadSignal]) -> list[Head
     vehicles = frozenset(head.id for head in heads) - walkers
     shown = {head.id: _green(program, head) for head in heads}
     green = [
-        frozenset(one for one, lit in shown.items() if lit[number])
+        frozenset(head for head, lit in shown.items() if lit[number])
         for number in range(len(program.phases))
     ]
-    found = _covered(green, vehicles)
+    covered = _covered(green, vehicles)
     left = set(walkers)
-    for number, stage in enumerate(found):
-        also = {one for phase in green if stage <= phase for one in left & phase}
-        found[number] = stage | also
+    for number, stage in enumerate(covered):
+        also = {head for phase in green if stage <= phase for head in left & phase}
+        covered[number] = stage | also
         left -= also
-    found += _covered(green, frozenset(left))
-    found.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
+    covered += _covered(green, frozenset(left))
+    covered.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
     # Never green, or without a known program.
-    rest = [head for head in heads if not any(head.id in stage for stage in found)]
+    rest = [head for head in heads if not any(head.id in stage for stage in covered)]
     roads = sorted({head.road for head in rest})
-    return found + [frozenset(head.id for head in rest if head.road == road) for road in roads]
+    return covered + [frozenset(head.id for head in rest if head.road == road) for road in roads]
 
 
 def _green(program: SignalController, head: RoadSignal) -> list[bool]:
@@ -182,11 +182,11 @@ def _seconds(program: SignalController, lit: list[bool]) -> float:
 
 def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
     """Return sets of heads that are green at once, largest first, until all are included."""
-    left, found = wanted, []
+    left, groups = wanted, []
     while most := max((phase & left for phase in green), key=len, default=frozenset()):
-        found.append(most)
+        groups.append(most)
         left -= most
-    return found
+    return groups
 
 
 def as_right_hand_traffic(model: LaneModel) -> LaneModel:
@@ -221,9 +221,9 @@ def as_right_hand_traffic(model: LaneModel) -> LaneModel:
         ]
         along = signal.orientation != "-"
         choice = [part for part in parts if part.road is road]
-        there = named[0][0] if named else next((p.id for p in choice if p.along == along), road.id)
-        lanes = tuple(lane for number, lane in named if number == there)
-        signals.append(replace(signal, road=there, lanes=lanes))
+        target = named[0][0] if named else next((p.id for p in choice if p.along == along), road.id)
+        lanes = tuple(lane for number, lane in named if number == target)
+        signals.append(replace(signal, road=target, lanes=lanes))
     return replace(
         model, driving_side="right", roads=roads, junctions=junctions, signals=tuple(signals)
     )
@@ -277,8 +277,8 @@ def _section(part: _Part, k: int, model: LaneModel, renamed: _Renamed) -> LaneSe
                 successor=after,
             )
         )
-    mine = part.lanes(section)
-    inner = mine[0 if part.along else -1] if mine else None
+    part_lanes = part.lanes(section)
+    inner = part_lanes[0 if part.along else -1] if part_lanes else None
     centre = ("none", "none")
     if inner is not None:
         centre = _line(section, ordered, inner, left=part.along)
@@ -313,7 +313,9 @@ def _offset(part: _Part) -> Profile:
     return Profile(np.concatenate(starts), np.concatenate(rows))
 
 
-def _met(road: ModelRoad, k: int, model: LaneModel, *, ahead: bool) -> tuple[ModelRoad, int] | None:
+def _linked_section(
+    road: ModelRoad, k: int, model: LaneModel, *, ahead: bool
+) -> tuple[ModelRoad, int] | None:
     """Return road and section that a section's lanes are linked to at one end."""
     inner = k + (1 if ahead else -1)
     if 0 <= inner < len(road.sections):
@@ -321,8 +323,8 @@ def _met(road: ModelRoad, k: int, model: LaneModel, *, ahead: bool) -> tuple[Mod
     link = road.successor if ahead else road.predecessor
     if link is None or link.element != "road" or link.id not in model.road_by_id:
         return None
-    there = model.road_by_id[link.id]
-    return there, 0 if link.contact == "start" else len(there.sections) - 1
+    other = model.road_by_id[link.id]
+    return other, 0 if link.contact == "start" else len(other.sections) - 1
 
 
 def _renumbered(
@@ -334,10 +336,10 @@ def _renumbered(
     *,
     ahead: bool,
 ) -> int | None:
-    met = _met(road, k, model, ahead=ahead)
-    if lane is None or met is None:
+    linked = _linked_section(road, k, model, ahead=ahead)
+    if lane is None or linked is None:
         return None
-    return renamed.get((met[0].id, met[1], lane), (0, None))[1]
+    return renamed.get((linked[0].id, linked[1], lane), (0, None))[1]
 
 
 def _link(
@@ -348,13 +350,13 @@ def _link(
         return link
     road = part.road
     k = len(road.sections) - 1 if ahead else 0
-    met = _met(road, k, model, ahead=ahead)
-    if met is None:
+    linked = _linked_section(road, k, model, ahead=ahead)
+    if linked is None:
         return link
     for lane in sorted(part.lanes(road.sections[k]), key=lambda e: e.kind not in DRIVEN):
         other = lane.successor if ahead else lane.predecessor
-        if other is not None and (met[0].id, met[1], other) in renamed:
-            return replace(link, id=renamed[met[0].id, met[1], other][0])
+        if other is not None and (linked[0].id, linked[1], other) in renamed:
+            return replace(link, id=renamed[linked[0].id, linked[1], other][0])
     return link
 
 
@@ -373,15 +375,15 @@ def _connections(
     """Yield a connection for each pair of parts that its lanes link."""
     connecting = model.road_by_id[connection.connecting]
     k = 0 if connection.contact == "start" else len(connecting.sections) - 1
-    met = _met(connecting, k, model, ahead=connection.contact == "end")
-    if met is None or met[0].id != connection.incoming:
+    linked = _linked_section(connecting, k, model, ahead=connection.contact == "end")
+    if linked is None or linked[0].id != connection.incoming:
         incoming = model.road_by_id[connection.incoming]
-        met = incoming, len(incoming.sections) - 1
+        linked = incoming, len(incoming.sections) - 1
     links: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in connection.links:
-        one = renamed.get((met[0].id, met[1], first))
-        two = renamed.get((connecting.id, k, second))
-        if one is not None and two is not None:
-            links.setdefault((one[0], two[0]), []).append((one[1], two[1]))
+        start = renamed.get((linked[0].id, linked[1], first))
+        end = renamed.get((connecting.id, k, second))
+        if start is not None and end is not None:
+            links.setdefault((start[0], end[0]), []).append((start[1], end[1]))
     for (incoming_id, connecting_id), pairs in links.items():
         yield Connection(incoming_id, connecting_id, connection.contact, tuple(pairs))
