@@ -102,7 +102,7 @@ def add_side_lanes(
         crossings: (N, 2) pedestrian crossings, without parking, site frame.
         islands: (N, 2) crossings with a refuge, site frame.
     """
-    ways = by_way(segments)
+    segments_of_way = by_way(segments)
     meeting: dict[int, set[int]] = defaultdict(set)
     streets = [road for road in model.roads if road.junction < 0]
     for road in streets:
@@ -123,11 +123,11 @@ def add_side_lanes(
             else:
                 meets[end] = "street"
         refuges = islands_on(road, stations_on(road, islands, beyond=BEYOND_M), room)
-        parts = match_ways(road, ways)
+        parts = match_ways(road, segments_of_way)
         clear = stations_on(road, crossings)
         items = parking_and_shoulders(road, parts, meets, clear, room=room, country=country)
-        taken = {item.side for item in items}
-        items += [item for item in between.get(road.id, []) if item.side not in taken]
+        sides_taken = {item.side for item in items}
+        items += [item for item in between.get(road.id, []) if item.side not in sides_taken]
         items += refuges
         if items:
             wider, changed[road.id] = with_lanes(road, items)
@@ -157,7 +157,7 @@ def medians(
     stations = [
         np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2)) for road in roads
     ]
-    found: dict[int, list[Insertion]] = {}
+    lanes_of: dict[int, list[Insertion]] = {}
     widths = _widths(roads, stations, streets, shapes)
     for road, s, width in zip(roads, stations, widths, strict=True):
         side = _inner_side(road)
@@ -165,8 +165,8 @@ def medians(
             item for a, b in _spans(width) if (item := _median(road, side, s[a:b], width[a:b]))
         ]
         if items:
-            found[road.id] = items
-    return found
+            lanes_of[road.id] = items
+    return lanes_of
 
 
 def _is_driven(road: ModelRoad) -> bool:
@@ -197,22 +197,22 @@ def _widths(
     ).T
     pose = all_at([road.curve for road in roads], stations)
     edge = np.concatenate([road.offset.at(s) for road, s in zip(roads, stations, strict=True)])
-    near, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
-    probes = shapely.linestrings(np.stack([near, far], axis=1))
+    starts, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
+    probes = shapely.linestrings(np.stack([starts, far], axis=1))
     probe, hit = shapely.STRtree(shapes).query(probes, predicate="intersects")
-    others = np.array([(road.id, road.level) for road in streets])[hit]
-    fits = (others[:, 0] != number[probe]) & (others[:, 1] == level[probe])
+    street_keys = np.array([(road.id, road.level) for road in streets])[hit]
+    fits = (street_keys[:, 0] != number[probe]) & (street_keys[:, 1] == level[probe])
     probe, hit = probe[fits], hit[fits]
     crossed = shapely.intersection(np.asarray(shapes, object)[hit], probes[probe])
-    reach = shapely.distance(shapely.points(near[probe]), crossed) + 0.02
+    reach = shapely.distance(shapely.points(starts[probe]), crossed) + 0.02
     width = np.full(len(pose), math.nan)
     order = np.lexsort((reach, probe))
     # The nearest street at each station.
     nearest = order[np.unique(probe[order], return_index=True)[1]]
     for j in np.unique(hit[nearest]):
-        other, mine = streets[j], nearest[hit[nearest] == j]
-        k, gap = probe[mine], reach[mine]
-        heading = other.curve.at(other.curve.locate(near[k])[0])[:, 2]
+        other, rows = streets[j], nearest[hit[nearest] == j]
+        k, gap = probe[rows], reach[rows]
+        heading = other.curve.at(other.curve.locate(starts[k])[0])[:, 2]
         along = np.cos(heading - pose[k, 2])
         # A carriageway in the opposite direction has half of the median; a parallel one has none.
         share = np.where((along < -PARALLEL) & bool(_inner_side(other)), 0.5, 1.0)
@@ -223,8 +223,8 @@ def _widths(
 
 def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Return index ranges of the stretches with a median."""
-    known = np.concatenate([[False], np.isfinite(width), [False]])
-    change = np.flatnonzero(known[1:] != known[:-1])
+    is_finite = np.concatenate([[False], np.isfinite(width), [False]])
+    change = np.flatnonzero(is_finite[1:] != is_finite[:-1])
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
 
 
@@ -243,36 +243,36 @@ def _median(
 
 def by_way(segments: Iterable[MappedSegment]) -> dict[int, list[MappedSegment]]:
     """Return segments by id of their way."""
-    found: dict[int, list[MappedSegment]] = {}
+    grouped: dict[int, list[MappedSegment]] = {}
     for segment in segments:
-        found.setdefault(segment.way, []).append(segment)
-    return found
+        grouped.setdefault(segment.way, []).append(segment)
+    return grouped
 
 
 def match_ways(
     road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]
 ) -> list[MatchedWay]:
     """Return the parts of a road by ways, from its start to its end, without gaps."""
-    mine = [segment for way in road.ways for segment in segments.get(way, ())]
-    if not mine:
+    matched = [segment for way_id in road.ways for segment in segments.get(way_id, ())]
+    if not matched:
         return []
-    every, aside = road.curve.locate(np.concatenate([segment.points for segment in mine]))
-    found = []
+    every, lateral_m = road.curve.locate(np.concatenate([segment.points for segment in matched]))
+    matches = []
     end = 0
-    for segment in mine:
+    for segment in matched:
         begin, end = end, end + len(segment.points)
-        if np.abs(aside[begin:end]).max() >= OFF_M:
+        if np.abs(lateral_m[begin:end]).max() >= OFF_M:
             continue
         start, goal = float(every[begin]), float(every[end - 1])
         first = min(max(min(start, goal), 0.0), road.length)
         last = min(max(start, goal, 0.0), road.length)
         if last - first >= min(SHORTEST_MATCH_M, road.length / 2):
-            found.append(MatchedWay(first, last, segment.section, goal > start))
-    found.sort(key=lambda part: (part.first, part.last))
+            matches.append(MatchedWay(first, last, segment.section, goal > start))
+    matches.sort(key=lambda part: (part.first, part.last))
     whole: list[MatchedWay] = []
-    for k, part in enumerate(found):
+    for k, part in enumerate(matches):
         first = whole[-1].last if whole else 0.0
-        last = road.length if k == len(found) - 1 else part.last
+        last = road.length if k == len(matches) - 1 else part.last
         if last > first:
             whole.append(MatchedWay(first, last, part.section, part.aligned))
     return whole
@@ -300,7 +300,7 @@ def parking_and_shoulders(
         room: free space beside the roads; added lanes are subtracted from it.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
-    found: list[Insertion] = []
+    lanes: list[Insertion] = []
     for side in (1, -1):
         walk = _has_walk(road, side)
         for kind, clear, slant in (
@@ -310,15 +310,15 @@ def parking_and_shoulders(
             runs = _runs(parts, side, kind)
             if kind == "parking":
                 runs = [free for run in runs for free in _clear_of(run, crossings, clear)]
-            for first, last, width, track, stands in runs:
+            for first, last, width, track, orientation in runs:
                 a, b, ramps = _ends(road, (first, last), meets, clear=clear, moved=walk)
                 taper = float(np.clip(slant * width, SHORTEST_TAPER_M, LONGEST_TAPER_M))
                 place = "before_track" if track else "outer"
                 for start, end, profile in _fitted(road, side, (a, b), ramps, (width, taper), room):
-                    lane = Insertion(side, place, kind, start, end, profile, parking=stands)
-                    found.append(lane)
+                    lane = Insertion(side, place, kind, start, end, profile, parking=orientation)
+                    lanes.append(lane)
                     room.grow(road, side, start, end, width)
-    return found
+    return lanes
 
 
 def _has_walk(road: ModelRoad, side: int) -> bool:
@@ -334,10 +334,10 @@ def _runs(parts: Iterable[MatchedWay], side: int, kind: str) -> list[Run]:
     runs: list[Run] = []
     for part in parts:
         beside = part.roadside(side)
-        width, stands = beside.shoulder, ""
+        width, orientation = beside.shoulder, ""
         if kind == "parking":
             width = beside.parking.width if beside.parking is not None else 0.0
-            stands = beside.parking.orientation if beside.parking is not None else ""
+            orientation = beside.parking.orientation if beside.parking is not None else ""
         lanes = part.lanes(side)
         track = bool(lanes) and lanes[-1].track
         if width <= 0:
@@ -347,11 +347,11 @@ def _runs(parts: Iterable[MatchedWay], side: int, kind: str) -> list[Run]:
             before is not None
             and abs(before[1] - part.first) < 1e-6
             and abs(before[2] - width) < SAME_M
-            and before[3:] == (track, stands)
+            and before[3:] == (track, orientation)
         ):
             runs[-1] = (before[0], part.last, *before[2:])
         else:
-            runs.append((part.first, part.last, width, track, stands))
+            runs.append((part.first, part.last, width, track, orientation))
     return runs
 
 
@@ -359,14 +359,14 @@ def _clear_of(
     run: Run, crossings: Sequence[float] | NDArray[np.float64], clear: float
 ) -> list[Run]:
     """Return the parts of a run outside the surroundings of crossings."""
-    first, last, width, track, stands = run
-    found = []
-    for s in sorted(float(at) for at in crossings):
+    first, last, width, track, orientation = run
+    free_runs = []
+    for s in sorted(float(station_m) for station_m in crossings):
         if first < s + clear and s - clear < last:
-            found.append((first, s - clear, width, track, stands))
+            free_runs.append((first, s - clear, width, track, orientation))
             first = s + clear
-    found.append((first, last, width, track, stands))
-    return [item for item in found if item[1] > item[0]]
+    free_runs.append((first, last, width, track, orientation))
+    return [item for item in free_runs if item[1] > item[0]]
 
 
 def _ends(
@@ -404,7 +404,7 @@ def _fitted(
     room: Clearance,
 ) -> list[tuple[float, float, Profile]]:
     """Return the parts of a run with room for a lane, with its width along it."""
-    found = []
+    lane_parts = []
     first, last = run
     width, taper = size
     if last - first < SHORTEST_LANE_M:
@@ -413,8 +413,8 @@ def _fitted(
         up = taper if ramps[0] or a > first + 1e-6 else 0.0
         down = taper if ramps[1] or b < last - 1e-6 else 0.0
         if b - a - up - down >= SHORTEST_LANE_M:
-            found.append((a, b, _tapered(width, b - a, up, down)))
-    return found
+            lane_parts.append((a, b, _tapered(width, b - a, up, down)))
+    return lane_parts
 
 
 def _tapered(width: float, length: float, up: float, down: float) -> Profile:

@@ -122,13 +122,13 @@ def outer_border(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[
     """Return the offset t (N,) of a road's border on one side at stations (N,), metres."""
     t = np.asarray(road.offset.at(s), np.float64)
     starts = np.array([section.s for section in road.sections])
-    which = np.maximum(np.searchsorted(starts, s + 1e-9, side="right") - 1, 0)
+    section_index = np.maximum(np.searchsorted(starts, s + 1e-9, side="right") - 1, 0)
     for k, section in enumerate(road.sections):
         lanes = [lane for lane in section.lanes if lane.id * side > 0]
-        here = which == k
-        if lanes and here.any():
+        in_section = section_index == k
+        if lanes and in_section.any():
             outermost = max(lanes, key=lambda lane: abs(lane.id))
-            t[here] = road.border(section, outermost, s[here], outer=True)
+            t[in_section] = road.border(section, outermost, s[in_section], outer=True)
     return t
 
 
@@ -205,11 +205,11 @@ def _cut(
     if len(outline) < 3:
         return outline
     whole = areas_of(shapely.Polygon(outline))
-    near = walls.geometries[np.sort(walls.query(whole, predicate="intersects"))]
-    taken = area_difference(shapely.buffer(area_union(near), FREE_M), area_union(kept))
-    if area_intersection(whole, taken).is_empty:
+    close = walls.geometries[np.sort(walls.query(whole, predicate="intersects"))]
+    blocked = area_difference(shapely.buffer(area_union(close), FREE_M), area_union(kept))
+    if area_intersection(whole, blocked).is_empty:
         return outline
-    rest = [shapely.Polygon(part.exterior) for part in area_difference(whole, taken).geoms]
+    rest = [shapely.Polygon(part.exterior) for part in area_difference(whole, blocked).geoms]
     largest = max(rest, key=lambda part: part.area, default=None)
     return outline if largest is None else shapely.get_coordinates(largest)[:-1]
 
@@ -273,14 +273,14 @@ def _room(
         np.stack([road.curve.beside(s, inner)[k : len(s) - 1 + k] for k in (0, 1)], axis=1)
     )
     free = np.full(len(cells), np.inf)
-    which, wall = walls.query(cells, predicate="intersects")
-    if len(which):
-        inside = shapely.intersection(cells[which], walls.geometries[wall])
-        taken = ~shapely.is_empty(inside)
-        gap = shapely.distance(edges[which[taken]], inside[taken]) - FREE_M
-        np.minimum.at(free, which[taken], np.maximum(gap, 0.0))
-    here = np.minimum(np.append(free, np.inf), np.concatenate([[np.inf], free]))
-    return np.asarray(np.minimum(here, np.abs(outer - inner)))
+    cell, wall = walls.query(cells, predicate="intersects")
+    if len(cell):
+        inside = shapely.intersection(cells[cell], walls.geometries[wall])
+        overlaps = ~shapely.is_empty(inside)
+        gap = shapely.distance(edges[cell[overlaps]], inside[overlaps]) - FREE_M
+        np.minimum.at(free, cell[overlaps], np.maximum(gap, 0.0))
+    width = np.minimum(np.append(free, np.inf), np.concatenate([[np.inf], free]))
+    return np.asarray(np.minimum(width, np.abs(outer - inner)))
 
 
 def _tapered(width: NDArray[np.float64], step: float) -> NDArray[np.float64]:

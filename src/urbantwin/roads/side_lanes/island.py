@@ -78,10 +78,10 @@ def islands_on(
     driven = [lane for lane in lanes if lane.kind not in RAISED_KINDS]
     if len({lane.id > 0 for lane in driven}) != 2 or not road.offset.is_zero:
         return []
-    found: list[Insertion] = []
-    taken = CLEAR_M
-    for s in sorted(float(at) for at in stations):
-        first, last = max(s - REACH_M, taken), min(s + REACH_M, road.length - CLEAR_M)
+    islands: list[Insertion] = []
+    free_from = CLEAR_M
+    for s in sorted(float(station_m) for station_m in stations):
+        first, last = max(s - REACH_M, free_from), min(s + REACH_M, road.length - CLEAR_M)
         if last - first < SHORTEST_M:
             continue
         half = WIDTH_M / 2
@@ -89,11 +89,11 @@ def islands_on(
             continue
         for side in (1, -1):
             room.grow(road, side, first, last, half)
-        found.append(
+        islands.append(
             Insertion(-1, "reference", "island", first, last, _lens(last - first), CURB_HEIGHT_M)
         )
-        taken = last + CLEAR_M
-    return found
+        free_from = last + CLEAR_M
+    return islands
 
 
 def moved_aside(road: ModelRoad, islands: Sequence[Insertion]) -> ModelRoad:
@@ -141,11 +141,11 @@ def _area(
     right, left = (inner, outer) if lane.id > 0 else (outer, inner)
     # Both borders meet at the noses.
     ring = np.vstack([road.place(s, right), road.place(s[1:-1], left[1:-1])[::-1]])
-    at = float((section.s + end) / 2)
-    x, y, heading = road.curve.pose(at)
-    gap = ring - [x, y, float(road.elevation.at(at)[0])]
+    middle = float((section.s + end) / 2)
+    x, y, heading = road.curve.pose(middle)
+    gap = ring - [x, y, float(road.elevation.at(middle)[0])]
     c, sn = np.cos(heading), np.sin(heading)
     corners = np.column_stack(
         [gap[:, 0] * c + gap[:, 1] * sn, gap[:, 1] * c - gap[:, 0] * sn, gap[:, 2]]
     )
-    return RoadArea(number, road.id, "trafficIsland", "island", at, corners, lane.height)
+    return RoadArea(number, road.id, "trafficIsland", "island", middle, corners, lane.height)

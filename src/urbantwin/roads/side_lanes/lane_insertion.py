@@ -157,11 +157,11 @@ def _linked_to(section: LaneSection, end: str, ids: Mapping[int, int]) -> LaneSe
 
 
 def _distinct(borders: Sequence[float], length: float) -> list[float]:
-    found = [0.0]
+    stations = [0.0]
     for s in sorted(borders):
-        if s > found[-1] + SLIVER_M and s < length - SLIVER_M:
-            found.append(float(s))
-    return found
+        if s > stations[-1] + SLIVER_M and s < length - SLIVER_M:
+            stations.append(float(s))
+    return stations
 
 
 def _row(
@@ -175,21 +175,21 @@ def _row(
     ]
     flat = next((k for k, x in enumerate(old) if x.kind in RAISED_KINDS), len(old))
     inside = flat - 1 if flat and old[flat - 1].kind == "bicycle" else flat
-    at = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
+    index_of = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
     forward = old[0].forward if old else any(x.forward for x in section.lanes)
     # From the outermost place inwards, so that positions stay valid.
-    for k, item in sorted(active, key=lambda pair: (-at[pair[1].place], -pair[0])):
+    for k, item in sorted(active, key=lambda pair: (-index_of[pair[1].place], -pair[0])):
         lane = SectionLane(
             side, item.kind, item.width, forward, height=item.height, parking=item.parking
         )
-        row.insert(at[item.place], (("new", k, 0), lane, item.first))
+        row.insert(index_of[item.place], (("new", k, 0), lane, item.first))
     return row
 
 
 def _linked(
     road: ModelRoad, parts: Sequence[Mapping[Key, SectionLane]], bases: Sequence[int], k: int
 ) -> list[SectionLane]:
-    found = []
+    linked = []
     for key, lane in parts[k].items():
         before, after = lane.predecessor, lane.successor
         if k > 0:
@@ -201,8 +201,8 @@ def _linked(
         elif key[0] == "new":
             after = None
         same = (before, after) == (lane.predecessor, lane.successor)
-        found.append(lane if same else replace(lane, predecessor=before, successor=after))
-    return found
+        linked.append(lane if same else replace(lane, predecessor=before, successor=after))
+    return linked
 
 
 def _neighbour(

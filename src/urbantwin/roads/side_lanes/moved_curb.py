@@ -81,21 +81,21 @@ def with_moved_curbs(
     moves = {number: CurbMove() for number in lines}
     streets = [road for road in model.roads if road.junction < 0 and any(road.ways)]
     follows = [
-        one
+        follow
         for number, parts in lines.items()
         for line in parts
-        for one in _follows(streets, line, number, moves[number])
+        for follow in _followed_curbs(streets, line, number, moves[number])
     ]
     ends = _shared_ends(model, follows)
     roads = model.road_by_id
     edited: dict[int, ModelRoad] = {}
     changed: dict[int, Renumbering] = {}
-    for one in follows:
-        road = edited.get(one.road, roads[one.road])
-        moved, renumbering = _moved(road, one, ends, moves[one.number])
+    for follow in follows:
+        road = edited.get(follow.road, roads[follow.road])
+        moved, renumbering = _moved(road, follow, ends, moves[follow.number])
         if renumbering is not None:
             before = changed.get(road.id)
-            changed[road.id] = renumbering if before is None else _both(before, renumbering)
+            changed[road.id] = renumbering if before is None else _composed(before, renumbering)
         edited[road.id] = moved
     if not edited:
         return model, moves
@@ -103,7 +103,7 @@ def with_moved_curbs(
     return relinked(whole, changed), moves
 
 
-def _both(first: Renumbering, second: Renumbering) -> Renumbering:
+def _composed(first: Renumbering, second: Renumbering) -> Renumbering:
     return Renumbering(
         {old: second.start.get(new, new) for old, new in first.start.items()},
         {old: second.end.get(new, new) for old, new in first.end.items()},
@@ -125,11 +125,11 @@ def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.
     if _is_inner(road, side):
         return np.asarray(side * road.offset.at(s))
     out = np.full(len(s), np.nan)
-    which = np.searchsorted([x.s for x in road.sections], s + 1e-9, side="right") - 1
+    section_index = np.searchsorted([x.s for x in road.sections], s + 1e-9, side="right") - 1
     for k, section in enumerate(road.sections):
-        here, flat = which == k, _flat(section, side)
-        if flat and here.any():
-            out[here] = side * road.border(section, flat[-1], s[here], outer=True)
+        in_section, flat = section_index == k, _flat(section, side)
+        if flat and in_section.any():
+            out[in_section] = side * road.border(section, flat[-1], s[in_section], outer=True)
     return out
 
 
@@ -140,7 +140,7 @@ def _is_inner(road: ModelRoad, side: int) -> bool:
     )
 
 
-def _follows(
+def _followed_curbs(
     streets: Sequence[ModelRoad], line: shapely.LineString, number: int, move: CurbMove
 ) -> list[_Follow]:
     """Return the curbs that follow a line: for each piece the nearest parallel one."""
@@ -165,29 +165,29 @@ def _follows(
             & along
             & np.isfinite(out)
         )
-        near = away[within].min(initial=np.inf)
-        move.nearest_m = min(move.nearest_m, float(near))
+        nearest_m = away[within].min(initial=np.inf)
+        move.nearest_m = min(move.nearest_m, float(nearest_m))
         better = within & (away < gap) & (away <= FARTHEST_M)
         gap[better], owner[better] = away[better], k
         stations[k] = s, side * t
-    found = []
-    for k, mine in _runs(owner):
-        s, out = (value[mine] for value in stations[k])
+    curbs = []
+    for k, run in _runs(owner):
+        s, out = (value[run] for value in stations[k])
         order = np.argsort(s, kind="stable")
         s, out = s[order], out[order]
         keep = np.concatenate([[True], np.diff(s) > 1e-6])
         road, side = sides[k]
         if s[-1] - s[0] >= min(SHORTEST_M, line.length / 2):
-            found.append(_Follow(road.id, side, s[keep], out[keep], number))
-    return found
+            curbs.append(_Follow(road.id, side, s[keep], out[keep], number))
+    return curbs
 
 
 def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Yield runs of points with one owner, and the owner; short interruptions are ignored."""
     for k in np.unique(owner[owner >= 0]).tolist():
-        mine = np.flatnonzero(owner == k)
-        apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / FRONTAGE_STEP_M) + 1
-        for run in np.split(mine, apart):
+        indices = np.flatnonzero(owner == k)
+        apart = np.flatnonzero(np.diff(indices) > BETWEEN_M / FRONTAGE_STEP_M) + 1
+        for run in np.split(indices, apart):
             yield k, run
 
 
@@ -198,45 +198,45 @@ def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int,
     """
     roads = model.road_by_id
     reached: set[tuple[int, str, int]] = set()
-    for one in follows:
-        road = roads[one.road]
+    for follow in follows:
+        road = roads[follow.road]
         for end, touches in (
-            ("start", one.s[0] < 2 * FRONTAGE_STEP_M),
-            ("end", one.s[-1] > road.length - 2 * FRONTAGE_STEP_M),
+            ("start", follow.s[0] < 2 * FRONTAGE_STEP_M),
+            ("end", follow.s[-1] > road.length - 2 * FRONTAGE_STEP_M),
         ):
             if touches:
-                reached.add((one.road, end, one.side))
-    found = set()
+                reached.add((follow.road, end, follow.side))
+    shared = set()
     for number, end, side in reached:
         link = roads[number].predecessor if end == "start" else roads[number].successor
         if link is None or link.element != "road":
             continue
         other = side if link.contact != end else -side
         if (link.id, link.contact, other) in reached:
-            found.add((number, end, side))
-    return found
+            shared.add((number, end, side))
+    return shared
 
 
 def _moved(
     road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]], move: CurbMove
 ) -> tuple[ModelRoad, Renumbering | None]:
     """Return a road with one curb moved to its line."""
-    s, wanted = _way(road, one, ends)
+    s, shift_m = _displacements(road, one, ends)
     if len(s) < 2:
         return road, None
     inner = _is_inner(road, one.side)
-    out, inwards = np.maximum(wanted, 0.0), np.maximum(-wanted, 0.0)
+    out, inwards = np.maximum(shift_m, 0.0), np.maximum(-shift_m, 0.0)
     short = _missing(road, -one.side if inner else one.side, s, inwards, most=1 if inner else None)
     if short > NEAR_M:
         move.why_not.append(f"lanes would be {short:.2f} m too narrow for traffic")
         return road, None
     drawn = (s >= one.s[0]) & (s <= one.s[-1])
     move.metres += float(one.s[-1] - one.s[0])
-    move.farthest_m = max(move.farthest_m, float(np.abs(wanted[drawn]).max(initial=0.0)))
+    move.farthest_m = max(move.farthest_m, float(np.abs(shift_m[drawn]).max(initial=0.0)))
     raised = [x for x in road.section_at(float(one.s.mean())).lanes if x.id * one.side > 0]
     move.has_curb &= any(x.kind in RAISED_KINDS for x in raised)
     if inner:
-        return _inner_moved(road, one.side, s, wanted), None
+        return _inner_moved(road, one.side, s, shift_m), None
     if inwards.max() > NEAR_M:
         road = _narrower(road, one.side, s, inwards)
     if out.max() <= NEAR_M:
@@ -259,7 +259,7 @@ def _moved(
     return with_lanes(road, [shoulder])
 
 
-def _way(
+def _displacements(
     road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stations (N,) and displacements outwards (N,) of the curb, with transitions."""
@@ -270,24 +270,24 @@ def _way(
         last = road.length
     s = np.unique(np.concatenate([np.arange(first, last, FRONTAGE_STEP_M), [last]]))
     curb = _curb_out(road, one.side, s)
-    wanted = np.interp(s, one.s, one.out_m) - curb
-    known = np.isfinite(wanted)
-    s, wanted = s[known], wanted[known]
+    shift_m = np.interp(s, one.s, one.out_m) - curb
+    is_finite = np.isfinite(shift_m)
+    s, shift_m = s[is_finite], shift_m[is_finite]
     if len(s) < 2:
-        return s, wanted
-    before = _taper(float(s[0]), float(wanted[0]), goes_on=(road.id, "start", one.side) in ends)
+        return s, shift_m
+    before = _taper(float(s[0]), float(shift_m[0]), goes_on=(road.id, "start", one.side) in ends)
     after = _taper(
-        road.length - float(s[-1]), float(wanted[-1]), goes_on=(road.id, "end", one.side) in ends
+        road.length - float(s[-1]), float(shift_m[-1]), goes_on=(road.id, "end", one.side) in ends
     )
     whole = np.unique(
         np.concatenate(
             [s, s[0] - np.linspace(0, before[0], 12), s[-1] + np.linspace(0, after[0], 12)]
         )
     )
-    moved = np.interp(whole, s, wanted)
-    for (outside, inside), end, way in ((before, s[0], 1.0), (after, s[-1], -1.0)):
+    moved = np.interp(whole, s, shift_m)
+    for (outside, inside), end, sign in ((before, s[0], 1.0), (after, s[-1], -1.0)):
         if outside + inside > 0:
-            u = np.clip((way * (whole - end) + outside) / (outside + inside), 0.0, 1.0)
+            u = np.clip((sign * (whole - end) + outside) / (outside + inside), 0.0, 1.0)
             moved = moved * u * u * (3 - 2 * u)
     return whole, moved
 
@@ -314,14 +314,14 @@ def _missing(
     """
     short = 0.0
     for section, end in zip(road.sections, road.section_ends, strict=True):
-        here = (s >= section.s) & (s <= end)
-        if not here.any():
+        in_section = (s >= section.s) & (s <= end)
+        if not in_section.any():
             continue
-        given = np.zeros(int(here.sum()))
+        spare_m = np.zeros(int(in_section.sum()))
         for lane in _flat(section, side)[:most]:
-            usual = lane.width.at(s[here] - section.s)
-            given = given + np.maximum(usual - NARROWEST_M.get(lane.kind, usual), 0.0)
-        short = max(short, float((inwards[here] - given).max()))
+            usual = lane.width.at(s[in_section] - section.s)
+            spare_m = spare_m + np.maximum(usual - NARROWEST_M.get(lane.kind, usual), 0.0)
+        short = max(short, float((inwards[in_section] - spare_m).max()))
     return short
 
 
@@ -334,14 +334,16 @@ def _narrower(
         lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
     ) -> Lanes:
         left = np.interp(at, s, inwards, left=0.0, right=0.0)
-        found = {}
+        narrowed = {}
         for lane in reversed(lanes):
             usual = lane.width.at(ds)
-            given = np.clip(usual - NARROWEST_M.get(lane.kind, usual), 0.0, left)
-            if given.max(initial=0.0) > 0:
-                found[lane.id] = replace(lane, width=straight_pieces(ds, usual - given, NEAR_M))
-            left = left - given
-        return found
+            reduction_m = np.clip(usual - NARROWEST_M.get(lane.kind, usual), 0.0, left)
+            if reduction_m.max(initial=0.0) > 0:
+                narrowed[lane.id] = replace(
+                    lane, width=straight_pieces(ds, usual - reduction_m, NEAR_M)
+                )
+            left = left - reduction_m
+        return narrowed
 
     return _with_widths(road, side, s, changed)
 
@@ -368,14 +370,14 @@ def _inner_moved(
 
     The lane there becomes wider, and a raised lane beside it (a median) becomes narrower.
     """
-    at = np.unique(
+    stations = np.unique(
         np.concatenate(
             [np.arange(0.0, road.length, FRONTAGE_STEP_M), [road.length], s, road.offset.start]
         )
     )
-    at = at[(at >= 0.0) & (at <= road.length)]
-    offset = road.offset.at(at) + side * np.interp(at, s, out, left=0.0, right=0.0)
-    road = replace(road, offset=straight_pieces(at, offset, NEAR_M))
+    stations = stations[(stations >= 0.0) & (stations <= road.length)]
+    offset = road.offset.at(stations) + side * np.interp(stations, s, out, left=0.0, right=0.0)
+    road = replace(road, offset=straight_pieces(stations, offset, NEAR_M))
 
     def wider(
         lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
@@ -417,9 +419,9 @@ def _with_widths(
             steps = np.linspace(
                 section.s, end, max(2, int((end - section.s) / FRONTAGE_STEP_M) + 2)
             )
-            at = np.unique(np.concatenate([steps, s, *knots]))
-            at = at[(at >= section.s) & (at <= end)]
-            new = changed(lanes, at - section.s, at)
+            stations = np.unique(np.concatenate([steps, s, *knots]))
+            stations = stations[(stations >= section.s) & (stations <= end)]
+            new = changed(lanes, stations - section.s, stations)
             section = replace(  # noqa: PLW2901
                 section, lanes=tuple(new.get(lane.id, lane) for lane in section.lanes)
             )
