@@ -115,10 +115,10 @@ class Approach:
     @cached_property
     def groups(self) -> list[list[WaitingLane]]:
         """Groups of lanes with the same states, from the kerb inwards."""
-        found: dict[tuple[str, ...], list[WaitingLane]] = defaultdict(list)
+        groups: dict[tuple[str, ...], list[WaitingLane]] = defaultdict(list)
         for lane in self.lanes:
-            found[lane.shown].append(lane)
-        return list(found.values())
+            groups[lane.shown].append(lane)
+        return list(groups.values())
 
 
 def approaches_of(model: LaneModel) -> list[Approach]:
@@ -129,20 +129,20 @@ def approaches_of(model: LaneModel) -> list[Approach]:
     """
     outward = -1 if model.driving_side == "right" else 1
     shows = {controller.name: controller for controller in model.controllers}
-    found: dict[tuple[str, int, bool], list[RoadSignal]] = defaultdict(list)
+    signals_of: dict[tuple[str, int, bool], list[RoadSignal]] = defaultdict(list)
     entries = _entries(model)
     for signal in model.signals:
         road = model.road_by_id[signal.road]
         if not signal.dynamic or not signal.lanes or signal.orientation not in "+-":
             continue
         if road.junction < 0:
-            found[signal.program, road.id, signal.orientation == "+"].append(signal)
+            signals_of[signal.program, road.id, signal.orientation == "+"].append(signal)
             continue
         for name in signal.strip.split():
             for number, forward, lane in sorted(entries.get(name, ())):
-                found[signal.program, number, forward].append(replace(signal, lanes=(lane,)))
+                signals_of[signal.program, number, forward].append(replace(signal, lanes=(lane,)))
     result = []
-    for (program, number, forward), signals in sorted(found.items()):
+    for (program, number, forward), signals in sorted(signals_of.items()):
         road = model.road_by_id[number]
         s = road.length if forward else 0.0
         x, y, heading = road.curve.pose(s)
@@ -150,7 +150,7 @@ def approaches_of(model: LaneModel) -> list[Approach]:
         lanes = [_waiting(model, frame, signal, shows.get(program)) for signal in signals]
         lanes.sort(key=lambda lane: -outward * lane.v)
         within = [signal for signal in signals if signal.road != number]
-        ahead = [frame.locate(_place(model, signal))[0] for signal in within]
+        ahead = [frame.locate(_position(model, signal))[0] for signal in within]
         exit_ = _exit(model, road, frame, forward, outward)
         result.append(
             Approach(
@@ -197,24 +197,24 @@ def stop_lines_within(model: LaneModel, approaches: Sequence[Approach]) -> list[
 
 def _entries(model: LaneModel) -> dict[str, set[tuple[int, bool, int]]]:
     """Return strip within a junction -> the streets that lead there, with direction and lane."""
-    found: dict[str, set[tuple[int, bool, int]]] = defaultdict(set)
+    entries: dict[str, set[tuple[int, bool, int]]] = defaultdict(set)
     for junction in model.junctions:
         for connection in junction.connections:
-            way = model.road_by_id.get(connection.connecting)
+            road = model.road_by_id.get(connection.connecting)
             street = model.road_by_id.get(connection.incoming)
-            if way is None or street is None:
+            if road is None or street is None:
                 continue
-            link = way.predecessor if connection.contact == "start" else way.successor
+            link = road.predecessor if connection.contact == "start" else road.successor
             forward = link is not None and link.contact == "end"
-            for section in way.sections:
+            for section in road.sections:
                 for start, lane in connection.links:
                     strip = section.by_id[lane].strip if lane in section.by_id else ""
                     for name in strip.split():
-                        found[name].add((street.id, forward, start))
-    return found
+                        entries[name].add((street.id, forward, start))
+    return entries
 
 
-def _place(model: LaneModel, signal: RoadSignal) -> NDArray[np.float64]:
+def _position(model: LaneModel, signal: RoadSignal) -> NDArray[np.float64]:
     road = model.road_by_id[signal.road]
     return np.asarray(road.place(signal.s, signal.t)[0, :2])
 
@@ -262,20 +262,20 @@ def _exit(
         return None
     best: tuple[float, Frame, ModelRoad] | None = None
     for connection in junction.connections:
-        way = model.road_by_id.get(connection.connecting)
-        if connection.incoming != road.id or way is None:
+        via = model.road_by_id.get(connection.connecting)
+        if connection.incoming != road.id or via is None:
             continue
-        at = way.length if connection.contact == "start" else 0.0
-        x, y, heading = way.curve.pose(at)
-        end = Frame(x, y, heading + (0.0 if at else math.pi))
+        end_m = via.length if connection.contact == "start" else 0.0
+        x, y, heading = via.curve.pose(end_m)
+        end = Frame(x, y, heading + (0.0 if end_m else math.pi))
         turn = abs(wrapped(end.heading - frame.heading))
         u, _ = frame.locate((x, y))
         if turn < STRAIGHT and u > 3.0 and (best is None or turn < best[0] - 1e-6):
-            best = (turn, end, way)
+            best = (turn, end, via)
     if best is None:
         return None
-    _, end, way = best
-    other = way.successor if way.predecessor and way.predecessor.id == road.id else way.predecessor
+    _, end, via = best
+    other = via.successor if via.predecessor and via.predecessor.id == road.id else via.predecessor
     street = model.road_by_id.get(other.id) if other and other.element == "road" else None
     if street is None:
         return Exit(end, outward * 2.0)

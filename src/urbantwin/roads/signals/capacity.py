@@ -72,12 +72,12 @@ def capped(ratios: Sequence[float], most: float = MOST_RATIO) -> list[float]:
         ratios: critical flow ratio of each stage.
         most: maximum green share of the cycle.
     """
-    found = np.asarray(ratios, np.float64)
-    far = found > most
+    limited = np.asarray(ratios, np.float64)
+    far = limited > most
     if far.any():
-        left = (most - found[~far].sum()) / far.sum()
-        found = np.where(far, max(left, most / len(found)), found)
-    return [float(one) for one in found]
+        left = (most - limited[~far].sum()) / far.sum()
+        limited = np.where(far, max(left, most / len(limited)), limited)
+    return [float(ratio) for ratio in limited]
 
 
 def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: float) -> list[float]:
@@ -90,19 +90,19 @@ def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: floa
     """
     weights = np.maximum(np.asarray(ratios, np.float64), 1e-6)
     shortest = np.asarray(least, np.float64)
-    found = shortest.copy()
-    free = np.ones(len(found), bool)
+    green = shortest.copy()
+    free = np.ones(len(green), bool)
     while free.any():
         share = (whole_s - shortest[~free].sum()) * weights / weights[free].sum()
         short = free & (share < shortest)
         if not short.any():
-            found[free] = share[free]
+            green[free] = share[free]
             break
         free &= ~short
-    whole = np.floor(found + 1e-6)
+    whole = np.floor(green + 1e-6)
     rest = round(whole_s - whole.sum())
     # The remainder goes to the stages that rounding reduced most.
-    for k in np.argsort(whole - found, kind="stable")[: max(rest, 0)]:
+    for k in np.argsort(whole - green, kind="stable")[: max(rest, 0)]:
         whole[k] += 1.0
     return [float(seconds) for seconds in whole]
 
@@ -232,8 +232,8 @@ def lane_loads(junction: Signalised, phases: Sequence[Phase], flows: Flows) -> l
         links[link.lane][link] = count
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
-    found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
-    return sorted(found, key=lambda item: -item.load)
+    loads = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
+    return sorted(loads, key=lambda item: -item.load)
 
 
 def _capacity(

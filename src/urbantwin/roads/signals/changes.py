@@ -111,14 +111,14 @@ class Changes:
         """Return whether pedestrians of a crossing and others block a lane completely."""
         junction = self.junction
         people = [link for k in green if junction.is_walk(k) for link in junction.of_index[k]]
-        own = junction.of_index[walk]
+        own_links = junction.of_index[walk]
         lanes: dict[str, list[Link]] = defaultdict(list)
         for link in junction.links:
             if link.index in green and not junction.is_walk(link.index):
                 lanes[link.lane].append(link)
         return any(
             all(any(junction.gives_way(link, other) for other in people) for link in links)
-            and any(junction.gives_way(link, other) for link in links for other in own)
+            and any(junction.gives_way(link, other) for link in links for other in own_links)
             for links in lanes.values()
         )
 
@@ -130,9 +130,9 @@ class Changes:
         for _ in driven:
             for k in driven:
                 needed = [
-                    late[way.index] + math.ceil(way.length / INNER_M_S)
-                    for way in self.junction.feeders[k]
-                    if way.index in late
+                    late[feeder.index] + math.ceil(feeder.length / INNER_M_S)
+                    for feeder in self.junction.feeders[k]
+                    if feeder.index in late
                 ]
                 if needed:
                     late[k] = min(max(needed), LONGEST_INNER_S)
@@ -173,12 +173,12 @@ def phases_of_stages(
     times = {0.0, cycle, *(round(t % cycle, 6) for _, *ends in (*greens, *yellows) for t in ends)}
     phases = []
     for start, stop in pairwise(sorted(times)):
-        green, yellow = (_at((start + stop) / 2, spans, cycle) for spans in (greens, yellows))
+        green, yellow = (_links_at((start + stop) / 2, spans, cycle) for spans in (greens, yellows))
         phases.append((stop - start, _state(junction, green, yellow - green)))
     return _joined(phases)
 
 
-def _at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) -> set[int]:
+def _links_at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) -> set[int]:
     """Return the links with a time span that includes a time of the cycle."""
     return {
         index
@@ -189,24 +189,24 @@ def _at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) ->
 
 def _state(junction: Signalised, green: set[int], yellow: set[int]) -> str:
     """Return the state of a phase; ``g`` where a link yields to another active one."""
-    found: Mapping[int, str] = dict.fromkeys(green, "G") | dict.fromkeys(yellow, "y")
-    on = [link for index in sorted(found) for link in junction.of_index[index]]
+    active: Mapping[int, str] = dict.fromkeys(green, "G") | dict.fromkeys(yellow, "y")
+    on = [link for index in sorted(active) for link in junction.of_index[index]]
     waiting = {
         link.index
         for link in on
         if link.movement != "walk"
-        and any(other.index in found for other in junction.yields_to[link] if other is not link)
+        and any(other.index in active for other in junction.yields_to[link] if other is not link)
     }
-    letters = {k: "g" if letter == "G" and k in waiting else letter for k, letter in found.items()}
+    letters = {k: "g" if letter == "G" and k in waiting else letter for k, letter in active.items()}
     return "".join(letters.get(index, "r") for index in range(junction.size))
 
 
 def _joined(phases: Sequence[Phase]) -> tuple[Phase, ...]:
     """Merge consecutive phases with equal states."""
-    found: list[Phase] = []
+    joined: list[Phase] = []
     for seconds, state in phases:
-        if found and found[-1][1] == state:
-            found[-1] = (found[-1][0] + seconds, state)
+        if joined and joined[-1][1] == state:
+            joined[-1] = (joined[-1][0] + seconds, state)
         else:
-            found.append((seconds, state))
-    return tuple((round(seconds, 3), state) for seconds, state in found)
+            joined.append((seconds, state))
+    return tuple((round(seconds, 3), state) for seconds, state in joined)

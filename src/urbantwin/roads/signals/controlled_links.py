@@ -160,10 +160,10 @@ class Signalised:
     @cached_property
     def of_index(self) -> Mapping[int, tuple[Link, ...]]:
         """Links by index."""
-        found: dict[int, list[Link]] = defaultdict(list)
+        by_index: dict[int, list[Link]] = defaultdict(list)
         for link in self.links:
-            found[link.index].append(link)
-        return {index: tuple(links) for index, links in found.items()}
+            by_index[link.index].append(link)
+        return {index: tuple(links) for index, links in by_index.items()}
 
     @cached_property
     def yields_to(self) -> Mapping[Link, tuple[Link, ...]]:
@@ -184,15 +184,15 @@ class Signalised:
     @cached_property
     def feeders(self) -> Mapping[int, Sequence[Feeder]]:
         """Index -> links that lead to its stop line from another stop line of the program."""
-        found: dict[int, list[Feeder]] = {index: [] for index in self.of_index}
+        feeders_of: dict[int, list[Feeder]] = {index: [] for index in self.of_index}
         for link in self.links:
             if link.movement == "walk" or link.road not in self.inner_m:
                 continue
             for before in self.links:
                 if before.movement != "walk" and before.to.rpartition("_")[0] == link.road:
                     length = before.length + self.inner_m[link.road]
-                    found[link.index].append(Feeder(before.index, length))
-        return found
+                    feeders_of[link.index].append(Feeder(before.index, length))
+        return feeders_of
 
     def together(self, i: int, j: int) -> bool:
         """Return whether the links of two indices may have green at the same time."""
@@ -265,11 +265,11 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     lanes = {lane.get("id"): lane for lane in root.iter("lane")}
     outgoing = outgoing_of_lanes(root)
-    bends = _bend_speeds(root)
+    bend_speeds = _bend_speeds(root)
     links: dict[str, list[Link]] = defaultdict(list)
     foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
     yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
-    at: dict[str, list[etree._Element]] = defaultdict(list)
+    junctions_of: dict[str, list[etree._Element]] = defaultdict(list)
     streets_at = _streets(edges.values())
     for junction in root.iter("junction"):
         if junction.get("type") == "internal":
@@ -278,29 +278,29 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
         rows = rows_of_junction(junction, outgoing, edges)
         programs = {item.get("tl") for item in rows} - {None}
         for program in programs:
-            at[program].append(junction)
+            junctions_of[program].append(junction)
         for row, item in enumerate(rows):
             if item.get("tl"):
-                links[item.get("tl")].append(_link(item, name, row, edges, lanes, bends))
+                links[item.get("tl")].append(_link(item, name, row, edges, lanes, bend_speeds))
         for request in junction.iter("request"):
             row = int(request.get("index"))
             for key, table in (("foes", foes), ("response", yields)):
-                others = request.get(key)[::-1]
+                bits = request.get(key)[::-1]
                 for program in programs:
                     table[program] |= {
-                        (name, row, other) for other, bit in enumerate(others) if bit == "1"
+                        (name, row, other) for other, bit in enumerate(bits) if bit == "1"
                     }
-    found = []
+    junctions = []
     for logic in sorted(root.iter("tlLogic"), key=lambda item: str(item.get("id"))):
         program = logic.get("id")
         if not links[program]:
             continue
-        middles = [[float(j.get("x")), float(j.get("y"))] for j in at[program]]
-        names = [pair for j in at[program] for pair in streets_at[j.get("id")]]
-        found.append(
+        middles = [[float(j.get("x")), float(j.get("y"))] for j in junctions_of[program]]
+        names = [pair for j in junctions_of[program] for pair in streets_at[j.get("id")]]
+        junctions.append(
             Signalised(
                 program,
-                tuple(sorted(j.get("id") for j in at[program])),
+                tuple(sorted(j.get("id") for j in junctions_of[program])),
                 tuple(dict.fromkeys(name for _, name in sorted(names))),
                 np.mean(middles, axis=0),
                 tuple(sorted(links[program], key=lambda link: (link.index, link.lane))),
@@ -320,22 +320,22 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                 ),
             )
         )
-    return found
+    return junctions
 
 
 def _inner_edges(links: Sequence[Link], lanes: Mapping[str, etree._Element]) -> dict[str, float]:
     let_in = {link.to.rpartition("_")[0] for link in links if link.movement != "walk"}
     inner = {link.road: link.lane for link in links if link.road in let_in}
-    found = {road: float(lanes[lane].get("length")) for road, lane in inner.items()}
-    return {road: length for road, length in found.items() if length < INNER_M}
+    lengths = {road: float(lanes[lane].get("length")) for road, lane in inner.items()}
+    return {road: length for road, length in lengths.items() if length < INNER_M}
 
 
 def outgoing_of_lanes(root: etree._Element) -> Mapping[str, list[etree._Element]]:
     """Return lane -> the connections that begin on it."""
-    found: dict[str, list[etree._Element]] = defaultdict(list)
+    outgoing: dict[str, list[etree._Element]] = defaultdict(list)
     for item in root.iter("connection"):
-        found[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
-    return found
+        outgoing[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    return outgoing
 
 
 def rows_of_junction(
@@ -363,14 +363,14 @@ def _shape(lane: etree._Element) -> NDArray[np.float64]:
 
 def _streets(edges: Iterable[etree._Element]) -> dict[str, list[tuple[float, str]]]:
     """Return junction -> (bearing, name) of its streets."""
-    found: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    streets: dict[str, list[tuple[float, str]]] = defaultdict(list)
     for edge in edges:
         if edge.get("function") or not edge.get("name"):
             continue
         shape = _shape(edge.find("lane"))
-        found[edge.get("to")].append((round(_bearing(shape[::-1])), edge.get("name")))
-        found[edge.get("from")].append((round(_bearing(shape)), edge.get("name")))
-    return found
+        streets[edge.get("to")].append((round(_bearing(shape[::-1])), edge.get("name")))
+        streets[edge.get("from")].append((round(_bearing(shape)), edge.get("name")))
+    return streets
 
 
 def _bearing(shape: NDArray[np.float64]) -> float:

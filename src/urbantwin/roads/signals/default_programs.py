@@ -60,10 +60,10 @@ def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool =
     """
     tree = etree.parse(net)
     root = tree.getroot()
-    there = signalised_junctions(root)
-    flows = flows or assumed_flows(root, there)
+    junctions = signalised_junctions(root)
+    flows = flows or assumed_flows(root, junctions)
     logics = {logic.get("id"): logic for logic in root.iter("tlLogic")}
-    for junction in there:
+    for junction in junctions:
         logic = logics[junction.program]
         timing = _Timing(junction, _stages(junction, _main_states(logic)), flows)
         _write(logic, timing, fixed=fixed)
@@ -74,15 +74,15 @@ def _main_states(logic: etree._Element) -> list[str]:
     """Return the states of the stages: the extended phases, or else those without yellow."""
     phases = list(logic.iter("phase"))
     extended = [phase for phase in phases if phase.get("minDur") is not None]
-    found: list[str] = []
+    states: list[str] = []
     for phase in extended or phases:
         state = phase.get("state")
-        rest = found and all(
-            a in "Gg" or b not in "Gg" for a, b in zip(found[-1], state, strict=True)
+        rest = states and all(
+            a in "Gg" or b not in "Gg" for a, b in zip(states[-1], state, strict=True)
         )
         if extended or not (rest or set(state) & set("yY") or not set(state) & set("gG")):
-            found.append(state)
-    return found
+            states.append(state)
+    return states
 
 
 def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]:
@@ -95,8 +95,8 @@ def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]
     stages: list[set[int]] = []
     for state in states:
         green: set[int] = set()
-        wanted = [k for k in junction.of_index if state[k] in order]
-        for k in sorted(wanted, key=lambda k: (junction.is_walk(k), order[state[k]], k)):
+        shown = [k for k in junction.of_index if state[k] in order]
+        for k in sorted(shown, key=lambda k: (junction.is_walk(k), order[state[k]], k)):
             if junction.fits(k, green):
                 green.add(k)
         if green:
@@ -106,7 +106,7 @@ def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]
         for green in stages:
             # A link within the junction goes with the links that feed it, so that no vehicle stops
             # inside.
-            let_in = any(way.index in green for way in junction.feeders[k])
+            let_in = any(feeder.index in green for feeder in junction.feeders[k])
             if (let_in or not served) and junction.fits(k, green):
                 green.add(k)
         if not any(k in green for green in stages):
@@ -139,7 +139,7 @@ class _Timing:
     @cached_property
     def least_s(self) -> list[float]:
         """Minimum green of each stage, seconds."""
-        found = []
+        minima = []
         for k, green in enumerate(self.stages):
             before, change = self.changes[k - 1], self.changes[k]
             driven = any(not self.junction.is_walk(index) for index in green)
@@ -151,10 +151,10 @@ class _Timing:
                 late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
                 early = min(change.ends.get(index, 0.0), 0.0)
                 least.append((0.0 if came else WALK_S) + late - early)
-            found.append(max(least))
-        if len(found) == 2 and not any(self.ratios[1:]):
-            found[0] = max(found[0], SHORTEST_CYCLE_S - self.lost_s - found[1])
-        return found
+            minima.append(max(least))
+        if len(minima) == 2 and not any(self.ratios[1:]):
+            minima[0] = max(minima[0], SHORTEST_CYCLE_S - self.lost_s - minima[1])
+        return minima
 
     @cached_property
     def ratios(self) -> list[float]:
@@ -218,15 +218,15 @@ def _write(logic: etree._Element, timing: _Timing, *, fixed: bool) -> None:
 
 def _extended(timing: _Timing, phases: Sequence[Phase]) -> Mapping[int, int]:
     """Return phase -> the vehicle stage that it is the main part of."""
-    found: dict[int, int] = {}
+    by_phase: dict[int, int] = {}
     for stage, green in enumerate(timing.stages):
         if all(timing.junction.is_walk(k) for k in green):
             continue
         whole = [
             k
             for k, (_, state) in enumerate(phases)
-            if k not in found and all(state[index] in "Gg" for index in green)
+            if k not in by_phase and all(state[index] in "Gg" for index in green)
         ]
         if whole:
-            found[max(whole, key=lambda k: phases[k][0])] = stage
-    return found
+            by_phase[max(whole, key=lambda k: phases[k][0])] = stage
+    return by_phase

@@ -42,7 +42,7 @@ def pedestrian_heads(
     """Return a head at each end of a crossing that faces the other end."""
     area = next((a for a in model.areas if a.strip == signal.strip), None)
     road = model.road_by_id[area.road if area else signal.road]
-    found = []
+    heads = []
     for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
         outward = math.atan2(end[1] - other[1], end[0] - other[0])
         frame = Frame(float(end[0]), float(end[1]), outward)
@@ -57,7 +57,7 @@ def pedestrian_heads(
             wrapped(outward + math.pi),
         )
         s, t = (float(value[0]) for value in road.curve.locate(xy))
-        found.append(
+        heads.append(
             replace(
                 signal,
                 road=road.id,
@@ -71,7 +71,7 @@ def pedestrian_heads(
                 pose=pose,
             )
         )
-    return found or [signal]
+    return heads or [signal]
 
 
 def _beside_crossing(
@@ -82,9 +82,9 @@ def _beside_crossing(
     for v in (np.array([side]), np.arange(side + 0.4, side + 2.8, 0.4)):
         grid = np.stack(np.meshgrid(u, [*v, *-v], indexing="ij"), axis=-1).reshape(-1, 2)
         cost = grid[:, 0] + np.abs(grid[:, 1])
-        found = ground.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
-        if found is not None:
-            return np.asarray(grid[found])
+        free_index = ground.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
+        if free_index is not None:
+            return np.asarray(grid[free_index])
     return None
 
 
@@ -146,10 +146,10 @@ def place_heads(
             replaced.add(signal.id)
             standing += pedestrian_heads(model, signal, lane.centre, lane.width, ground)
     standing = _raised(model, standing, height)
-    kept = [signal for signal in model.signals if signal.id not in replaced]
+    remaining = [signal for signal in model.signals if signal.id not in replaced]
     first = model.next_id
     numbered = [replace(signal, id=first + k) for k, signal in enumerate(standing)]
-    signals = (*kept, *numbered)
+    signals = (*remaining, *numbered)
     return replace(model, signals=signals, controllers=_controlled(model.controllers, signals))
 
 
@@ -157,7 +157,7 @@ def _raised(
     model: LaneModel, signals: Sequence[RoadSignal], height: SurfaceHeight
 ) -> list[RoadSignal]:
     """Return signals whose poses are raised by the height of the surface."""
-    found = list(signals)
+    raised = list(signals)
     levels = [model.road_by_id[signal.road].level for signal in signals]
     for level in sorted(set(levels)):
         posed = [k for k, signal in enumerate(signals) if signal.pose and levels[k] == level]
@@ -166,8 +166,8 @@ def _raised(
         ground = height(np.array([signals[k].pose[:2] for k in posed]), level)
         for k, z in zip(posed, ground, strict=True):
             x, y, up, heading = signals[k].pose
-            found[k] = replace(signals[k], pose=(x, y, float(z) + up, heading))
-    return found
+            raised[k] = replace(signals[k], pose=(x, y, float(z) + up, heading))
+    return raised
 
 
 def _controlled(
@@ -184,29 +184,29 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
     """Return the heads of an approach, in the order in which drivers pass them."""
     over = sum(lane.half > CYCLE_LANE_M / 2 for lane in approach.lanes) >= practice.arm_lanes
     far = _far_pole(approach, ground) if practice.far else None
-    near = None
+    near_pole = None
     if practice.near or far is None:
-        near = _near_pole(approach, ground)
-    if near is None and far is None:
+        near_pole = _near_pole(approach, ground)
+    if near_pole is None and far is None:
         # The kerb is too far away: use the far side instead.
         far = _far_pole(approach, ground)
-    found: list[RoadSignal] = []
-    if near is not None:
-        found += _on_pole(approach, near, beyond=False)
+    heads: list[RoadSignal] = []
+    if near_pole is not None:
+        heads += _on_pole(approach, near_pole, beyond=False)
         if over and far is None:
-            found += _over_lanes(approach, near, practice, beyond=False)
+            heads += _over_lanes(approach, near_pole, practice, beyond=False)
     if far is not None:
         if over:
-            found += _over_lanes(approach, far, practice, beyond=True)
-        found += _on_pole(approach, far, beyond=True)
-    if not found:
+            heads += _over_lanes(approach, far, practice, beyond=True)
+        heads += _on_pole(approach, far, beyond=True)
+    if not heads:
         island = _nearest_pole(approach, ground)
         beyond = island is not None and island[0] > approach.line
         if island is not None:
-            found = _over_lanes(approach, island, practice, beyond=beyond)
-    governed = {name for head in found for name in head.strip.split()}
+            heads = _over_lanes(approach, island, practice, beyond=beyond)
+    governed = {name for head in heads for name in head.strip.split()}
     # Lanes that no arm reaches: over their stop lines, from a span wire.
-    return found + [
+    return heads + [
         replace(lane.signal, z=OVER_M)
         for lane in approach.lanes
         if not governed & set(lane.signal.strip.split())
@@ -229,8 +229,8 @@ def _nearest_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64]
     grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     # Distance along the street counts twice: waiting traffic must see the head.
     cost = np.abs(grid[:, 1] - middle) + 2.0 * np.abs(grid[:, 0] - approach.line)
-    found = ground.cheapest(approach.frame.place(grid[:, 0], grid[:, 1]), cost, approach.road.level)
-    return None if found is None else np.asarray(grid[found])
+    index = ground.cheapest(approach.frame.place(grid[:, 0], grid[:, 1]), cost, approach.road.level)
+    return None if index is None else np.asarray(grid[index])
 
 
 def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
@@ -243,7 +243,7 @@ def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | N
         if spot is None:
             return None
         u, v_there = approach.frame.locate(frame.place(*spot)[0])
-        found = np.array([u, v_there])
+        pole = np.array([u, v_there])
     else:
         # The street ends at the junction: opposite, where the carriageway ends.
         middle = float(np.mean([lane.v for lane in approach.lanes]))
@@ -251,20 +251,20 @@ def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | N
         free = ground.free(approach.frame.place(ahead, middle), level)
         if not free.any():
             return None
-        found = np.array([float(ahead[np.argmax(free)]) + 0.3, middle])
-    return found if NEAREST_M <= found[0] - approach.line <= FARTHEST_M else None
+        pole = np.array([float(ahead[np.argmax(free)]) + 0.3, middle])
+    return pole if NEAREST_M <= pole[0] - approach.line <= FARTHEST_M else None
 
 
 def _on_pole(approach: Approach, pole: NDArray[np.float64], *, beyond: bool) -> list[RoadSignal]:
     """Return a head for each group of lanes, side by side on a pole."""
-    found = []
+    heads = []
     last = len(approach.groups) - 1
     inward = min(BESIDE_EACH_OTHER_M * last / 2, OVER_KERB_M)
     # Groups nearer to the middle of the road hang nearer to it, none over the carriageway.
     for k, group in reversed(list(enumerate(approach.groups))):
         v = pole[1] + approach.outward * (BESIDE_EACH_OTHER_M * (last - k) - inward)
-        found.append(_head(approach, group, pole[0], v, BESIDE_M, beyond=beyond))
-    return found
+        heads.append(_head(approach, group, pole[0], v, BESIDE_M, beyond=beyond))
+    return heads
 
 
 def _over_lanes(
@@ -283,7 +283,7 @@ def _over_lanes(
     ]
     if len(rows) > MOST_OVER:
         rows = [(float(np.mean([x.v for x in group])), group) for group in approach.groups]
-    found = []
+    heads = []
     last = -math.inf
     for v, lanes in rows if from_kerb else rows[::-1]:
         # If lanes are not in front of the arm, its heads are spaced along it in their order.
@@ -295,8 +295,8 @@ def _over_lanes(
         head = _head(approach, lanes, float(pole[0]), where, OVER_M, beyond=beyond)
         if practice.horizontal:
             head = replace(head, height=VEHICLE_SIZE[1], width=VEHICLE_SIZE[0])
-        found.append(head)
-    return found
+        heads.append(head)
+    return heads
 
 
 def _head(

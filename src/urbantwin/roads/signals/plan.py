@@ -73,15 +73,15 @@ def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
     movements = set()
     while parts and parts[-1].lower() in MOVEMENT_WORDS:
         movements.add(MOVEMENT_WORDS[parts.pop().lower()])
-    chosen = _of_approach(junction, vehicles, " ".join(parts) or "all")
-    found = [link for link in chosen if not movements or link.movement in movements]
-    if not found:
+    chosen = _links_of_approach(junction, vehicles, " ".join(parts) or "all")
+    matching = [link for link in chosen if not movements or link.movement in movements]
+    if not matching:
         turns = sorted({link.movement for link in chosen})
         raise UnknownMovement(
             f"{text!r} names no way through the junction",
             f"one of {', '.join(turns)} from there" if turns else _choices(junction),
         )
-    return found
+    return matching
 
 
 def crossings(junction: Signalised, words: str) -> list[Link]:
@@ -91,14 +91,14 @@ def crossings(junction: Signalised, words: str) -> list[Link]:
         UnknownMovement: none matches.
     """
     walkers = [link for link in junction.links if link.movement == "walk"]
-    found = _of_approach(junction, walkers, " ".join(words.split()))
-    if not found:
+    matching = _links_of_approach(junction, walkers, " ".join(words.split()))
+    if not matching:
         arms = sorted({link.arm for link in walkers})
         raise UnknownMovement(
             f"{words!r} names no crossing with signals",
             f"one of {', '.join(arms)}" if arms else "none: no such crossings here",
         )
-    return found
+    return matching
 
 
 def approaches(junction: Signalised) -> list[tuple[str, str]]:
@@ -108,14 +108,14 @@ def approaches(junction: Signalised) -> list[tuple[str, str]]:
     return sorted(arms, key=lambda pair: (order.index(pair[0]), pair[1]))
 
 
-def _of_approach(junction: Signalised, links: list[Link], name: str) -> list[Link]:
+def _links_of_approach(junction: Signalised, links: list[Link], name: str) -> list[Link]:
     lower = name.lower()
     if lower == "all":
         return links
     kind, _, rest = lower.partition(" ")
     if kind in ("link", "links") and rest:
-        wanted = _numbers(rest)
-        return [link for link in links if link.index in wanted]
+        numbers = _numbers(rest)
+        return [link for link in links if link.index in numbers]
     if kind == "lane" and rest:
         return [link for link in links if link.lane == name[5:].strip()]
     for ending in ("bound", ""):
@@ -128,20 +128,20 @@ def _of_approach(junction: Signalised, links: list[Link], name: str) -> list[Lin
     if name in {link.road for link in links}:
         return [link for link in links if link.road == name]
     if not name.isdigit():
-        found = [link for link in links if link.street.casefold() == name.casefold()]
-        if found:
-            return found
+        on_street = [link for link in links if link.street.casefold() == name.casefold()]
+        if on_street:
+            return on_street
     raise UnknownMovement(f"{name!r} is not an approach of the junction", _choices(junction))
 
 
 def _numbers(text: str) -> set[int]:
-    found: set[int] = set()
+    numbers: set[int] = set()
     for part in text.replace(",", " ").split():
         first, _, last = part.partition("-")
-        if not all(re.fullmatch("[0-9]{1,4}", one) for one in (first, last or first)):
+        if not all(re.fullmatch("[0-9]{1,4}", number) for number in (first, last or first)):
             raise UnknownMovement(f"{text!r} is not a list of links", "numbers such as 0-3, 7")
-        found |= set(range(int(first), int(last or first) + 1))
-    return found
+        numbers |= set(range(int(first), int(last or first) + 1))
+    return numbers
 
 
 def _choices(junction: Signalised) -> str:
@@ -298,7 +298,7 @@ def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Ph
     if spec.phases is not None:
         check_greens(junction, plan, phases)
     elif spec.states is not None:
-        check_greens(junction, plan, [(one.lasts[0], one.state) for one in spec.states])
+        check_greens(junction, plan, [(state.lasts[0], state.state) for state in spec.states])
     offset = junction.offset if spec.offset is None else spec.offset % cycle
     return offset, phases
 
@@ -313,20 +313,24 @@ def _from_words(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
         {link.index for link in (*green, *walk)} for green, walk in zip(greens, walks, strict=True)
     ]
     between = [
-        _between(spec, [link for link in green if link.index not in stages[(k + 1) % len(stages)]])
+        _clearance_s(
+            spec, [link for link in green if link.index not in stages[(k + 1) % len(stages)]]
+        )
         for k, (spec, green) in enumerate(zip(specs, greens, strict=True))
     ]
     seconds = _seconds(plan, specs, sum(map(sum, between)))
     changes = [
         Change(
-            yellow + all_red, yellow, ends=_walked(junction, stages, k, length, yellow + all_red)
+            yellow + all_red,
+            yellow,
+            ends=_pedestrian_green_ends(junction, stages, k, length, yellow + all_red),
         )
         for k, (length, (yellow, all_red)) in enumerate(zip(seconds, between, strict=True))
     ]
     return phases_of_stages(junction, stages, seconds, changes)
 
 
-def _walked(
+def _pedestrian_green_ends(
     junction: Signalised, stages: Sequence[set[int]], k: int, length: float, between: float
 ) -> dict[int, float]:
     """Return the ends of pedestrian greens, seconds relative to the end of the stage (negative)."""
@@ -342,7 +346,7 @@ def _walked(
 
 
 def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> list[Link]:
-    found: dict[int, Link] = {}
+    greens: dict[int, Link] = {}
     for number, words in enumerate(spec.green):
         try:
             chosen = vehicle_links(junction, words)
@@ -350,8 +354,8 @@ def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> 
             where = ("phases", k, "green", number)
             raise plan.error(error.problem, where, error.expected) from None
         # Links that share an index switch together.
-        found |= {x.index: x for link in chosen for x in junction.of_index[link.index]}
-    return [found[index] for index in sorted(found)]
+        greens |= {x.index: x for link in chosen for x in junction.of_index[link.index]}
+    return [greens[index] for index in sorted(greens)]
 
 
 def _walks(
@@ -359,16 +363,16 @@ def _walks(
 ) -> list[Link]:
     """Return the crossings with green: those planned, else those crossed only by turns."""
     if spec.walk is not None:
-        found: dict[int, Link] = {}
+        by_index: dict[int, Link] = {}
         for number, words in enumerate(spec.walk):
             where = ("phases", k, "walk", number)
             try:
                 chosen = crossings(junction, words)
             except UnknownMovement as error:
                 raise plan.error(error.problem, where, error.expected) from None
-            found |= {link.index: link for link in chosen}
+            by_index |= {link.index: link for link in chosen}
             check_conflicts(junction, [*green, *chosen], plan, where)
-        return [found[index] for index in sorted(found)]
+        return [by_index[index] for index in sorted(by_index)]
     through = {link.road for link in green if link.movement == "through"}
     has_through = {link.road for link in junction.links if link.movement == "through"}
     return [
@@ -385,7 +389,7 @@ def _walks(
     ]
 
 
-def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
+def _clearance_s(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
     """Return yellow and all-red time after a phase, seconds."""
     if not ending:
         return spec.yellow or 0.0, spec.all_red or 0.0
@@ -397,20 +401,20 @@ def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
 
 def _seconds(plan: SignalPlan, specs: Sequence[PhaseSpec], between: float) -> list[float]:
     """Return the green of each phase; phases without a duration share the rest of the cycle."""
-    given = [spec.seconds for spec in specs]
-    open_ = given.count(None)
+    durations = [spec.seconds for spec in specs]
+    open_ = durations.count(None)
     if not open_:
-        return [seconds for seconds in given if seconds is not None]
+        return [seconds for seconds in durations if seconds is not None]
     if plan.spec.cycle is None:
-        where = ("phases", given.index(None))
+        where = ("phases", durations.index(None))
         raise plan.error("has no seconds", where, "seconds, or a cycle to share out")
-    known = sum(seconds for seconds in given if seconds is not None)
-    share = (plan.spec.cycle - known - between) / open_
+    fixed_s = sum(seconds for seconds in durations if seconds is not None)
+    share = (plan.spec.cycle - fixed_s - between) / open_
     if share < plan.spec.minimum_green:
         raise plan.error(
             f"is {plan.spec.cycle:g} s, which leaves {max(share, 0.0):g} s of green for each "
             "phase without seconds",
             ("cycle",),
-            f"at least {known + between + open_ * plan.spec.minimum_green:g}",
+            f"at least {fixed_s + between + open_ * plan.spec.minimum_green:g}",
         )
-    return [share if seconds is None else seconds for seconds in given]
+    return [share if seconds is None else seconds for seconds in durations]

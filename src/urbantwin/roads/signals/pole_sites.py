@@ -32,25 +32,25 @@ class FreeGround:
         for lane in network.lanes:
             if lane.kind in DRIVEN:
                 lanes[lane.level].append(lane)
-        self._lanes = {level: _near_lanes(found) for level, found in lanes.items()}
+        self._lanes = {level: _near_lanes(level_lanes) for level, level_lanes in lanes.items()}
         junctions: dict[int, list[Junction]] = defaultdict(list)
         for junction in network.junctions:
             if not junction.polygon.is_empty:
                 junctions[junction.level].append(junction)
         self._junctions = {
-            level: (_Near([junction.polygon for junction in found], CLEARANCE_M - 0.05), found)
-            for level, found in junctions.items()
+            level: (_Shapes([junction.polygon for junction in group], CLEARANCE_M - 0.05), group)
+            for level, group in junctions.items()
         }
         self._cores: dict[str, shapely.Geometry] = {}
 
     @cached_property
     def _corners(self) -> dict[str, list[shapely.Geometry]]:
         """Walking areas by junction."""
-        found: dict[str, list[shapely.Geometry]] = defaultdict(list)
+        areas: dict[str, list[shapely.Geometry]] = defaultdict(list)
         for lane in self._network.lanes:
             if lane.kind == "walkingarea":
-                found[lane.junction].append(lane.polygon)
-        return found
+                areas[lane.junction].append(lane.polygon)
+        return areas
 
     def _core(self, junction: Junction) -> shapely.Geometry:
         """Return the area of a junction without its walking areas."""
@@ -63,17 +63,17 @@ class FreeGround:
     def free(self, xy: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
         """Return the mask of points (N, 2) that are free on a level."""
         points = shapely.points(xy)
-        taken = np.zeros(len(xy), bool)
+        blocked = np.zeros(len(xy), bool)
         if level in self._lanes:
-            taken[self._lanes[level].pairs(points)[0]] = True
+            blocked[self._lanes[level].pairs(points)[0]] = True
         if level in self._junctions:
             near_junctions, junctions = self._junctions[level]
             k, j = near_junctions.pairs(points)
-            for number in np.unique(j[~taken[k]]).tolist():
-                near = k[j == number]
+            for number in np.unique(j[~blocked[k]]).tolist():
+                rows = k[j == number]
                 core = self._core(junctions[number])
-                taken[near] |= shapely.dwithin(core, points[near], CLEARANCE_M - 0.05)
-        return np.asarray(~taken)
+                blocked[rows] |= shapely.dwithin(core, points[rows], CLEARANCE_M - 0.05)
+        return np.asarray(~blocked)
 
     def cheapest(
         self, xy: NDArray[np.float64], cost: NDArray[np.float64], level: int
@@ -103,21 +103,21 @@ class FreeGround:
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         # Distance along the street costs slightly more than distance away from it.
         cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
-        found = self.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
-        return None if found is None else np.asarray(grid[found])
+        index = self.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
+        return None if index is None else np.asarray(grid[index])
 
 
-def _near_lanes(lanes: Sequence[Lane]) -> _Near:
+def _near_lanes(lanes: Sequence[Lane]) -> _Shapes:
     """Return the centre lines of lanes, with half their width and a pole's clearance as reach."""
     owner = np.repeat(np.arange(len(lanes)), [len(lane.centre) for lane in lanes])
     lines = shapely.linestrings(
         np.concatenate([lane.centre[:, :2] for lane in lanes]), indices=owner
     )
     half = np.array([max(lane.width, *lane.widths, 0.0) / 2 for lane in lanes])
-    return _Near(lines, half + CLEARANCE_M - 0.05)
+    return _Shapes(lines, half + CLEARANCE_M - 0.05)
 
 
-class _Near:
+class _Shapes:
     """Shapes, each with a distance within which points are near it."""
 
     def __init__(self, shapes: Sequence[shapely.Geometry], reach: ArrayLike) -> None:

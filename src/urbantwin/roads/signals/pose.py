@@ -46,10 +46,10 @@ def pose_of(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float, 
 
 def heads_of(model: LaneModel) -> list[Head]:
     """Return all signals and signs of a model with their poses, in the model's order."""
-    found = []
+    heads = []
     for signal in model.signals:
         road = model.road_by_id[signal.road]
         walkers = signal.orientation == "none"
         inside = road.junction >= 0 and not signal.pose and not walkers
-        found.append(Head(signal, *pose_of(model, signal), road.level, inside))
-    return found
+        heads.append(Head(signal, *pose_of(model, signal), road.level, inside))
+    return heads

@@ -41,24 +41,24 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
     if not plans:
         return 0
     tree = etree.parse(net)
-    there = signalised_junctions(tree.getroot())
+    junctions = signalised_junctions(tree.getroot())
     logics = {item.get("id"): item for item in tree.getroot().iter("tlLogic")}
-    done: dict[str, int] = {}
+    plan_of: dict[str, int] = {}
     for number, plan in enumerate(plans):
-        junction = _meant(plan, there, frame)
-        if junction.program in done:
+        junction = _junction_of_plan(plan, junctions, frame)
+        if junction.program in plan_of:
             raise plan.error(
-                f"is the junction of signals[{done[junction.program]}] again",
+                f"is the junction of signals[{plan_of[junction.program]}] again",
                 ("junction",),
                 "each junction once",
             )
-        done[junction.program] = number
+        plan_of[junction.program] = number
         offset, phases = plan_phases(junction, plan)
         logic = logics[junction.program]
         for phase in list(logic.iter("phase")):
             logic.remove(phase)
         logic.set("offset", f"{offset:g}")
-        extended = [one.lasts for one in plan.spec.states or () if one.at_least is not None]
+        extended = [state.lasts for state in plan.spec.states or () if state.at_least is not None]
         logic.set("type", "actuated" if extended else "static")
         for k, (seconds, state) in enumerate(phases):
             phase = etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
@@ -69,7 +69,7 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
         etree.indent(logic, space=" ", level=1)
     text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
     net.write_bytes(text + b"\n")
-    return len(done)
+    return len(plan_of)
 
 
 def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneModel:
@@ -79,10 +79,10 @@ def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneMo
         model: the lane model.
         programs: the programs of SUMO's network.
     """
-    known = {program.id: program for program in programs}
+    program_of = {program.id: program for program in programs}
     controllers = tuple(
-        replace(item, offset=known[item.name].offset, phases=known[item.name].phases)
-        if item.name in known
+        replace(item, offset=program_of[item.name].offset, phases=program_of[item.name].phases)
+        if item.name in program_of
         else item
         for item in model.controllers
     )
@@ -119,7 +119,7 @@ def _described(junction: Signalised, logic: etree._Element) -> dict[str, Any]:
             {
                 "seconds": seconds,
                 **_extended(phase),
-                "shows": _shown(junction, state),
+                "shows": _state_in_words(junction, state),
                 "state": state,
             }
             for (seconds, state), phase in zip(junction.phases, logic.iter("phase"), strict=True)
@@ -135,9 +135,9 @@ def _extended(phase: etree._Element) -> dict[str, float]:
     return {"at_least": float(least), "at_most": float(most)}
 
 
-def _shown(junction: Signalised, state: str) -> str:
+def _state_in_words(junction: Signalised, state: str) -> str:
     """Return a state in words: ``green east, west left; walk north``."""
-    said = []
+    parts = []
     for word, letters, walk in (
         ("green", "Gg", False),
         ("yellow", "yY", False),
@@ -153,11 +153,13 @@ def _shown(junction: Signalised, state: str) -> str:
             elif lit:
                 arms.append(f"{arm} {'+'.join(turns)}")
         if arms:
-            said.append(f"{word} {', '.join(arms)}")
-    return "; ".join(said) or "all red"
+            parts.append(f"{word} {', '.join(arms)}")
+    return "; ".join(parts) or "all red"
 
 
-def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> Signalised:
+def _junction_of_plan(
+    plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame
+) -> Signalised:
     """Return the junction that a plan refers to."""
     spec = plan.spec
     listed = "; ".join(map(_named, there))
@@ -170,20 +172,20 @@ def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> S
             raise plan.error(problem, ("junction",), expected)
         return there[int(np.argmin(away))]
     name = str(spec.junction).strip()
-    found = [item for item in there if name == item.program or name in item.junctions]
-    if not found:
-        wanted = {street.casefold() for street in spec.streets}
-        found = [
+    matching = [item for item in there if name == item.program or name in item.junctions]
+    if not matching:
+        streets = {street.casefold() for street in spec.streets}
+        matching = [
             item
             for item in there
-            if wanted and wanted <= {street.casefold() for street in item.streets}
+            if streets and streets <= {street.casefold() for street in item.streets}
         ]
-    if len(found) == 1:
-        return found[0]
+    if len(matching) == 1:
+        return matching[0]
     problem = f"{name!r} is not a signalised junction"
-    if found:
-        problem = f"{name!r} is {len(found)} signalised junctions"
-        expected = f"one of the ids {', '.join(item.program for item in found)}"
+    if matching:
+        problem = f"{name!r} is {len(matching)} signalised junctions"
+        expected = f"one of the ids {', '.join(item.program for item in matching)}"
     raise plan.error(problem, ("junction",), expected)
 
 

@@ -82,16 +82,16 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
     meeting = {node for node, out in legs.items() if len({leg.to for leg in out}) >= 3}
     walked = {
         node
-        for way in extract.highways()
-        if way.tags["highway"] in WALKED
-        for node in way.nodes
+        for osm_way in extract.highways()
+        if osm_way.tags["highway"] in WALKED
+        for node in osm_way.nodes
         if node in legs
     }
     # ``crossing=no`` occurs at stop lines beside crossings.
     crossings = walked | {
         n for n in legs if extract.node_tags.get(n, {}).get("crossing", "no") != "no"
     }
-    own: set[int] = set()
+    with_signal: set[int] = set()
     bare: set[int] = set()  # junctions with a signal on an arm, no crossing between
     arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal
     crossed_arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal crossing
@@ -103,47 +103,51 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
             continue
         ends[node] = set()
         if node in meeting:
-            own.add(node)
+            with_signal.add(node)
             ends[node].add(node)
             continue
-        wanted = tags.get("traffic_signals:direction", "")
-        for junction, arm, crossed in _reached(
-            node, legs, meeting, crossings, wanted, signal=signal
+        direction = tags.get("traffic_signals:direction", "")
+        for junction, arm, crossed in _junctions_reached(
+            node, legs, meeting, crossings, direction, signal=signal
         ):
             ends[node].add(junction)
             (arms if signal else crossed_arms)[junction].add(arm)
             if signal and not crossed:
                 bare.add(junction)
-    on = own | bare
+    on = with_signal | bare
     for node in sorted({*arms, *crossed_arms} - on):
-        found = len(arms[node] | crossed_arms[node])
-        if 2 * found >= _entries(node, legs, meeting) and (arms[node] or found > 1):
+        marked_arms = len(arms[node] | crossed_arms[node])
+        if 2 * marked_arms >= _entries(node, legs, meeting) and (arms[node] or marked_arms > 1):
             on.add(node)
-    told = {node: _cleared(extract.node_tags[node]) for node in ends}
+    tags_of_node = {node: _cleared(extract.node_tags[node]) for node in ends}
     for node in on:
         cleared = _cleared(extract.node_tags.get(node, {}))
-        told[node] = {**cleared, "highway": "traffic_signals"}
-    alone = [node for node, found in ends.items() if not on & found]
-    mid_block = [node for node in alone if node in crossings and _is_alone(node, legs, meeting)]
+        tags_of_node[node] = {**cleared, "highway": "traffic_signals"}
+    alone = [node for node, junctions in ends.items() if not on & junctions]
+    mid_block = [node for node in alone if node in crossings and _is_mid_block(node, legs, meeting)]
     for node in mid_block:
-        told[node]["highway"] = "traffic_signals"
+        tags_of_node[node]["highway"] = "traffic_signals"
     left_out = [node for node in alone if node not in mid_block and node in crossings]
     return MappedSignals(
-        told, tuple(sorted(on)), tuple(sorted(on - own)), tuple(mid_block), tuple(left_out)
+        tags_of_node,
+        tuple(sorted(on)),
+        tuple(sorted(on - with_signal)),
+        tuple(mid_block),
+        tuple(left_out),
     )
 
 
-def _is_alone(node: int, legs: Legs, meeting: set[int]) -> bool:
+def _is_mid_block(node: int, legs: Legs, meeting: set[int]) -> bool:
     """Return whether a street continues from a node both ways without a junction close by."""
     if len(legs[node]) != 2:
         return False
     for leg in legs[node]:
-        way, before, at = leg.length, node, leg.to
-        while way <= ALONE_M:
-            onward = [other for other in legs[at] if other.to != before]
-            if at in meeting or len(onward) != 1:
+        travelled_m, before, current = leg.length, node, leg.to
+        while travelled_m <= ALONE_M:
+            onward = [other for other in legs[current] if other.to != before]
+            if current in meeting or len(onward) != 1:
                 return False
-            way, before, at = way + onward[0].length, at, onward[0].to
+            travelled_m, before, current = travelled_m + onward[0].length, current, onward[0].to
     return True
 
 
@@ -154,19 +158,19 @@ def _cleared(tags: Mapping[str, str]) -> dict[str, str]:
 
 def _legs(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> Legs:
     legs: dict[int, list[_Leg]] = defaultdict(list)
-    for way in ways:
-        known = [node for node in way.nodes if node in extract.nodes]
-        xy = frame.site_from_lonlat([extract.nodes[node] for node in known])
+    for osm_way in ways:
+        nodes = [node for node in osm_way.nodes if node in extract.nodes]
+        xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes])
         steps = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-        ring = way.tags.get("junction") in ("roundabout", "circular")
-        one_way = ONE_WAY.get(way.tags.get("oneway", ""), 1 if ring else 0)
-        for (a, b), step in zip(pairwise(known), steps, strict=True):
+        ring = osm_way.tags.get("junction") in ("roundabout", "circular")
+        one_way = ONE_WAY.get(osm_way.tags.get("oneway", ""), 1 if ring else 0)
+        for (a, b), step in zip(pairwise(nodes), steps, strict=True):
             legs[a].append(_Leg(b, float(step), True, one_way >= 0))
             legs[b].append(_Leg(a, float(step), False, one_way <= 0))
     return dict(legs)
 
 
-def _reached(
+def _junctions_reached(
     node: int, legs: Legs, meeting: set[int], crossings: set[int], wanted: str, *, signal: bool
 ) -> list[tuple[int, int, bool]]:
     """Return junction, last node before it, and whether a crossing lies between.
@@ -174,39 +178,43 @@ def _reached(
     A signal belongs to the junction ahead of its traffic; a signalised crossing may also lie on a
     junction's exit. Between two junctions, the nearer one counts.
     """
-    found: list[tuple[float, int, int, bool]] = []
+    reached: list[tuple[float, int, int, bool]] = []
     forward = [leg.forward for leg in legs[node]]
-    told = signal and wanted in ("forward", "backward") and sorted(forward) == [False, True]
+    is_directed = signal and wanted in ("forward", "backward") and sorted(forward) == [False, True]
     for leg in legs[node]:
-        if signal and (not leg.open or (told and leg.forward != (wanted == "forward"))):
+        if signal and (not leg.open or (is_directed and leg.forward != (wanted == "forward"))):
             continue
-        way, before, at = leg.length, node, leg.to
-        crossing = way if node in crossings else 0.0
-        while way <= SIGNAL_M and at not in meeting:
-            onward = [other for other in legs[at] if other.to != before]
+        travelled_m, before, current = leg.length, node, leg.to
+        crossing = travelled_m if node in crossings else 0.0
+        while travelled_m <= SIGNAL_M and current not in meeting:
+            onward = [other for other in legs[current] if other.to != before]
             if len(onward) != 1:
                 break
-            if at in crossings or crossing:
+            if current in crossings or crossing:
                 crossing += onward[0].length
-            way, before, at = way + onward[0].length, at, onward[0].to
-        if at in meeting and way <= (SIGNAL_M if signal else CROSSING_M) and crossing <= CROSSING_M:
-            found.append((way, at, before, crossing > 0))
+            travelled_m, before, current = travelled_m + onward[0].length, current, onward[0].to
+        if (
+            current in meeting
+            and travelled_m <= (SIGNAL_M if signal else CROSSING_M)
+            and crossing <= CROSSING_M
+        ):
+            reached.append((travelled_m, current, before, crossing > 0))
     if signal and wanted == "both":
-        return [item[1:] for item in found]
-    return [item[1:] for item in sorted(found)[:1]]
+        return [item[1:] for item in reached]
+    return [item[1:] for item in sorted(reached)[:1]]
 
 
 def _entries(node: int, legs: Legs, meeting: set[int]) -> int:
     """Return the number of arms with traffic into a junction from outside, at least 1."""
     count = 0
     for leg in legs[node]:
-        way, before, at = leg.length, node, leg.to
-        while way <= WITHIN_M and at not in meeting:
-            onward = [other for other in legs[at] if other.to != before]
+        travelled_m, before, current = leg.length, node, leg.to
+        while travelled_m <= WITHIN_M and current not in meeting:
+            onward = [other for other in legs[current] if other.to != before]
             if len(onward) != 1:
                 break
-            way, before, at = way + onward[0].length, at, onward[0].to
-        within = at in meeting and way <= WITHIN_M
+            travelled_m, before, current = travelled_m + onward[0].length, current, onward[0].to
+        within = current in meeting and travelled_m <= WITHIN_M
         back = next(other for other in legs[leg.to] if other.to == node)
         count += back.open and not within
     return max(count, 1)

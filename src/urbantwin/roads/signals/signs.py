@@ -112,9 +112,9 @@ def add_signs(
     }
     signs: list[RoadSignal] = []
     notes: Counter[str] = Counter()
-    wanted = [*_limits(model, courses, country), *_rights(model, courses, extract, frame, country)]
-    for course, s, sign in wanted:
-        placed = _placed(model, course, s, sign, ground)
+    chosen = [*_limits(model, courses, country), *_rights(model, courses, extract, frame, country)]
+    for course, s, sign in chosen:
+        placed = _at_kerb(model, course, s, sign, ground)
         if placed is None:
             notes["signs without a place"] += 1
             continue
@@ -139,9 +139,9 @@ def _limits(
                 break
             if not before or any(abs(other - limit) > SAME_M_S for other in before):
                 value = float(round(limit / metres_per_second))
-                at = s + (BEYOND_M if course.forward else -BEYOND_M)
+                sign_s = s + (BEYOND_M if course.forward else -BEYOND_M)
                 text = f"limit {value:g} {unit}"
-                yield course, at, _sign(text, catalogue, sign.type, sign.subtype, value, unit)
+                yield course, sign_s, _sign(text, catalogue, sign.type, sign.subtype, value, unit)
             before = [limit]
 
 
@@ -154,21 +154,21 @@ def _limits_before(
         return []
     if link.element == "road":
         other = courses.get((link.id, link.contact == "end"))
-        found = [other] if other else []
+        feeding = [other] if other else []
     else:
         junction = model.junction_by_id.get(link.id)
-        found = []
+        feeding = []
         for connection in junction.connections if junction else ():
-            way = model.road_by_id.get(connection.connecting)
-            ends = (way.predecessor, way.successor) if way else ()
+            connecting = model.road_by_id.get(connection.connecting)
+            ends = (connecting.predecessor, connecting.successor) if connecting else ()
             if not any(end and end.id == course.road.id for end in ends):
                 continue
             for forward in (True, False):
                 other = courses.get((connection.incoming, forward))
                 goes_on = other.goes_on if other else None
                 if other and goes_on and goes_on.id == link.id and other.road is not course.road:
-                    found.append(other)
-    limits = [other.limit(other.sections[-1][1]) for other in found if any(other.road.ways)]
+                    feeding.append(other)
+    limits = [other.limit(other.sections[-1][1]) for other in feeding if any(other.road.ways)]
     return [limit for limit in limits if limit]
 
 
@@ -187,21 +187,21 @@ def _rights(
     for course in courses.values():
         at_junction = course.goes_on is not None and course.goes_on.element == "junction"
         if at_junction and (course.road.id, course.forward) not in signalised:
-            for way in course.road.ways:
-                of_way.setdefault(way, []).append(course)
+            for way_id in course.road.ways:
+                of_way.setdefault(way_id, []).append(course)
     numbers = {"stop": stop_sign(country), "give_way": yield_sign(country)}
-    done: set[tuple[int, bool]] = set()
-    for way, headings in _mapped(extract, of_way, frame):
+    signed: set[tuple[int, bool]] = set()
+    for way_id, headings in _mapped(extract, of_way, frame):
         for node, kind, xy, heading, everybody in headings:
             del node
-            near = sorted(
+            candidates = sorted(
                 (away, course.road.id, course.forward, course)
-                for course in of_way[way]
-                if (away := _before(course, xy, heading, everybody=everybody)) is not None
+                for course in of_way[way_id]
+                if (away := _before_end(course, xy, heading, everybody=everybody)) is not None
             )
-            for _, number, forward, course in near if everybody else near[:1]:
-                if (number, forward) not in done and course.lanes(course.sections[-1][1]):
-                    done.add((number, forward))
+            for _, number, forward, course in candidates if everybody else candidates[:1]:
+                if (number, forward) not in signed and course.lanes(course.sections[-1][1]):
+                    signed.add((number, forward))
                     catalogue, type_ = numbers[kind]
                     name = {"stop": "stop", "give_way": "yield"}[kind]
                     sign = _sign(name, catalogue, type_, "-1", math.nan, "")
@@ -214,28 +214,28 @@ def _mapped(
 ) -> Iterator[tuple[int, list[tuple[int, str, NDArray[np.float64], float | None, bool]]]]:
     """Yield way -> its stop and give-way nodes: kind, place, heading, for all directions."""
     for identity in sorted(ways):
-        way = extract.ways.get(identity)
-        if way is None:
+        osm_way = extract.ways.get(identity)
+        if osm_way is None:
             continue
-        known = [node for node in way.nodes if node in extract.nodes]
-        found = []
-        for k, node in enumerate(known):
+        nodes = [node for node in osm_way.nodes if node in extract.nodes]
+        sign_nodes = []
+        for k, node in enumerate(nodes):
             tags = extract.node_tags.get(node, {})
             kind = tags.get("highway", "")
             if kind not in ("stop", "give_way"):
                 continue
-            pair = [known[max(k - 1, 0)], known[min(k + 1, len(known) - 1)]]
+            pair = [nodes[max(k - 1, 0)], nodes[min(k + 1, len(nodes) - 1)]]
             a, b = frame.site_from_lonlat([extract.nodes[n] for n in pair])
             along = math.atan2(b[1] - a[1], b[0] - a[0])
-            told = tags.get("direction") or tags.get("traffic_sign:direction")
-            heading = {"forward": along, "backward": along + math.pi}.get(told or "")
+            direction_tag = tags.get("direction") or tags.get("traffic_sign:direction")
+            heading = {"forward": along, "backward": along + math.pi}.get(direction_tag or "")
             xy = frame.site_from_lonlat([extract.nodes[node]])[0]
-            found.append((node, kind, xy, heading, tags.get("stop") == "all"))
-        if found:
-            yield identity, found
+            sign_nodes.append((node, kind, xy, heading, tags.get("stop") == "all"))
+        if sign_nodes:
+            yield identity, sign_nodes
 
 
-def _before(
+def _before_end(
     course: _Course, xy: NDArray[np.float64], heading: float | None, *, everybody: bool
 ) -> float | None:
     """Return a node's distance from a course's end, metres; ``None`` for other traffic's."""
@@ -245,8 +245,8 @@ def _before(
     if not beyond <= away <= BEFORE_M or abs(t) > 12.0:
         return None
     if heading is not None:
-        at = course.road.curve.pose(s)[2] + (0.0 if course.forward else math.pi)
-        if math.cos(at - heading) < 0.0:
+        end_heading = course.road.curve.pose(s)[2] + (0.0 if course.forward else math.pi)
+        if math.cos(end_heading - heading) < 0.0:
             return None
     return abs(away)
 
@@ -261,7 +261,7 @@ def _sign(
     return replace(blank, z=CLEAR_M + tall / 2, height=tall, width=wide)
 
 
-def _placed(
+def _at_kerb(
     model: LaneModel,
     course: _Course,
     s: float,
