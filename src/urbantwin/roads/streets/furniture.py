@@ -45,7 +45,7 @@ class _Host:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _LaneEnd:
     """A lane of the model, with the station where traffic leaves it."""
 
     road: ModelRoad
@@ -82,7 +82,7 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
     first_signal = first + len(areas) + len(raw.signals)
     signals: list[RoadSignal] = []
     of_program: dict[str, list[RoadSignal]] = defaultdict(list)
-    near: dict[str, set[int]] = defaultdict(set)
+    junctions_of: dict[str, set[int]] = defaultdict(set)
     to_junction = {road.id: road.to_junction for road in raw.roads}
     for head in raw.signals:
         lane = raw.lane_by_id[head.lane]
@@ -96,13 +96,13 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
             # Closed lanes between two parts of a junction have no signals.
             continue
         else:
-            found = _within(number, model, junction, head, walkers=lane.kind == "crossing")
-            if found is None:
+            inner = _inner_signal(number, model, junction, head, walkers=lane.kind == "crossing")
+            if inner is None:
                 continue
-            signal = found
+            signal = inner
         signals.append(signal)
         of_program[head.program].append(signal)
-        near[head.program].add(junction)
+        junctions_of[head.program].add(junction)
     first_controller = first_signal + len(signals)
     programs = [program for program in raw.programs if of_program[program.id]]
     controllers = tuple(
@@ -110,7 +110,7 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
             first_controller + k,
             program.id,
             tuple(signal.id for signal in of_program[program.id]),
-            tuple(sorted(near[program.id] - {-1})),
+            tuple(sorted(junctions_of[program.id] - {-1})),
             program.offset,
             program.phases,
         )
@@ -119,16 +119,16 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
     return replace(model, areas=tuple(areas), signals=tuple(signals), controllers=controllers)
 
 
-def _places(model: LaneModel) -> dict[str, _Place]:
+def _places(model: LaneModel) -> dict[str, _LaneEnd]:
     """Return a map from each strip to the lane where its traffic leaves the road."""
-    found: dict[str, _Place] = {}
+    ends: dict[str, _LaneEnd] = {}
     for road in model.roads:
         for section in road.sections:
             for lane in section.directed:
                 for name in lane.strip.split():
-                    if name not in found or lane.forward:
-                        found[name] = _Place(road, section, lane)
-    return found
+                    if name not in ends or lane.forward:
+                        ends[name] = _LaneEnd(road, section, lane)
+    return ends
 
 
 def _hosts(model: LaneModel) -> list[_Host]:
@@ -172,10 +172,10 @@ def _outlines(lanes: Sequence[Lane], height: SurfaceHeight) -> list[NDArray[np.f
     """Return the outlines (N, 3) of crossings on the surface, site frame."""
     outlines = [_corners(lane) for lane in lanes]
     for level in sorted({lane.level for lane in lanes}):
-        mine = [k for k, lane in enumerate(lanes) if lane.level == level]
-        z = height(np.concatenate([outlines[k] for k in mine]), level)
-        ends = np.cumsum([len(outlines[k]) for k in mine])
-        for k, part in zip(mine, np.split(z, ends[:-1]), strict=True):
+        on_level = [k for k, lane in enumerate(lanes) if lane.level == level]
+        z = height(np.concatenate([outlines[k] for k in on_level]), level)
+        ends = np.cumsum([len(outlines[k]) for k in on_level])
+        for k, part in zip(on_level, np.split(z, ends[:-1]), strict=True):
             outlines[k] = np.column_stack([outlines[k], part])
     return outlines
 
@@ -216,7 +216,7 @@ def _local(road: ModelRoad, s: float, points: NDArray[np.float64]) -> NDArray[np
     )
 
 
-def _stop_line(number: int, place: _Place) -> RoadArea:
+def _stop_line(number: int, place: _LaneEnd) -> RoadArea:
     road, lane, end = place.road, place.lane, place.end
     back = -STOP_LINE_M if lane.forward else STOP_LINE_M
     s = np.clip([end + back, end + back, end, end], 0.0, road.length)
@@ -238,13 +238,13 @@ def _stop_line(number: int, place: _Place) -> RoadArea:
     )
 
 
-def _at_stop_line(number: int, place: _Place, head: SignalHead) -> RoadSignal:
+def _at_stop_line(number: int, place: _LaneEnd, head: SignalHead) -> RoadSignal:
     t = float(place.road.middle(place.section, place.lane, place.end)[0])
     sign = "+" if place.lane.forward else "-"
     return _signal(number, place.road, VEHICLE_LIGHTS, place.end, t, sign, (place.lane.id,), head)
 
 
-def _within(
+def _inner_signal(
     number: int, model: LaneModel, junction: int, head: SignalHead, *, walkers: bool
 ) -> RoadSignal | None:
     """Return a signal on its lane's connecting road, else on the nearest of the junction."""

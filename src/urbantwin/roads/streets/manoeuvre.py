@@ -121,7 +121,7 @@ def find_topology(network: RoadNetwork) -> Topology:
         for edge in network.roads
         if edge.from_junction != edge.to_junction
         and group[edge.from_junction] == group[edge.to_junction]
-        and _beyond(network, edge, outline[group[edge.from_junction]]) < LOOP_M
+        and _length_outside(network, edge, outline[group[edge.from_junction]]) < LOOP_M
     }
     edges = tuple(edge for edge in network.roads if edge.id not in within)
     edge_of = {name: edge for edge in network.roads for name in edge.lanes}
@@ -143,7 +143,7 @@ def _outlines(network: RoadNetwork, group: Mapping[str, str]) -> dict[str, shape
     return {name: shapely.union_all(parts).convex_hull for name, parts in members.items()}
 
 
-def _beyond(network: RoadNetwork, edge: Road, outline: shapely.Geometry) -> float:
+def _length_outside(network: RoadNetwork, edge: Road, outline: shapely.Geometry) -> float:
     """Return the length of an edge outside an outline, metres."""
     line = shapely.LineString(vehicle_lanes(network, edge)[0].centre[:, :2])
     return float(line.difference(outline).length)
@@ -197,7 +197,7 @@ def _merges(
     onward: dict[str, list[Route]] = defaultdict(list)
     for route in routes.values():
         onward[route.start].append(route)
-    found = []
+    merges = []
     for edge in edges:
         lanes = [lane for lane in vehicle_lanes(network, edge) if lane.kind != "bicycle"]
         if edge.to_junction in border or all(lane.kind == "sidewalk" for lane in lanes):
@@ -208,8 +208,8 @@ def _merges(
             beside = sorted((abs(k - j), j) for j, other in enumerate(lanes) if onward[other.id])
             ends = [r.end for r in onward[lanes[beside[0][1]].id]] if beside else []
             ends = ends or _straight_on(network, edges, edge, lane, group)
-            found += [Route(lane.id, (), end) for end in ends[:1]]
-    return tuple(found)
+            merges += [Route(lane.id, (), end) for end in ends[:1]]
+    return tuple(merges)
 
 
 def _straight_on(
@@ -240,14 +240,14 @@ def _trims(
     for route in routes:
         chain = [network.lane_by_id[name] for name in route.via]
         first, last = network.lane_by_id[route.start], network.lane_by_id[route.end]
-        way = sum(lane.length for lane in chain)
-        way = way or float(np.linalg.norm(last.centre[0, :2] - first.centre[-1, :2]))
+        length_m = sum(lane.length for lane in chain)
+        length_m = length_m or float(np.linalg.norm(last.centre[0, :2] - first.centre[-1, :2]))
         before, after = edge_of[route.start], edge_of[route.end]
-        lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - way)
+        lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - length_m)
         give = lacking / 2
         if before.id in signalled:
             # The stop line keeps its position; the other side is cut by the remaining length.
-            give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
+            give = max(0.0, ROOM_AT_SIGNAL_M - length_m) / 2
         corner = _room_to_turn(first, last)
         giving = max(give, corner[0] if before.id not in signalled else 0.0)
         keys = (
@@ -272,12 +272,12 @@ def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
     # Distances from the ends of the lanes to the intersection of their lines.
     gap = last.centre[0, :2] - first.centre[-1, :2]
     ahead = float(gap[0] * b[1] - gap[1] * b[0]) / across
-    behind = float(a[0] * gap[1] - a[1] * gap[0]) / across
+    backward = float(a[0] * gap[1] - a[1] * gap[0]) / across
     need = CORNER_RADIUS_M * np.tan(turn / 2)
     spare = (max(0.0, (lane.length - LEFT_M) / 2) for lane in (first, last))
     early, late = (
-        min(max(0.0, need - there), left)
-        for there, left in zip((ahead, behind), spare, strict=True)
+        min(max(0.0, need - distance), left)
+        for distance, left in zip((ahead, backward), spare, strict=True)
     )
     return float(early), float(late)
 
@@ -290,9 +290,9 @@ def _room_to_shift(first: Lane, last: Lane) -> float:
         return 0.0
     gap = last.centre[0, :2] - first.centre[-1, :2]
     ahead = (a + b) / np.linalg.norm(a + b)
-    aside = abs(float(ahead[0] * gap[1] - ahead[1] * gap[0]))
-    # Two arcs that join in the middle: aside = length^2 / (4 radius).
-    return float(np.sqrt(4 * SHIFT_RADIUS_M * aside))
+    offset_m = abs(float(ahead[0] * gap[1] - ahead[1] * gap[0]))
+    # Two arcs that join in the middle: offset_m = length^2 / (4 radius).
+    return float(np.sqrt(4 * SHIFT_RADIUS_M * offset_m))
 
 
 def build_manoeuvres(
@@ -394,9 +394,9 @@ def _curves(joints: Sequence[_Joint], standing: Sequence[shapely.Geometry]) -> l
     poses = [joint.poses for joint in joints]
     mapped = [_mapped(x, pose) if x.chain else None for x, pose in zip(joints, poses, strict=True)]
     # Paths over junctions of several nodes are drawn before netconvert, and are kept.
-    kept = [any(lane.junction.startswith(CLUSTER) for lane in joint.chain) for joint in joints]
-    curves = gentle_curves(poses, mapped, kept)
-    free = [k for k, joint in enumerate(joints) if not kept[k] and joint.start.lane.level == 0]
+    fixed = [any(lane.junction.startswith(CLUSTER) for lane in joint.chain) for joint in joints]
+    curves = gentle_curves(poses, mapped, fixed)
+    free = [k for k, joint in enumerate(joints) if not fixed[k] and joint.start.lane.level == 0]
     roads = [(joints[k].start.lane.road, joints[k].end.lane.road) for k in free]
     for number, curve in round_standing([curves[k] for k in free], roads, standing).items():
         curves[free[number]] = curve
@@ -418,23 +418,23 @@ def gentle_curves(
     if not len(ends):
         return []
     poses = np.array(ends)
-    found: dict[int, Curve] = {}
+    chosen: dict[int, Curve] = {}
     for directness, tolerance in DIRECTNESS:
-        left = [k for k in range(len(poses)) if k not in found]
+        left = [k for k in range(len(poses)) if k not in chosen]
         if not left:
             break
         curves = all_turned(poses[left, 0], poses[left, 1], directness=directness)
         for k, curve in zip(left, curves, strict=True):
-            way = mapped[k]
-            if way is not None:
-                off = KEPT_M if kept and kept[k] else tolerance * (1.0 + 0.1 * way.length)
-                if shapely.hausdorff_distance(way, curve.line) > off:
+            path = mapped[k]
+            if path is not None:
+                off = KEPT_M if kept and kept[k] else tolerance * (1.0 + 0.1 * path.length)
+                if shapely.hausdorff_distance(path, curve.line) > off:
                     continue
-            found[k] = curve
-    for k in set(range(len(poses))) - set(found):
-        way = shapely.get_coordinates(mapped[k])
-        found[k] = splined(_calm(way), poses[k, 0, 2], poses[k, 1, 2])
-    return [found[k] for k in range(len(poses))]
+            chosen[k] = curve
+    for k in set(range(len(poses))) - set(chosen):
+        path = shapely.get_coordinates(mapped[k])
+        chosen[k] = splined(_thinned(path), poses[k, 0, 2], poses[k, 1, 2])
+    return [chosen[k] for k in range(len(poses))]
 
 
 def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
@@ -444,26 +444,26 @@ def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
         np.vstack(
             [
                 first[None],
-                _after(joint.start.lane.centre[:, :2], first),
+                _points_beyond(joint.start.lane.centre[:, :2], first),
                 *(lane.centre[:, :2] for lane in joint.chain),
-                _after(joint.end.lane.centre[::-1, :2], last)[::-1],
+                _points_beyond(joint.end.lane.centre[::-1, :2], last)[::-1],
                 last[None],
             ]
         )
     )
 
 
-def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points_beyond(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points of a polyline beyond the projection of a place."""
-    at = shapely.LineString(points).project(shapely.Point(place))
+    station_m = shapely.LineString(points).project(shapely.Point(place))
     along = stations_of_points(points)
-    return np.asarray(points[along > at + 0.05])
+    return np.asarray(points[along > station_m + 0.05])
 
 
-def _calm(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Remove points closer together than ``SPACING_M``; the ends stay."""
-    kept = [points[0]]
+    spaced = [points[0]]
     for point in points[1:-1]:
-        if min(np.linalg.norm(point - kept[-1]), np.linalg.norm(point - points[-1])) > SPACING_M:
-            kept.append(point)
-    return np.array([*kept, points[-1]])
+        if min(np.linalg.norm(point - spaced[-1]), np.linalg.norm(point - points[-1])) > SPACING_M:
+            spaced.append(point)
+    return np.array([*spaced, points[-1]])

@@ -65,9 +65,9 @@ def planar_model(network: RoadNetwork, standing: Sequence[shapely.Geometry] = ()
     roads += [_connecting(m, number[m.junction], level[m.junction]) for m in manoeuvres]
     junctions = []
     for name in names:
-        mine = [m for m in manoeuvres if m.junction == name]
+        through = [m for m in manoeuvres if m.junction == name]
         connections = tuple(
-            Connection(m.entry.number, m.number, "start", ((m.start.id, m.side),)) for m in mine
+            Connection(m.entry.number, m.number, "start", ((m.start.id, m.side),)) for m in through
         )
         united = tuple(sorted(members[name]))
         junctions.append(
@@ -78,20 +78,20 @@ def planar_model(network: RoadNetwork, standing: Sequence[shapely.Geometry] = ()
 
 def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tuple[int, str], int]:
     """Return (road, ``start`` or ``end``) -> id of the junction there."""
-    found = {}
+    junction_at = {}
     for m in manoeuvres:
-        found[m.entry.number, "end" if m.start.forward else "start"] = number[m.junction]
-        found[m.exit.number, "start" if m.end.forward else "end"] = number[m.junction]
-    return found
+        junction_at[m.entry.number, "end" if m.start.forward else "start"] = number[m.junction]
+        junction_at[m.exit.number, "start" if m.end.forward else "end"] = number[m.junction]
+    return junction_at
 
 
 def _street(street: Street, ends: Mapping[tuple[int, str], int]) -> ModelRoad:
     # A lane that both directions share is one lane, in the direction of the reference line.
-    own = [x for x in street.strips if x.forward or x.lane.opposite not in street.strip_of]
-    lanes = [replace(_lane(x), opposite=x.lane.opposite) for x in own]
+    strips = [x for x in street.strips if x.forward or x.lane.opposite not in street.strip_of]
+    lanes = [replace(_lane(x), opposite=x.lane.opposite) for x in strips]
     lanes = [x if x.opposite in street.strip_of else replace(x, opposite="") for x in lanes]
     section = with_lane_marks(LaneSection(0.0, tuple(lanes)))
-    before, after = (ends.get((street.number, at)) for at in ("start", "end"))
+    before, after = (ends.get((street.number, end)) for end in ("start", "end"))
     return ModelRoad(
         id=street.number,
         name=street.edge.name,
@@ -179,10 +179,10 @@ def _outlines(
             half = np.array([[strip.lane.width / 2] for strip in driven]) * left[end]
             corners = np.vstack([x + h for x in (places, mapped[:, :2]) for h in (half, -half)])
             slabs[name].append(shapely.MultiPoint(corners).convex_hull)
-    found = {}
+    outlines = {}
     for name, parts in members.items():
         if len(parts) == 1 and parts[0] not in slabs:
-            found[name] = plain[parts[0]]
+            outlines[name] = plain[parts[0]]
             continue
         whole = area_union([*(shape[p] for p in parts), *(s for p in parts for s in slabs[p])])
         for gap in GAPS_M:
@@ -194,5 +194,5 @@ def _outlines(
         areas = shapely.get_parts(whole)
         if len(areas) > 1:
             areas = [shapely.convex_hull(whole)]
-        found[name] = shapely.get_coordinates(areas[0].exterior)[:-1]
-    return found
+        outlines[name] = shapely.get_coordinates(areas[0].exterior)[:-1]
+    return outlines

@@ -101,32 +101,32 @@ def build_streets(
         side: -1: lanes along the reference line lie to its right; 1: to its left.
     """
     streets: list[Street] = []
-    done: set[str] = set()
+    used: set[str] = set()
     partner = _partners(network, edges, side)
     for edge in sorted(edges, key=lambda e: (e.id.startswith("-"), e.id)):
-        if edge.id in done:
+        if edge.id in used:
             continue
         other = partner.get(edge.id)
-        done |= {edge.id} | ({other.id} if other else set())
+        used |= {edge.id} | ({other.id} if other else set())
         streets.append(_street(network, len(streets) + 1, edge, other, trims, side))
     return tuple(streets)
 
 
 def _partners(network: RoadNetwork, edges: list[Road], side: int) -> dict[str, Road]:
-    found: dict[str, Road] = {}
+    partners: dict[str, Road] = {}
     by_ends: dict[tuple[str, str], list[Road]] = {}
     for edge in edges:
         by_ends.setdefault((edge.from_junction, edge.to_junction), []).append(edge)
     for edge in edges:
         for other in by_ends.get((edge.to_junction, edge.from_junction), []):
-            if {edge.id, other.id} & found.keys() or other.id == edge.id:
+            if {edge.id, other.id} & partners.keys() or other.id == edge.id:
                 continue
             inner = network.lane_by_id[edge.lanes[-1]]
             borders = [_inner_border(network, e, side) for e in (edge, other)]
             shorter, longer = sorted(borders, key=lambda line: float(line.length))
             if inner.opposite == other.lanes[-1] or _furthest(shorter, longer) < PAIRED_M:
-                found[edge.id], found[other.id] = other, edge
-    return found
+                partners[edge.id], partners[other.id] = other, edge
+    return partners
 
 
 def _inner_border(network: RoadNetwork, edge: Road, side: int) -> shapely.LineString:
