@@ -99,15 +99,15 @@ class Curve:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return x, y, heading (N, 3) at stations ``s``."""
-        which, ds = self._within(s)
-        return _posed_on(self._table[which], self._cubic[which], self._powers[which], ds)
+        piece, ds = self._within(s)
+        return _posed_on(self._table[piece], self._cubic[piece], self._powers[piece], ds)
 
     def _within(self, s: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the index of the piece at each station, and the distance from its start."""
         stations = np.asarray(s, np.float64).reshape(-1)
         stations = np.minimum(np.maximum(stations, 0.0), self.length)
-        which = self.starts[1:-1].searchsorted(stations, side="right")
-        return which, stations - self.starts[which]
+        piece = self.starts[1:-1].searchsorted(stations, side="right")
+        return piece, stations - self.starts[piece]
 
     def pose(self, s: float) -> tuple[float, float, float]:
         """Return x, y, heading at one station."""
@@ -204,9 +204,9 @@ def all_at(curves: Sequence[Curve], s: Sequence[NDArray[np.float64]]) -> NDArray
         return np.zeros((0, 3))
     within = [curve._within(stations) for curve, stations in zip(curves, s, strict=True)]
     first = accumulate((len(curve.pieces) for curve in curves), initial=0)
-    which = np.concatenate([k + start for (k, _), start in zip(within, first, strict=False)])
+    piece = np.concatenate([k + start for (k, _), start in zip(within, first, strict=False)])
     table, cubic, powers = (
-        np.concatenate([getattr(curve, name) for curve in curves])[which]
+        np.concatenate([getattr(curve, name) for curve in curves])[piece]
         for name in ("_table", "_cubic", "_powers")
     )
     return _posed_on(table, cubic, powers, np.concatenate([ds for _, ds in within]))
@@ -345,11 +345,11 @@ def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
     xy = spline(fine)
     along = stations_of_points(xy)
     count = max(1, math.ceil(along[-1] / CUBIC_M))
-    at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
-    tangent = spline(at, 1)
+    params = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
+    tangent = spline(params, 1)
     tangent[0], tangent[-1] = first, last
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    return _cubics(spline(at), heading, float(along[-1]) / count)
+    return _cubics(spline(params), heading, float(along[-1]) / count)
 
 
 def turned(
@@ -393,8 +393,8 @@ def all_turned(
     count = np.maximum(TURN_CUBICS, np.ceil(along[:, -1] / CUBIC_M).astype(int))
     curves = []
     for k, pieces in enumerate(count.tolist()):
-        at = np.interp(np.linspace(0.0, along[k, -1], pieces + 1), along[k], fine)
-        power = at ** np.arange(6)[:, None]
+        params = np.interp(np.linspace(0.0, along[k, -1], pieces + 1), along[k], fine)
+        power = params ** np.arange(6)[:, None]
         xy = np.stack([u[k], v[k]]) @ power
         du, dv = np.stack([u[k, 1:], v[k, 1:]]) * np.arange(1, 6) @ power[:5]
         heading = start[k, 2] + np.unwrap(np.arctan2(dv, du))

@@ -109,9 +109,9 @@ class LaneSection:
     def directed(self) -> tuple[SectionLane, ...]:
         """Lanes by direction: a lane that both directions share occurs once for each of them."""
         return tuple(
-            found
+            directed_lane
             for lane in self.lanes
-            for found in ((lane, turned_round(lane)) if lane.opposite else (lane,))
+            for directed_lane in ((lane, turned_round(lane)) if lane.opposite else (lane,))
         )
 
     def inwards(self, lane: SectionLane) -> Iterable[SectionLane]:

@@ -137,7 +137,7 @@ def check_model(model: LaneModel, file: Path) -> None:
             "is not a side of the road", file=file, place="driving_side", expected="right or left"
         )
     for name in ("roads", "junctions", "areas", "signals", "controllers"):
-        ids = [one.id for one in getattr(model, name)]
+        ids = [item.id for item in getattr(model, name)]
         if len(set(ids)) < len(ids):
             raise InputError("has an id twice", file=file, place=name)
     roads, junctions = model.road_by_id, model.junction_by_id
@@ -145,13 +145,13 @@ def check_model(model: LaneModel, file: Path) -> None:
         _check_road(road, file, f"roads[{number}]")
         _known([road.junction], {-1, *junctions}, file, f"roads[{number}].junction")
     for number, junction in enumerate(model.junctions):
-        for index, one in enumerate(junction.connections):
+        for index, connection in enumerate(junction.connections):
             place = f"junctions[{number}].connections[{index}]"
-            _known((one.incoming, one.connecting), roads, file, place)
+            _known((connection.incoming, connection.connecting), roads, file, place)
     for name in ("areas", "signals"):
         for number, item in enumerate(getattr(model, name)):
             _known([item.road], roads, file, f"{name}[{number}].road")
-    heads = {one.id for one in model.signals}
+    heads = {signal.id for signal in model.signals}
     for number, controller in enumerate(model.controllers):
         _known(controller.signals, heads, file, f"controllers[{number}].signals")
         _known(controller.junctions, junctions, file, f"controllers[{number}].junctions")
@@ -159,33 +159,33 @@ def check_model(model: LaneModel, file: Path) -> None:
 
 def _check_road(road: ModelRoad, file: Path, place: str) -> None:
     pieces = road.curve.pieces
-    if not pieces or any(len(one.u) not in (0, 4) or len(one.v) != len(one.u) for one in pieces):
+    if not pieces or any(len(p.u) not in (0, 4) or len(p.v) != len(p.u) for p in pieces):
         raise InputError("is not a curve", file=file, place=f"{place}.curve", expected="pieces")
-    lengths = [one.length for one in pieces]
+    lengths = [piece.length for piece in pieces]
     if min(lengths) < 0 or sum(lengths) > _LONGEST_M:
         raise InputError("has no length", file=file, place=f"{place}.curve", expected="metres")
     for name in _PROFILES:
         _check_profile(getattr(road, name), file, f"{place}.{name}")
     if not road.sections:
         raise InputError("has no sections", file=file, place=place, expected="one at least")
-    starts = [one.s for one in road.sections]
+    starts = [section.s for section in road.sections]
     if starts != sorted(starts):
         raise InputError("has sections out of order", file=file, place=place)
     for number, section in enumerate(road.sections):
-        here = f"{place}.sections[{number}]"
+        where = f"{place}.sections[{number}]"
         if len(section.by_id) < len(section.lanes) or 0 in section.by_id:
-            raise InputError("has lanes without ids of their own", file=file, place=here)
+            raise InputError("has lanes without ids of their own", file=file, place=where)
         for index, lane in enumerate(section.lanes):
             if lane.kind not in LANE_KINDS or not set(lane.allowed) <= set(ROAD_USERS):
                 raise InputError(
                     f"is of kind {lane.kind[:40]!r} for {', '.join(lane.allowed)[:80]}",
                     file=file,
-                    place=f"{here}.lanes[{index}]",
+                    place=f"{where}.lanes[{index}]",
                     expected=f"one of {', '.join(LANE_KINDS)} for classes of actors",
                 )
-            _check_profile(lane.width, file, f"{here}.lanes[{index}].width")
+            _check_profile(lane.width, file, f"{where}.lanes[{index}].width")
             if any(k not in section.by_id for k in range(_step(lane.id), lane.id, _step(lane.id))):
-                raise InputError("has lanes that do not touch", file=file, place=here)
+                raise InputError("has lanes that do not touch", file=file, place=where)
 
 
 def _step(identity: int) -> int:
@@ -199,9 +199,9 @@ def _check_profile(profile: Profile, file: Path, place: str) -> None:
 
 
 def _known(wanted: Iterable[int], known: Collection[int], file: Path, place: str) -> None:
-    for one in wanted:
-        if one not in known:
-            raise InputError(f"names {one}, which is not there", file=file, place=place)
+    for identity in wanted:
+        if identity not in known:
+            raise InputError(f"names {identity}, which is not there", file=file, place=place)
 
 
 def carriageway_in_plan(model: LaneModel, area: shapely.Polygon) -> shapely.Geometry:

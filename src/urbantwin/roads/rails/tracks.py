@@ -51,7 +51,7 @@ RAILWAYS, ROUTES = ("tram", "light_rail"), ("tram", "light_rail")
 PAIR_M = (2.0, 7.0)
 PARALLEL_COS = np.cos(np.radians(20.0))
 _YES = {"yes": {1}, "forward": {1}, "1": {1}, "-1": {-1}, "reverse": {-1}, "backward": {-1}}
-_BOTH = {"no": {1, -1}, "both": {1, -1}, "bidirectional": {1, -1}}
+_TWO_WAY_VALUES = {"no": {1, -1}, "both": {1, -1}, "bidirectional": {1, -1}}
 #: Width of a tram's lane, metres: its clearance.
 RAIL_M = 2.6
 
@@ -98,14 +98,14 @@ def with_trams(
         closed_loop: whether outer tracks lead each exit back to an entry.
     """
     arcs = _arcs(extract, frame, region, network.driving_side)
-    used, following = _that_lead_on(arcs)
+    used, following = _connected_arcs(arcs)
     arcs = [arcs[k] for k in used]
     place = {old: new for new, old in enumerate(used)}
     names = [f"tram-{k + 1}" for k in range(len(arcs))]
     tracks = [
         Track(
             name,
-            _on(elevation, arc.line),
+            _at_ground(elevation, arc.line),
             round(arc.speed, 3),
             arc.level,
             tuple(names[place[n]] for n in following[k] if n in place),
@@ -130,7 +130,7 @@ def _arcs(
     pieces = extract.clipped(frame, region, ways)
     uses = Counter(node for piece in pieces for node in dict.fromkeys(piece.nodes))
     rim = mapped_area(extract, frame).exterior
-    found = []
+    arcs = []
     for piece in pieces:
         nodes, whole = piece.nodes, extract.ways[piece.way].nodes
         cuts = [k for k, node in enumerate(nodes) if 0 < k < len(nodes) - 1 and uses[node] > 1]
@@ -140,31 +140,34 @@ def _arcs(
                 continue
             open_ends = []
             for k in (a, b):
-                at = shapely.Point(piece.points[k])
+                end_point = shapely.Point(piece.points[k])
                 lost = k in (0, len(nodes) - 1) and nodes[k] not in (whole[0], whole[-1])
-                near = region.exterior.distance(at) < BORDER_M or rim.distance(at) < RIM_M
-                open_ends.append(uses[nodes[k]] == 1 and (lost or near))
-            said = finite_number(piece.tags.get("maxspeed", ""))
-            speed = min(max(said / 3.6, 2.0), 25.0) if said else SPEED_MS
+                at_border = (
+                    region.exterior.distance(end_point) < BORDER_M
+                    or rim.distance(end_point) < RIM_M
+                )
+                open_ends.append(uses[nodes[k]] == 1 and (lost or at_border))
+            limit_kmh = finite_number(piece.tags.get("maxspeed", ""))
+            speed = min(max(limit_kmh / 3.6, 2.0), 25.0) if limit_kmh else SPEED_MS
             level = way_layer(piece.tags)
             if 1 in runs[piece.way]:
                 ends = open_ends[1], open_ends[0]
-                found.append(_Arc(nodes[a], nodes[b], line, piece.way, speed, level, *ends))
+                arcs.append(_Arc(nodes[a], nodes[b], line, piece.way, speed, level, *ends))
             if -1 in runs[piece.way]:
                 ends = open_ends[0], open_ends[1]
-                found.append(_Arc(nodes[b], nodes[a], line[::-1], piece.way, speed, level, *ends))
-    return found
+                arcs.append(_Arc(nodes[b], nodes[a], line[::-1], piece.way, speed, level, *ends))
+    return arcs
 
 
-def _that_lead_on(arcs: Sequence[_Arc]) -> tuple[list[int], list[list[int]]]:
+def _connected_arcs(arcs: Sequence[_Arc]) -> tuple[list[int], list[list[int]]]:
     """Return the arcs from an entry to an exit, or in a ring, and the successors of each arc."""
-    at: defaultdict[int, list[int]] = defaultdict(list)
+    arcs_from: defaultdict[int, list[int]] = defaultdict(list)
     for k, arc in enumerate(arcs):
-        at[arc.start].append(k)
+        arcs_from[arc.start].append(k)
     following = [
         [
             n
-            for n in at[arc.end]
+            for n in arcs_from[arc.end]
             if float(arc.ahead[1] @ arcs[n].ahead[0]) > TURN_COS
             and not (arcs[n].end == arc.start and arcs[n].way == arc.way)
         ]
@@ -173,15 +176,15 @@ def _that_lead_on(arcs: Sequence[_Arc]) -> tuple[list[int], list[list[int]]]:
     used = set(range(len(arcs)))
     while True:
         reached = {n for k in used for n in following[k] if n in used}
-        kept = {
+        remaining = {
             k
             for k in used
             if (arcs[k].leads_in or k in reached)
             and (arcs[k].leads_out or any(n in used for n in following[k]))
         }
-        if kept == used:
+        if remaining == used:
             return sorted(used), following
-        used = kept
+        used = remaining
 
 
 def _closed(
@@ -210,7 +213,7 @@ def _closed(
     for a, b in pairs:
         name = f"tram-outer-{len(outer) + 1}"
         line = _around(arcs[a], arcs[b], middle, radius)
-        outer.append(Track(name, _on(elevation, line), SPEED_MS, 0, (tracks[b].id,), True))
+        outer.append(Track(name, _at_ground(elevation, line), SPEED_MS, 0, (tracks[b].id,), True))
         onward[a].append(name)
     inner = [
         replace(track, successors=(*track.successors, *onward[k])) for k, track in enumerate(tracks)
@@ -239,7 +242,7 @@ def _stops(
     inner = [track for track in tracks if not track.outer]
     lines = [shapely.LineString(track.line[:, :2]) for track in inner]
     by_id = {track.id: k for k, track in enumerate(inner)}
-    found: dict[int, list[tuple[float, str]]] = defaultdict(list)
+    stop_places: dict[int, list[tuple[float, str]]] = defaultdict(list)
     for node, tags in sorted(extract.node_tags.items()):
         is_stop = tags.get("railway") == "tram_stop" or (
             tags.get("public_transport") == "stop_position"
@@ -247,25 +250,25 @@ def _stops(
         )
         if not is_stop or node not in extract.nodes:
             continue
-        at = shapely.Point(frame.site_from_lonlat([extract.nodes[node]])[0])
-        if not region.contains(at):
+        anchor = shapely.Point(frame.site_from_lonlat([extract.nodes[node]])[0])
+        if not region.contains(anchor):
             continue
-        near = [k for k, line in enumerate(lines) if line.distance(at) < STOP_M]
-        nearest = min((lines[k].distance(at) for k in near), default=0.0)
-        for k in near:
+        near_tracks = [k for k, line in enumerate(lines) if line.distance(anchor) < STOP_M]
+        nearest = min((lines[k].distance(anchor) for k in near_tracks), default=0.0)
+        for k in near_tracks:
             # Beside a pair of tracks, the stop belongs to the nearer one.
-            if lines[k].distance(at) > nearest + 0.5:
+            if lines[k].distance(anchor) > nearest + 0.5:
                 continue
-            front, along = k, lines[k].project(at) + HALF_STOP_M
+            front, along = k, lines[k].project(anchor) + HALF_STOP_M
             while along > lines[front].length - 0.5:
                 onward = [by_id[n] for n in inner[front].successors if n in by_id]
                 if not onward:
                     along = lines[front].length - 0.5
                     break
                 along, front = along - lines[front].length, onward[0]
-            found[front].append((along, tags.get("name", "")))
+            stop_places[front].append((along, tags.get("name", "")))
     stops = []
-    for k, places in sorted(found.items()):
+    for k, places in sorted(stop_places.items()):
         last = -np.inf
         for along, name in sorted(places):
             if along - last > SAME_STOP_M:
@@ -275,7 +278,7 @@ def _stops(
     return stops
 
 
-def _on(elevation: Elevation, line: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at_ground(elevation: Elevation, line: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.round(np.column_stack([line, elevation.raw_at(line)]), 4), np.float64)
 
 
@@ -289,17 +292,19 @@ def _direction(line: NDArray[np.float64]) -> NDArray[np.float64]:
 def tram_ways(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> list[Way]:
     """Return the tracks in the open with tram lines; if no line is mapped, all except sidings."""
     tracks = [
-        way
-        for _, way in sorted(extract.ways.items())
-        if way.tags.get("railway") in RAILWAYS
-        and way.tags.get("tunnel", "no") == "no"
-        and way_layer(way.tags) >= 0
-        and len(line := extract.way_line(way, frame)) > 1
+        osm_way
+        for _, osm_way in sorted(extract.ways.items())
+        if osm_way.tags.get("railway") in RAILWAYS
+        and osm_way.tags.get("tunnel", "no") == "no"
+        and way_layer(osm_way.tags) >= 0
+        and len(line := extract.way_line(osm_way, frame)) > 1
         and region.intersects(shapely.LineString(line))
     ]
-    used = {way for route in _routes(extract) for kind, way, _ in route.members if kind == "w"}
-    on_lines = [way for way in tracks if way.id in used]
-    return on_lines or [way for way in tracks if "service" not in way.tags]
+    used = {
+        way_id for route in _routes(extract) for kind, way_id, _ in route.members if kind == "w"
+    }
+    on_lines = [osm_way for osm_way in tracks if osm_way.id in used]
+    return on_lines or [osm_way for osm_way in tracks if "service" not in osm_way.tags]
 
 
 def ways_run(
@@ -311,15 +316,17 @@ def ways_run(
     the ways in mapped lines, then the side of the other track of a pair. A single track is used in
     both directions.
     """
-    lines = {way.id: extract.way_line(way, frame) for way in ways}
-    by_route = _directions_of_routes(extract, {way.id: way for way in ways})
-    found = {}
-    for way in ways:
-        said = way.tags.get("railway:preferred_direction") or way.tags.get("oneway", "")
-        tagged = _YES.get(said) or _BOTH.get(said)
-        beside = _of_pair(way.id, lines, driving_side)
-        found[way.id] = frozenset(tagged or by_route.get(way.id) or beside or {1, -1})
-    return found
+    lines = {osm_way.id: extract.way_line(osm_way, frame) for osm_way in ways}
+    by_route = _directions_of_routes(extract, {osm_way.id: osm_way for osm_way in ways})
+    directions = {}
+    for osm_way in ways:
+        direction_tag = osm_way.tags.get("railway:preferred_direction") or osm_way.tags.get(
+            "oneway", ""
+        )
+        tagged = _YES.get(direction_tag) or _TWO_WAY_VALUES.get(direction_tag)
+        beside = _direction_in_pair(osm_way.id, lines, driving_side)
+        directions[osm_way.id] = frozenset(tagged or by_route.get(osm_way.id) or beside or {1, -1})
+    return directions
 
 
 def _routes(extract: Extract) -> list[Relation]:
@@ -332,7 +339,7 @@ def _routes(extract: Extract) -> list[Relation]:
 
 def _directions_of_routes(extract: Extract, ways: Mapping[int, Way]) -> dict[int, set[int]]:
     """Return the directions of lines on ways, by the order of a line's members."""
-    found: defaultdict[int, set[int]] = defaultdict(set)
+    directions: defaultdict[int, set[int]] = defaultdict(set)
     for route in _routes(extract):
         rows = [member for kind, member, role in route.members if kind == "w" and role == ""]
         for first, second in pairwise(rows):
@@ -342,28 +349,28 @@ def _directions_of_routes(extract: Extract, ways: Mapping[int, Way]) -> dict[int
             for k, sign in ((-1, 1), (0, -1)):
                 if a.nodes[k] in (b.nodes[0], b.nodes[-1]):
                     if first in ways:
-                        found[first].add(sign)
+                        directions[first].add(sign)
                     if second in ways:
-                        found[second].add(1 if a.nodes[k] == b.nodes[0] else -1)
+                        directions[second].add(1 if a.nodes[k] == b.nodes[0] else -1)
                     break
-    return found
+    return directions
 
 
-def _of_pair(
+def _direction_in_pair(
     own: int, lines: Mapping[int, NDArray[np.float64]], driving_side: str
 ) -> set[int] | None:
     """Return the direction of a track from the side of the other one of the pair; else ``None``."""
     line = lines[own]
     middle = shapely.LineString(line).interpolate(0.5, normalized=True)
     ahead = _heading(line, middle)
-    here = shapely.get_coordinates(middle)[0]
+    middle_xy = shapely.get_coordinates(middle)[0]
     for other, points in lines.items():
         whole = shapely.LineString(points)
         if other == own or not PAIR_M[0] <= whole.distance(middle) <= PAIR_M[1]:
             continue
         if abs(float(ahead @ _heading(points, middle))) < PARALLEL_COS:
             continue
-        gap = shapely.get_coordinates(whole.interpolate(whole.project(middle)))[0] - here
+        gap = shapely.get_coordinates(whole.interpolate(whole.project(middle)))[0] - middle_xy
         left = float(ahead[0] * gap[1] - ahead[1] * gap[0]) > 0
         # In right-hand traffic the opposite direction is on the left.
         return {1} if left == (driving_side == "right") else {-1}
@@ -373,8 +380,10 @@ def _of_pair(
 def _heading(line: NDArray[np.float64], near: shapely.Point) -> NDArray[np.float64]:
     """Return the unit vector (2,) along a line where it is nearest to a point."""
     whole = shapely.LineString(line)
-    at = whole.project(near)
-    ends = shapely.line_interpolate_point(whole, [max(at - 1.0, 0.0), min(at + 1.0, whole.length)])
+    station_m = whole.project(near)
+    ends = shapely.line_interpolate_point(
+        whole, [max(station_m - 1.0, 0.0), min(station_m + 1.0, whole.length)]
+    )
     leg = np.diff(shapely.get_coordinates(ends), axis=0)[0]
     return np.asarray(leg / max(float(np.linalg.norm(leg)), 1e-9))
 
@@ -401,7 +410,7 @@ def add_rails(path: Path, tracks: Sequence[Track]) -> None:
         into[nodes[track.id][1]].append(track)
     for name in sorted({node for ends in nodes.values() for node in ends}):
         entering = sorted(into[name], key=lambda track: track.id)
-        links = [(one, by_id[n]) for one in entering for n in one.successors]
+        links = [(track, by_id[n]) for track in entering for n in track.successors]
         ends = [track.line[-1] for track in entering]
         ends += [track.line[0] for track in tracks if nodes[track.id][0] == name]
         groups["junction"].append(_junction(name, ends[0][:2].tolist(), entering, links))
