@@ -1,3 +1,3 @@
-"""Experiments: cells of a grid as steps that are made once, and what they add up to."""
+"""Experiments: cells of a grid as steps that run once, and their combined results."""
 
 __all__: list[str] = []

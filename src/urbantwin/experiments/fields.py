@@ -43,7 +43,7 @@ else:  # text in the file: a name relative to it
 
 
 def document_of(info: ValidationInfo) -> Document:
-    """Return the document that is validated, for errors with a place of their own."""
+    """Return the document that is validated, for errors with their own location."""
     assert info.context is not None
     document = info.context["document"]
     assert isinstance(document, Document)
@@ -53,7 +53,7 @@ def document_of(info: ValidationInfo) -> Document:
 class ExperimentFile(Strict):
     """The file of an experiment; names of files in it are relative to it."""
 
-    #: What it is, for errors: ``a study``.
+    #: Description of the file, for errors: ``a study``.
     described_as: ClassVar[str]
     _file: Path = PrivateAttr()
 
@@ -64,7 +64,7 @@ class ExperimentFile(Strict):
 
     @property
     def file(self) -> Path:
-        """Where it was read."""
+        """Path from which it was read."""
         return self._file
 
     @classmethod

@@ -14,16 +14,16 @@ __all__ = ["MAX_CELLS", "Axis", "Cell", "Level", "factorial", "level_text", "one
 #: Value of an axis: a number or a name.
 Level = int | float | str
 
-#: Most cells of a grid.
+#: Maximum number of cells of a grid.
 MAX_CELLS = 100_000
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Something that is varied.
+    """A factor that is varied.
 
     Attributes:
-        name: as the file has it.
+        name: name as in the file.
         levels: at least one, each once; the first is the base that the others are compared with.
     """
 
@@ -48,13 +48,13 @@ class Cell:
     """One level of each axis.
 
     Attributes:
-        levels: by the name of the axis, in the order of the axes.
+        levels: levels by the name of the axis, in the order of the axes.
     """
 
     levels: Mapping[str, Level]
 
     def name(self, axes: Sequence[Axis]) -> str:
-        """Return what differs from the base: ``fog_visibility_m=200``; ``base`` where nothing."""
+        """Return the differences from the base: ``fog_visibility_m=200``; ``base`` without any."""
         names = [f"{name}={level_text(self.levels[name])}" for name in self.varied(axes)]
         return ", ".join(names) or "base"
 
@@ -79,7 +79,7 @@ def one_at_a_time(axes: Sequence[Axis]) -> tuple[Cell, ...]:
 
 
 def factorial(axes: Sequence[Axis]) -> tuple[Cell, ...]:
-    """Return a cell for every combination of levels, the base first, the last axis the fastest.
+    """Return a cell for each combination of levels, base first; the last axis varies fastest.
 
     Raises:
         InputError: there are more than `MAX_CELLS`.

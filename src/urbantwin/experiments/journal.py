@@ -18,13 +18,13 @@ __all__ = ["ATTEMPTS", "JOURNAL", "Journal", "step_key"]
 
 #: File of the journal in the folder of an experiment.
 JOURNAL = "journal/steps.jsonl"
-#: Times that a step which failed is tried.
+#: Number of attempts of a step that fails.
 ATTEMPTS = 2
 _EXPECTED = "a journal, or no file: then all begins anew"
 
 
 def step_key(made_from: Mapping[str, Any]) -> str:
-    """Return the key of a step: a hash of its inputs and of the versions that make it."""
+    """Return the key of a step: a hash of its inputs and of the versions of the software."""
     from urbantwin.dataset.manifest import recipe_key
 
     return recipe_key({"made_by": _versions(), **made_from})
@@ -38,16 +38,17 @@ def _versions() -> str:
 
 
 class Journal:
-    """The journal of an experiment, JSON lines: a line is added whenever a step ends.
+    """The journal of an experiment, as JSON lines; a line is added whenever a step ends.
 
-    A step has a place, its folder or file within the experiment's folder, and a key (`step_key`).
-    It is done if the last line about its place says so with that key, and its output is there: so
-    another level makes what is new alone, and a changed input makes again what depends on it.
+    A step has a place, which is its folder or file within the experiment's folder, and a key
+    (`step_key`). It is done if the last line about its place has the state ``done`` and the same
+    key, and if its output exists. Therefore an added level creates only the new cells, and a
+    changed input recreates the steps that depend on it.
 
     Args:
-        folder: of the experiment.
-        file: of the journal in it, which need not be there. A last line that was cut off by the end
-            of a run counts for nothing.
+        folder: folder of the experiment.
+        file: name of the journal in the folder; the file need not exist. A last line that is
+            incomplete because a run was interrupted is ignored.
 
     Raises:
         InputError: the file is damaged.
@@ -57,7 +58,7 @@ class Journal:
         self.folder = folder
         self._file = folder / file
         self._rows: dict[str, dict[str, Any]] = {}
-        self._whole_bytes: int | None = None  # of whole lines, where a cut line follows
+        self._whole_bytes: int | None = None  # bytes before an incomplete line
         if self._file.exists():
             self._read()
 
@@ -75,7 +76,7 @@ class Journal:
             self._rows[row.pop("cell")] = row
 
     def row(self, place: str) -> dict[str, Any]:
-        """Return what is noted of a step; nothing of one that was never tried."""
+        """Return the last journal row of a step; empty if the step was never run."""
         return self._rows.get(place, {})
 
     def is_done(self, place: str, key: str, output: str = "") -> bool:
@@ -87,16 +88,16 @@ class Journal:
     def once(
         self, place: str, key: str, make: Callable[[Path], object], *, attempts: int = 1
     ) -> bool:
-        """Make a step at its place unless it is done; return whether it was made now.
+        """Create a step at its place unless it is done; return whether it was created now.
 
         Args:
-            place: of the step.
-            key: of the step.
-            make: makes it; called with its folder or file.
-            attempts: times that it is tried.
+            place: place of the step.
+            key: key of the step.
+            make: creates the step; called with its folder or file.
+            attempts: maximum number of attempts.
 
         Raises:
-            InputError: an input is wrong, which another attempt does not change.
+            InputError: an input is wrong; another attempt would not help.
             StageError: the last attempt failed.
         """
         if self.is_done(place, key):
@@ -116,7 +117,7 @@ class Journal:
         return True
 
     def note(self, place: str, /, **row: object) -> None:
-        """Write down what became of a step: ``state``, ``done`` or ``failed``, and what else."""
+        """Record the result of a step: ``state`` (``done`` or ``failed``) and other values."""
         self._rows[place] = row
         self._file.parent.mkdir(parents=True, exist_ok=True)
         if self._whole_bytes is not None:

@@ -1,4 +1,4 @@
-"""What a detector for one place is taught with: drives that differ in what is uncertain there."""
+"""Training drives for a site-specific detector, with varied traffic, weather and sensor pose."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from urbantwin.site.rig_changes import RigChanges
 
 __all__ = ["Lesson", "lessons_of", "moved_rig"]
 
-#: Hours of drives to learn from, one after the other; and of those that judge.
+#: Times of day of training drives, in turn; below, times of day of evaluation drives.
 _HOURS = ("08:00", "12:30", "17:15", "10:30", "15:00", "20:00")
 _OTHER_HOURS = ("09:15", "18:30", "13:45")
-#: The traffic as a whole is between so many times the site's; whoever is rare, times up to this.
+#: Range of the factor on all traffic; rare classes are multiplied further, up to this.
 _DENSITY, _MORE = (0.6, 1.5), 3.0
 _RARE = ("truck", "bus", "motorcycle", "bicycle", "pedestrian")
-#: Every so many drives it rains, or there is fog or snow; how far one sees then, metres.
+#: Every n-th drive has rain, fog or snow; below, ranges of the visibility then, metres.
 _BAD_WEATHER = 4
 _VISIBILITY_M = {"rain": (500.0, 3000.0), "fog": (150.0, 500.0), "snow": (400.0, 2000.0)}
-#: In which fields the place of a sensor is told: three of them.
+#: Fields that give the position of a sensor; each sensor uses three of them.
 _LENGTHS = ("east_m", "north_m", "forward_m", "left_m", "height_m", "up_m", "altitude_m")
 
 
@@ -30,15 +30,15 @@ class Lesson:
     """One drive.
 
     Attributes:
-        name: of its folder.
-        held: whether it judges; else it teaches.
-        seed: of all that is random in it.
-        time_of_day: when it begins.
-        demand: times the site's traffic, by class.
+        name: name of its folder.
+        held: whether the drive is for evaluation; otherwise it is for training.
+        seed: seed of all random choices in it.
+        time_of_day: start time.
+        demand: factor on the site's traffic, by class.
         weather: clear, rain, fog or snow.
-        visibility_m: how far one sees; ``None``: as in clear air.
-        wet_ground: 0 to 1.
-        sun_elevation_deg: of the sun.
+        visibility_m: visibility, metres; ``None``: as in clear air.
+        wet_ground: wetness of the ground, 0 to 1.
+        sun_elevation_deg: elevation of the sun.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Lesson:
     sun_elevation_deg: float
 
     def per_hour(self, usual: Mapping[str, float]) -> dict[str, float]:
-        """Return the demand (actors an hour by class) of a site whose usual one is given."""
+        """Return the demand (actors per hour by class), from the site's normal demand."""
         return {name: round(rate * self.demand.get(name, 1.0), 1) for name, rate in usual.items()}
 
     def conditions(self) -> RigChanges:
@@ -67,14 +67,15 @@ class Lesson:
 
 
 def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:
-    """Return the drives of a course, those that judge last.
+    """Return the drives of a course; evaluation drives come last.
 
-    Those that judge have other seeds (odd ones) and other hours, the usual demand and clear air.
+    Evaluation drives have different seeds (odd numbers) and start times, normal demand and clear
+    air.
 
     Args:
-        teaching: how many teach.
-        judging: how many judge.
-        seed: of every random choice.
+        teaching: number of training drives.
+        judging: number of evaluation drives.
+        seed: seed of every random choice.
     """
     found = []
     for number in range(teaching):
@@ -106,15 +107,15 @@ def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:
 
 
 def moved_rig(spec: RigSpec, lesson: Lesson, within_m: float, within_deg: float) -> RigSpec:
-    """Return a rig as a drive sees it: its weather, and sensors moved by what is uncertain.
+    """Return a rig with the weather of a drive and with random offsets of the sensor poses.
 
-    Sensors of a drive that judges stand where the rig says.
+    Sensors of an evaluation drive keep the poses of the rig.
 
     Args:
         spec: the rig.
         lesson: the drive.
-        within_m: every coordinate is off by at most this, metres.
-        within_deg: every angle, degrees.
+        within_m: maximum offset of every coordinate, metres.
+        within_deg: maximum offset of every angle, degrees.
     """
     spec = lesson.conditions().applied_to(spec)
     if lesson.held:

@@ -1,4 +1,4 @@
-"""The static world as labelled triangles: ground, decks, buildings, poles, trees, barriers."""
+"""The static scene as labelled triangles: ground, decks, buildings, poles, trees, barriers."""
 
 from urbantwin.scene.scene import FIRST_OBJECT, Scene, build_scene
 from urbantwin.scene.surface import PARTS

@@ -33,18 +33,18 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["Buildings", "building_footprints", "building_mesh"]
 
-#: A body whose underside is lower than this above its building's ground stands on the ground.
+#: A body with its underside lower than this above the building's ground rests on the ground.
 RAISED_M = 2.0
 
 
 @dataclass(frozen=True)
 class Opening:
-    """What is taken out of a building: a footprint, from the ground up to a ceiling, metres.
+    """A volume removed from a building: a footprint, from the ground up to a ceiling, metres.
 
     Attributes:
-        footprint: where.
-        ceiling: for bodies that stand on the ground; infinite where nothing may stay above.
-        raised_ceiling: for bodies that are raised; 0 leaves them as they are.
+        footprint: plan area of the volume.
+        ceiling: for bodies on the ground; infinite if nothing may remain above.
+        raised_ceiling: for raised bodies; 0 leaves them unchanged.
     """
 
     footprint: Geometry
@@ -53,7 +53,7 @@ class Opening:
 
 
 def open_bodies(bodies: Sequence[Body], openings: Sequence[Opening]) -> list[Body]:
-    """Return bodies with openings taken out: nothing solid remains below an opening's ceiling."""
+    """Return bodies with openings removed: nothing solid remains below an opening's ceiling."""
     for opening in openings:
         opened: list[Body] = []
         for body in bodies:
@@ -79,7 +79,7 @@ def open_bodies(bodies: Sequence[Body], openings: Sequence[Opening]) -> list[Bod
 POST_M = 0.25
 INSET_M = 0.4
 SPACING_M = 8.0
-#: Columns of arcades: side, distance, and how far they stand within the outline, metres.
+#: Columns of arcades: side, spacing, and distance from the outline, metres.
 COLUMN_M, BAY_M, EDGE_M = 0.45, 4.0, 0.3
 #: Shorter openings than this, metres, are an arcade's ends.
 OPEN_SIDE_M = 6.0
@@ -88,13 +88,13 @@ OPEN_SIDE_M = 6.0
 def canopy_posts(
     slab: Body, carriageway: Geometry, datum: float, foundation_m: float
 ) -> list[Solid]:
-    """Return the posts that carry a slab, none of them on a carriageway.
+    """Return the posts that support a slab, none of them on a carriageway.
 
     Args:
         slab: the roof, heights above ``datum``.
-        carriageway: where no post may stand, site frame.
+        carriageway: area without posts, site frame.
         datum: the building's lowest ground, metres.
-        foundation_m: how far posts reach below it.
+        foundation_m: depth of the posts below it.
     """
     inner = slab.footprint.buffer(-INSET_M).simplify(0.3)
     if inner.is_empty:
@@ -119,8 +119,8 @@ def arcade_columns(plan: Geometry, corridor: Polygon, low: float, high: float) -
 
     Args:
         plan: the building's footprint.
-        corridor: the ground that the arcade takes.
-        low: height of the columns' feet, metres.
+        corridor: the ground area of the arcade.
+        low: height of the bottom of the columns, metres.
         high: height of the ceiling.
     """
     inside = shapely.buffer(plan, -EDGE_M, join_style="mitre")
@@ -137,10 +137,10 @@ def arcade_columns(plan: Geometry, corridor: Polygon, low: float, high: float) -
     return [box(centre, np.broadcast_to([COLUMN_M, COLUMN_M, high - low], centre.shape))]
 
 
-#: Walls reach this far below the lowest ground at the outline, metres.
+#: Depth of walls below the lowest ground at the outline, metres.
 FOUNDATION_M = 0.5
-#: Carriageways are kept free with this margin, metres, where they run into a mapped footprint
-#: by more than the given area, square metres.
+#: Carriageways are kept free with this margin, metres, if they overlap a mapped footprint by more
+#: than the given area, square metres.
 KERB_M = 0.3
 OVERLAP_M2 = 1.0
 #: Tags of the colours of walls and of roofs; the first that is mapped counts.
@@ -154,8 +154,8 @@ class Buildings(NamedTuple):
 
     Attributes:
         mesh: their surfaces, ``part`` 1, 2, ... per building.
-        notes: counts of what was built and assumed.
-        colours: of their walls and roofs.
+        notes: counts of objects built and of assumptions.
+        colours: colours of their walls and roofs.
     """
 
     mesh: LabelledMesh
@@ -165,13 +165,13 @@ class Buildings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """A building in its place.
+    """A building at its position.
 
     Attributes:
-        plan: of its surface.
+        plan: plan of its surface.
         volumes: the volume of each body.
-        tags: of each volume, and of its outline where it has none of its own.
-        posts: what its roofs stand on.
+        tags: tags of each volume; those of the outline where a volume has none.
+        posts: posts below its roofs.
     """
 
     plan: ShellPlan
@@ -190,22 +190,21 @@ def building_mesh(
     country: str | None = None,
     tell: Progress = untold,
 ) -> Buildings:
-    """Build every building that touches the region, whole.
+    """Build all buildings that touch the region, as a whole.
 
-    Footprints rise to the roofs that are mapped; parts replace the outline where they stand.
-    Materials, colours and roofs that nobody mapped are drawn from what is usual in the country.
-    Walls that can be seen from a carriageway have windows and doors, set back. Each building is
-    one closed surface with its normals outward. Where a mapped passage runs through a building
-    it is open beneath; where a carriageway runs into a building without one, the carriageway is
-    cut out.
+    Walls reach up to the mapped roofs; building parts replace the outline where they are mapped.
+    Materials, colours and roofs that are not mapped are drawn from those usual in the country.
+    Walls visible from a carriageway have recessed windows and doors. Each building is one closed
+    surface with its normals outward. A building is open below where a mapped passage runs through
+    it. A carriageway that overlaps a building without a mapped passage is cut out.
 
     Args:
         features: the map's features, site frame.
         region: the region of interest, site frame.
         ground_height: heights of the ground.
         carriageway: the carriageways at ground level, site frame.
-        without: where imported geometry shows the buildings: those that lie with more than half
-            of their area in it are left out.
+        without: area in which imported geometry contains the buildings: buildings with more than
+            half of their area in it are left out.
         country: ISO 3166-1 alpha-2, empty if unknown; ``None`` draws nothing that is not mapped.
         tell: called with the share done (0..1) and the current task.
     """
@@ -271,7 +270,7 @@ def _with_usual_tags(
     country: str,
     notes: Counter[str],
 ) -> list[MappedBuilding]:
-    """Return the buildings with tags drawn for what is not mapped of them."""
+    """Return the buildings with drawn tags for properties that are not mapped."""
     neighbours = Neighbours(plans)
     found = []
     for number, building in enumerate(buildings):
@@ -282,7 +281,7 @@ def _with_usual_tags(
 
 
 def _colours_of(building: _Placed) -> list[tuple[int, bool, tuple[int, ...]]]:
-    """Return the colours that tags give walls and roofs: material, whether it is a roof, sRGB."""
+    """Return colours of walls and roofs from the tags: material, whether it is a roof, sRGB."""
     rows: list[tuple[int, bool, tuple[int, ...]]] = []
     for volume, tags in zip(building.volumes, building.tags, strict=True):
         for material, key, up in zip(volume.materials, COLOURS, (False, True), strict=True):
@@ -293,7 +292,7 @@ def _colours_of(building: _Placed) -> list[tuple[int, bool, tuple[int, ...]]]:
 
 
 def _promenades(features: Sequence[OsmFeature]) -> list[Geometry]:
-    """Return pedestrian streets, where sensors may stand as on carriageways."""
+    """Return pedestrian streets, where sensors may be placed as on carriageways."""
     return [
         feature.geometry.buffer(PROMENADE_M, cap_style="flat")
         for feature in features
@@ -326,7 +325,7 @@ def _openings(
     datum: float,
     notes: Counter[str],
 ) -> list[Opening]:
-    """Return what must be open at the ground, ceilings in metres above the building's ground."""
+    """Return the openings at the ground; ceilings in metres above the building's ground."""
 
     def ceiling(footprint: Geometry, clearance: float) -> float:
         inside = footprint.intersection(plan)
@@ -363,9 +362,9 @@ def _place(
     carriageway: Geometry,
     datum: float,
 ) -> _Placed | None:
-    """Cut the openings out of a building's bodies and put it on its ground.
+    """Cut the openings out of a building's bodies and place it on the ground.
 
-    A roof on posts is lifted over a carriageway as a whole.
+    A roof on posts above a carriageway is raised as a whole.
     """
     bodies: list[Body] = []
     owners: list[Volume] = []
@@ -387,7 +386,7 @@ def _level(volume: Volume) -> Volume:
 
 
 def _add(assembly: Assembly, building: _Placed, surface: Shell) -> int:
-    """Add one building, labelled; return the number of its part."""
+    """Add a building with its labels; return its part number."""
     part = assembly.new_part()
     walls = np.array([material_id(volume.materials[0]) for volume in building.volumes])
     roofs = np.array([material_id(volume.materials[1]) for volume in building.volumes])
@@ -407,6 +406,6 @@ def _lifted(body: Body, openings: Sequence[Opening]) -> Body:
 
 
 def _founded(body: Body, datum: float) -> Body:
-    """Place a body on its building's ground, walls that start there reaching into it."""
+    """Place a body on its building's ground; walls from the ground get a foundation."""
     placed = body.lifted(datum)
     return placed if body.low > 0 else replace(placed, low=datum - FOUNDATION_M)

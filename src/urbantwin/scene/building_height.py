@@ -15,14 +15,14 @@ from urbantwin.scene.tag_values import count_of, length_m_of
 
 __all__ = ["LEVEL_M", "ROOF_TYPES", "Rise", "building_materials", "building_rise", "building_type"]
 
-#: Storey height where only levels are mapped, metres.
+#: Storey height if only levels are mapped, metres.
 LEVEL_M = 3.2
 #: Roofs without walls.
 ROOF_TYPES = ("roof", "carport", "canopy")
 HIGHEST_M = 900.0
 MOST_LEVELS = 200.0
 
-#: Heights where nothing usable is mapped, metres, by ``building`` value.
+#: Heights if no usable height is mapped, metres, by ``building`` value.
 DEFAULT_HEIGHT_M = {
     **dict.fromkeys(("apartments", "dormitory", "office", "commercial", "hotel"), 12.8),
     **dict.fromkeys(("residential", "mixed_use", "hospital", "university", "government"), 9.6),
@@ -64,13 +64,13 @@ GLASS_TYPES = ("greenhouse", "conservatory")
 
 @dataclass(frozen=True)
 class Rise:
-    """How far a building's underside and top are above its lowest ground, metres.
+    """Heights of a building's underside and top above its lowest ground, metres.
 
     Attributes:
         low_m: its underside.
         high_m: its top.
-        eaves_m: where the storeys below the roof end, if they are all that is mapped or nothing
-            is: a sloped roof then rises from there, whatever ``high_m`` is.
+        eaves_m: top of the storeys below the roof, if only levels or nothing is mapped; a sloped
+            roof then starts there, for every ``high_m``.
         storey_m: height of a storey.
     """
 
@@ -81,7 +81,7 @@ class Rise:
 
 
 def building_type(tags: Mapping[str, str]) -> str:
-    """Return the value of ``building:part`` or ``building`` that says most."""
+    """Return the more specific value of ``building:part`` and ``building``."""
     values = [tags.get("building:part", "yes"), tags.get("building", "yes")]
     return next((value for value in values if value not in ("yes", "")), "yes")
 
@@ -92,12 +92,12 @@ def building_rise(
     area_m2: float,
     notes: Counter[str],
 ) -> Rise:
-    """Return how far a building or part rises; counts in ``notes`` what had to be assumed.
+    """Return the rise of a building or part; ``notes`` counts assumptions.
 
     Args:
-        tags: of the building or the part.
-        outline_tags: of the building that a part belongs to; asked where the part's say nothing.
-        area_m2: of the footprint.
+        tags: tags of the building or the part.
+        outline_tags: tags of the building of a part, used if the part's tags have no height.
+        area_m2: area of the footprint.
         notes: counter of assumptions.
     """
     storey = LEVEL_M
@@ -158,7 +158,7 @@ def _mapped_height(tags: Mapping[str, str], notes: Counter[str]) -> float | None
 
 
 def _mapped_levels(tags: Mapping[str, str]) -> float | None:
-    """Return the storeys with those of the roof, if any are mapped."""
+    """Return the number of storeys including those of the roof, if mapped."""
     levels = count_of(tags.get("building:levels"))
     if levels is None:
         return None

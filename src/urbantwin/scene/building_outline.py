@@ -15,20 +15,20 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["MappedBuilding", "building_footprints", "mapped_buildings"]
 
-#: A balcony belongs to the building that is at most this far away, metres.
+#: Maximum distance of a balcony from its building, metres.
 BESIDE_M = 0.5
 
 
 @dataclass
 class MappedBuilding:
-    """An outline with the parts that stand in it.
+    """An outline with the building parts in it.
 
     Attributes:
-        id: of its feature in the map.
-        tags: the outline's.
+        id: id of its feature in the map.
+        tags: tags of the outline.
         footprints: the outline's polygons, site frame.
         parts: tags and polygon of every part.
-        balconies: polygons of mapped balconies: no part of the plan, and not drawn.
+        balconies: polygons of mapped balconies: not part of the plan, and not drawn.
     """
 
     id: int
@@ -43,7 +43,7 @@ class MappedBuilding:
 
 
 def building_footprints(features: Iterable[OsmFeature]) -> list[Polygon]:
-    """Return the footprints of the buildings that stand on the ground, for others to keep clear."""
+    """Return the footprints of buildings on the ground, which other objects must avoid."""
     return [
         polygon
         for feature in features
@@ -58,13 +58,13 @@ def mapped_buildings(
     without: Geometry | None,
     notes: Counter[str],
 ) -> list[MappedBuilding]:
-    """Collect outlines and give every part to the outline that it stands in.
+    """Collect outlines and assign every part to its outline.
 
     Args:
         features: the map's features, site frame.
         region: buildings that do not touch it are left out.
-        without: buildings that lie with more than half of their area in it are left out.
-        notes: counter of what was left out and why.
+        without: buildings with more than half of their area in it are left out.
+        notes: counter of buildings left out, by reason.
     """
     outlines = _outlines(features, notes)
     kept = []
@@ -82,7 +82,7 @@ def mapped_buildings(
 
 
 def _is_drawn(tags: dict[str, str], key: str) -> bool:
-    """Return whether a feature is a building (or a part) that stands above the ground."""
+    """Return whether a feature is a building (or a part) above the ground."""
     if tags.get(key, "no") == "no":
         return False
     if tags.get("location") == "underground" or tags.get("building") == "underground":
@@ -103,7 +103,7 @@ def _outlines(features: Sequence[OsmFeature], notes: Counter[str]) -> list[Mappe
             notes["not drawn (underground or mapped as no building)"] += 1
             continue
         if not isinstance(feature.geometry, Polygon | MultiPolygon):
-            continue  # entrances and the like, mapped as nodes
+            continue  # entrances and similar features, mapped as nodes
         polygons = clean_polygons(feature.geometry)
         if not polygons:
             notes["footprints without area, dropped"] += 1
@@ -119,7 +119,7 @@ def _with_parts(
     parts: Sequence[tuple[int, dict[str, str], Polygon]],
     notes: Counter[str],
 ) -> list[MappedBuilding]:
-    """Give parts and balconies to the outlines that they are of."""
+    """Assign parts and balconies to their outlines."""
     tree = shapely.STRtree([MultiPolygon(outline.footprints) for outline in outlines])
     for identity, tags, polygon in parts:
         if tags["building:part"] == "balcony":
@@ -155,7 +155,7 @@ def _without_twins(outlines: list[MappedBuilding], notes: Counter[str]) -> list[
             continue
         shared = filled[first].intersection(filled[second]).area
         if shared > 0.97 * max(filled[first].area, filled[second].area):
-            # The one with courtyards is preferred; else the later, as relations come last.
+            # The outline with courtyards is preferred; otherwise the later, as relations come last.
             holes = [sum(len(p.interiors) for p in outlines[k].footprints) for k in (first, second)]
             dropped.add(second if holes[0] > holes[1] else first)
             notes["outlines mapped twice, dropped"] += 1

@@ -1,9 +1,9 @@
-"""How buildings usually look: tags that nobody mapped, drawn by country, kind and size.
+"""Usual appearance of buildings: tags that are not mapped, drawn by country, kind and size.
 
-A street of equal boxes is no street. What mappers left out of a building's material, colours and
-roof is drawn from what is usual where it stands, with a generator of random numbers that its id
-seeds: the same building looks the same in every twin, and its neighbour does not. All shares and
-colours are estimates, from photographs of streets: they say what is common, not what stands there.
+A street of equal boxes is not realistic. Materials, colours and roofs that are not mapped are drawn
+from those usual in the country, with a random generator seeded by the building's id. So the same
+building has the same appearance in every twin, but its neighbour differs. All shares and colours
+are estimates from photographs of streets: they describe common buildings, not the actual ones.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Shares = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Practice:
-    """What is usual in some countries, in shares of 1.
+    """Usual appearance in some countries, in shares of 1.
 
     Attributes:
         house: materials of the walls of small houses.
-        block: materials of the walls of larger buildings where people live.
-        shapes: of the roofs of small houses.
+        block: materials of the walls of larger residential buildings.
+        shapes: roof shapes of small houses.
         sloped: materials of sloped roofs.
         level: materials of level roofs.
         plasters: colours of plaster.
@@ -79,25 +79,25 @@ def _table() -> _Table:
     )
 
 
-#: Kinds of houses, and of buildings that may be houses, whose roof is drawn.
+#: Kinds of houses, and of buildings that may be houses, with a drawn roof.
 HOUSES = frozenset(
     "house detached semidetached_house terrace residential bungalow farm villa cabin yes".split()
 )
-#: No roof is drawn that is higher, or covers less or more, than those of houses: metres, m2.
+#: Limits of height, levels and area, m and m2, for buildings with a drawn roof: those of houses.
 HIGHEST_M, LEVELS, SMALLEST_M2, LARGEST_M2 = 11.0, 3.0, 30.0, 350.0
-#: Nor one of a plan of more corners, or that fills less of its tightest rectangle.
+#: Limits of the number of corners, and of the share of the smallest rectangle, for the same.
 CORNERS, FULL = 14, 0.62
-#: Walls this near to another building's are party walls, metres; a house with this share of them is
-#: one of a row.
+#: Maximum distance of party walls from another building, metres; minimum share of party walls of a
+#: house in a row.
 PARTY_M, ROW = 0.4, 0.25
-#: Colours of one kind differ by this share in brightness.
+#: Maximum relative difference in brightness of colours of one kind.
 SHADES = 0.07
-#: Tags that say what a roof is like.
+#: Tags that describe a roof.
 ROOF_KEYS = ("roof:shape", "building:roof:shape", "roof:height", "roof:angle", "roof:levels")
 
 
 class Neighbours:
-    """The footprints of a place's buildings, to tell which houses are built in rows."""
+    """The footprints of all buildings, to detect houses built in rows."""
 
     def __init__(self, plans: Sequence[Geometry]) -> None:
         self._plans = list(plans)
@@ -114,19 +114,19 @@ class Neighbours:
 def usual_tags(
     building: MappedBuilding, country: str, number: int, neighbours: Neighbours
 ) -> dict[str, str]:
-    """Return tags for what the map does not say of a building: materials, colours, its roof.
+    """Return tags for properties of a building that are not mapped: materials, colours, roof.
 
     Args:
         building: the building.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        number: its place among the ``neighbours``.
+        number: its index among the ``neighbours``.
         neighbours: the footprints of all buildings.
     """
     kind = building_type(building.tags)
     if kind in ROOF_TYPES or kind in ("greenhouse", "conservatory"):
         return {}
     rng = np.random.default_rng([SEED, abs(building.id)])
-    draws = rng.random(7)  # always as many, so that a tag that is mapped changes no other
+    draws = rng.random(7)  # a fixed number, so that a mapped tag does not change other draws
     table = _table()
     practice = table.practices.get(country, table.elsewhere)
     tags = building.tags
@@ -162,7 +162,7 @@ def usual_tags(
 
 
 def _is_house(building: MappedBuilding, kind: str) -> bool:
-    """Return whether a building may be a small house, with a roof as those have."""
+    """Return whether a building may be a small house with a typical roof."""
     if kind not in HOUSES or building.parts or len(building.footprints) != 1:
         return False
     plan = building.footprints[0]
@@ -194,14 +194,14 @@ def _runs_along(walls: Geometry, plan: Polygon) -> bool:
 
 
 def _drawn(shares: Shares, draw: float) -> str:
-    """Return what a number from 0 to 1 draws from shares."""
+    """Return the name selected from shares by a number from 0 to 1."""
     names = list(shares)
     sums = np.cumsum(list(shares.values()))
     return names[min(int(np.searchsorted(sums / sums[-1], draw, side="right")), len(names) - 1)]
 
 
 def _shade(colours: Sequence[str], draw: float, shade: float) -> str:
-    """Return one of some colours, a little lighter or darker."""
+    """Return one of several colours, slightly lighter or darker."""
     colour = colours[min(int(draw * len(colours)), len(colours) - 1)]
     bright = 1 + SHADES * (2 * shade - 1)
     levels = [min(round(int(colour[k : k + 2], 16) * bright), 255) for k in (1, 3, 5)]

@@ -1,10 +1,10 @@
 """Building shells: the closed surface of a union of extrusions with level or sloped tops.
 
-The plan is divided into cells by every outline, every crease of a roof and every line where two
-tops meet. A cell is solid between pairs of surfaces that do not cross within it; each corner of
-the plan carries one column of heights that all cells around it share, and a wall stands where a
-cell is solid and its neighbour is not. Every vertex is a corner of the plan with one of its
-column's heights, so the surface closes whatever the plan is like.
+The plan is divided into cells by all outlines, all creases of roofs and all lines where two tops
+intersect. A cell is solid between pairs of surfaces that do not cross within it. Each corner of the
+plan has one column of heights that all adjacent cells share, and there is a wall where a cell is
+solid and its neighbour is not. Every vertex is a corner of the plan at one of its column's heights,
+so the surface is closed for every plan.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from urbantwin.scene.solids import Solid
 
 __all__ = ["Shell", "ShellPlan"]
 
-#: Outlines that meet are joined on this grid, metres: OpenStreetMap stores 1e-7 degrees = 1 cm.
+#: Outlines are snapped to this grid, metres: OpenStreetMap stores 1e-7 degrees = 1 cm.
 GRID_M = 0.01
-#: Creases of roofs are joined to outlines on this one.
+#: Creases of roofs are snapped to this grid, metres.
 FINE_M = 0.001
-#: Heights of one corner that are nearer to each other than this are one height.
+#: Heights of one corner that differ by less than this are merged.
 SAME_HEIGHT_M = 0.02
 
 #: An edge is split at crossings of surfaces this many times over.
@@ -40,13 +40,13 @@ SPLITS = 6
 #: A surface: (body, facet), facet -1 for the body's underside, -2 for its level top.
 Surface = tuple[int, int]
 UNDER, LEVEL = -1, -2
-#: An interval of a cell that is solid: its lower and its upper surface.
+#: A solid interval of a cell: its lower and its upper surface.
 Layer = tuple[Surface, Surface]
 
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """A closed surface with what its faces (F,) are: kinds, and numbers of bodies."""
+    """A closed surface with the kind and the body number of each face (F,)."""
 
     solid: Solid
     kind: NDArray[np.uint8]
@@ -57,8 +57,8 @@ class ShellPlan:
     """The cells of a union of bodies, its columns of heights, and its walls.
 
     Attributes:
-        bodies: what it is the union of.
-        walls: the upright pieces of the surface, to be given openings.
+        bodies: bodies of the union.
+        walls: the vertical pieces of the surface, which can get openings.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
@@ -78,7 +78,7 @@ class ShellPlan:
         """Return the surface.
 
         Args:
-            openings: for each of ``walls``, what is set back in it.
+            openings: for each of ``walls``, its recessed openings.
         """
         vertices: dict[tuple[int, float], int] = {}
         faces: list[tuple[int, int, int]] = []
@@ -168,7 +168,7 @@ class ShellPlan:
             if self._alone:
                 return [alone]
         grid = GRID_M if len(bodies) > 1 else FINE_M
-        # Snapped, and then unsnapped: pieces cut from them later keep their coordinates.
+        # Snapped to the grid, then precision reset, so that cut pieces keep exact coordinates.
         outlines = [
             shapely.set_precision(shapely.set_precision(body.footprint, grid), 0) for body in bodies
         ]
@@ -189,7 +189,7 @@ class ShellPlan:
         ]
 
     def _meetings(self, outlines: list[Polygon]) -> Iterator[LineString]:
-        """Yield the lines in plan where surfaces of different bodies cross."""
+        """Yield the lines in plan along which surfaces of different bodies intersect."""
         for i, j in combinations(range(len(outlines)), 2):
             if not (self._facets[i] or self._facets[j]):
                 continue
@@ -234,7 +234,7 @@ class ShellPlan:
         yield from (part for part in shapely.get_parts(line) if isinstance(part, LineString))
 
     def _layers_of(self, cells: list[Polygon]) -> list[list[Layer]]:
-        """Return where each cell is solid, from below."""
+        """Return the solid layers of each cell, from bottom to top."""
         points = np.array([cell.representative_point() for cell in cells])
         xy = shapely.get_coordinates(points)
         found: list[list[tuple[float, float, Surface, Surface]]] = [[] for _ in cells]
@@ -256,7 +256,7 @@ class ShellPlan:
         return [_merged(intervals) for intervals in found]
 
     def _split(self, cells: list[Polygon]) -> list[list[NDArray[np.int64]]]:
-        """Number the corners of every cell's rings; add some where surfaces cross over an edge."""
+        """Number the corners of all cells' rings; add corners where surfaces cross at an edge."""
         rings = [
             [np.array([self._corner(x, y) for x, y in ring.tolist()]) for ring in rings_of(cell)]
             for cell in cells
@@ -285,7 +285,7 @@ class ShellPlan:
         return [[_with_corners(ring, new) for ring in cell] for cell in rings]
 
     def _meet(self, p: int, q: int, surfaces: set[Surface]) -> bool:
-        """Return whether the facets beside an edge of one roof meet in it."""
+        """Return whether the adjacent facets of one roof have equal heights along an edge."""
         facets = [self._facets[k][number].plane for k, number in surfaces if number >= 0]
         if len(facets) == 1:
             return True
@@ -302,7 +302,7 @@ class ShellPlan:
         between: tuple[float, float],
         most: int,
     ) -> list[float]:
-        """Return where on an edge surfaces cross, 0..1, such that none cross between the places."""
+        """Return shares of an edge (0..1) at which surfaces cross; none cross between them."""
         share = np.array(between)
         points = ends[0] + share[:, None] * (ends[1] - ends[0])
         height = np.array([self._height(surface, points) for surface in surfaces])
@@ -327,7 +327,7 @@ class ShellPlan:
         ]
 
     def _columns(self) -> dict[tuple[int, Surface], float]:
-        """Return the height of every surface at every corner, nearly equal ones made equal."""
+        """Return the height of every surface at every corner; nearly equal heights are merged."""
         at: dict[int, set[Surface]] = {}
         for outline, layers in zip(self._outlines, self._layers, strict=True):
             surfaces = {surface for layer in layers for surface in layer}
@@ -360,7 +360,7 @@ class ShellPlan:
         return heights
 
     def _stacked(self, corner: int, layers: list[Layer]) -> list[tuple[float, float]]:
-        """Return the heights of a cell's layers at one of its corners, none below the last.
+        """Return the heights of a cell's layers at one of its corners, in ascending order.
 
         Slivers of a few millimetres are not cut where surfaces cross in them.
         """
@@ -400,7 +400,7 @@ class ShellPlan:
                     )
 
     def _intervals(self, p: int, q: int, cell: int) -> list[tuple[Ends, Ends, int]]:
-        """Return the layers of a cell over one of its edges: lower, upper ends, and the body."""
+        """Return a cell's layers above one of its edges: lower and upper ends, and the body."""
         layers = self._layers[cell]
         return [
             ((low, other_low), (high, other_high), over[0])
@@ -411,7 +411,7 @@ class ShellPlan:
 
 
 def _merged(intervals: list[tuple[float, float, Surface, Surface]]) -> list[Layer]:
-    """Join intervals of one cell that overlap or touch."""
+    """Merge intervals of one cell that overlap or touch."""
     merged: list[tuple[float, float, Surface, Surface]] = []
     for low, high, under, top in sorted(intervals):
         if merged and low <= merged[-1][1] + SAME_HEIGHT_M:
@@ -431,7 +431,7 @@ def _minus(
 ) -> Iterator[tuple[Ends, Ends, int]]:
     """Yield the parts of the intervals on one side of an edge that are open on the other side.
 
-    Heights over an edge do not cross; they are compared by their sums.
+    Heights above an edge do not cross, so they are compared by their sums.
     """
     for low, high, body in here:
         start = low

@@ -25,7 +25,7 @@ GROUND, CEILING, WALL, ROOF, WINDOW, DOOR = range(6)
 UPRIGHT = 0.05
 #: Level strips no wider than this are the sills and heads of windows, metres.
 REVEAL_M = 0.16
-#: An underside this near to a building's lowest point stands on the ground, metres.
+#: An underside within this height of a building's lowest point is on the ground, metres.
 FOOT_M = 0.6
 
 
@@ -33,13 +33,13 @@ def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
     """Classify triangles of buildings: (F,) indices of ``SURFACES``.
 
     Args:
-        mesh: triangles of buildings (as ``building_mesh`` makes them, or imported ones), each
-            building with a ``part`` of its own.
+        mesh: triangles of buildings (from ``building_mesh``, or imported ones), each building with
+            its own ``part``.
 
     Returns:
-        By the normal: undersides at a building's foot are its ground, others ceilings over open
-        air; what is steeper than 87 degrees is wall. Upright glass in walls of another material
-        is a window, upright wood in such walls a door.
+        Classes by the normal. Undersides at the lower end of a building are its ground, others
+        ceilings over open air; faces steeper than 87 degrees are walls. Vertical glass in walls of
+        another material is a window, vertical wood in such walls a door.
     """
     if not len(mesh.faces):
         return np.zeros(0, np.uint8)
@@ -53,13 +53,13 @@ def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
     under = rise < -UPRIGHT
     kind[under] = CEILING
     kind[under & (corners[:, :, 2].max(axis=1) < foot[part] + FOOT_M)] = GROUND
-    # A reveal's sill and head: level, and as narrow as the reveal is deep.
+    # A reveal's sill and head: level, and narrower than the depth of a reveal.
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     narrow = 2 * mesh.areas() <= REVEAL_M * longest
     kind[narrow & (np.abs(rise) > 0.99) & (kind != GROUND)] = WALL
     upright = kind == WALL
     glass, wood = (upright & (mesh.material == material_id(name)) for name in ("glass", "wood"))
-    # What has more wood than other walls has wooden walls: doors in them cannot be told.
+    # Parts with more wood than other walls have wooden walls: their doors cannot be detected.
     area = mesh.areas()
 
     def of_part(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:

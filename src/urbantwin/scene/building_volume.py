@@ -26,12 +26,12 @@ __all__ = ["Volume", "building_volumes"]
 
 #: A roof without walls is a slab of this thickness, metres.
 SLAB_M = 0.3
-#: Walls under a roof whose height was assumed are at least this high, metres.
+#: Minimum height of walls under a roof of assumed height, metres.
 WALL_M = 2.2
-#: A roof whose height was assumed takes at most this share of its building's height.
+#: Maximum share of its building's height of a roof of assumed height.
 ROOF_SHARE = 0.45
-#: Under a roof whose height was assumed each mapped storey has this height, as long as some roof
-#: is left, metres.
+#: Height of each mapped storey under a roof of assumed height, if at least the second height is
+#: left for the roof, metres.
 LOW_STOREY_M, LOWEST_ROOF_M = 2.5, 0.8
 #: Storeys are between these heights, metres.
 LOWEST_STOREY_M, HIGHEST_STOREY_M = 2.2, 6.0
@@ -43,11 +43,11 @@ class Volume:
 
     Attributes:
         body: the body.
-        tags: of the outline or the part.
-        materials: names of the walls' and the roof's.
+        tags: tags of the outline or the part.
+        materials: names of the materials of walls and roof.
         is_roof: whether it is a roof without walls, on posts.
         storey_m: height of a storey.
-        eaves_m: where its walls end.
+        eaves_m: height of the top of its walls.
     """
 
     body: Body
@@ -61,8 +61,8 @@ class Volume:
 def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volume]:
     """Return the bodies of a building.
 
-    Parts and balconies replace the outline where they are; what they leave of it is built as the
-    outline's own tags say, with a level top where that is less than two thirds of it.
+    Parts and balconies replace the outline where they are. The rest of the outline is built from
+    the outline's own tags, with a level top if it is less than two thirds of the outline.
     """
     volumes = []
     area = sum(p.area for p in building.footprints)
@@ -75,7 +75,7 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
     for tags, polygon in building.parts:
         part_rise = building_rise(tags, building.tags, polygon.area, notes)
         volumes.append(_volume(polygon, tags, building.tags, part_rise, notes))
-        if part_rise.low_m < top - 0.5:  # else it stands on the roof of its building
+        if part_rise.low_m < top - 0.5:  # otherwise it is on the roof of its building
             replaced.append(polygon)
     if building.footprints and volumes and replaced:
         rise = _rise_of_rest(rise, volumes, notes)
@@ -94,10 +94,10 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
 
 
 def _rise_of_rest(rise: Rise, parts: Sequence[Volume], notes: Counter[str]) -> Rise:
-    """Return how far an outline rises where none of its parts stands.
+    """Return the rise of the part of an outline without building parts.
 
-    Where one of them is as high as the outline's tags say, that height is the whole building's; the
-    rest is then built as high as most of the parts are.
+    If a part has the height of the outline's tags, that height is the whole building's. The rest of
+    the outline then has the height of most of the parts.
     """
     tops = np.array([part.body.high for part in parts])
     if tops.max() < rise.high_m - 0.5:
@@ -152,7 +152,7 @@ def _storey(tags: Mapping[str, str], rise: Rise, eaves_m: float) -> float:
 def _roof_height(
     roof: RoofTags, span_m: float, rise: Rise, levels: float, notes: Counter[str]
 ) -> float:
-    """Return the height of a sloped roof, no more than there is room for."""
+    """Return the height of a sloped roof, limited to the available height."""
     height = roof.rise_m(span_m)
     said = roof.height_m is not None or roof.pitch_deg is not None
     if not said:
@@ -169,7 +169,7 @@ def _roof_height(
 
 
 def _snapped(polygon: Polygon) -> Polygon:
-    """Put a footprint on the grid of a centimetre, where its roof's creases can meet it."""
+    """Snap a footprint to a grid of a centimetre, so that its roof's creases fit it."""
     snapped = shapely.set_precision(shapely.set_precision(polygon, 0.01), 0)
     return snapped if isinstance(snapped, Polygon) and not snapped.is_empty else polygon
 

@@ -17,9 +17,9 @@ __all__ = ["deck_area", "deck_height", "deck_mesh", "deck_pier_mesh"]
 
 THICKNESS_M = 1.0
 PARAPET_M, PARAPET_THICK_M = 1.1, 0.3
-#: Piers: how far apart, how thick, how far from roads below; none under lower decks, metres.
+#: Piers: spacing, thickness, clearance to roads below, minimum height of decks, depth, metres.
 PIER_STEP_M, PIER_M, CLEAR_M, LOWEST_PIER_M, BURIED_M = 22.0, 1.0, 0.8, 2.5, 0.5
-#: No parapet where the deck's border is this close, and this nearly as high as, a road beyond.
+#: No parapet where the deck's border is within these distances (plan, height) of another road.
 JOIN_M, STEP_M = 1.0, 0.6
 
 
@@ -55,7 +55,7 @@ def deck_area(network: RoadNetwork) -> shapely.Geometry:
 def deck_height(
     network: RoadNetwork, surface: RoadSurface, ground_height: GroundHeight
 ) -> GroundHeight:
-    """Return heights of the uppermost deck over a place, else of the ground."""
+    """Return a function for the height of the uppermost deck at a point, or of the ground."""
     decks = [(level, _roads(network, level)) for level in network.levels[1:]]
     for _, area in decks:
         shapely.prepare(area)
@@ -78,7 +78,7 @@ def _roads(network: RoadNetwork, level: int) -> shapely.Geometry:
 def _goes_on(
     places: NDArray[np.float64], network: RoadNetwork, surface: RoadSurface, level: int
 ) -> NDArray[np.bool_]:
-    """Return at which places (N, 3) of a deck's border a road of another level goes on."""
+    """Return the points (N, 3) of a deck's border at which a road of another level continues."""
     found = np.zeros(len(places), bool)
     for other in network.levels:
         if other == level:
@@ -121,7 +121,7 @@ def _sides(a: NDArray[np.float64], b: NDArray[np.float64]) -> LabelledMesh:
 def _parapets(
     a: NDArray[np.float64], b: NDArray[np.float64], wanted: NDArray[np.bool_]
 ) -> LabelledMesh:
-    """Return walls outside of the edges a -> b (N, 3), the deck on their left."""
+    """Return walls outside of the edges a -> b (N, 3), with the deck on their left."""
     keys = np.round(np.concatenate([a, b]) * 1e3).astype(np.int64)
     _, place = np.unique(row_keys(keys), axis=0, return_inverse=True)
     place = place.ravel()
@@ -130,7 +130,7 @@ def _parapets(
     out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
     total = np.zeros((int(place.max(initial=-1)) + 1, 2))
     np.add.at(total, place, np.concatenate([out, out]))
-    # Mitred, so that walls of neighbouring edges meet; at hairpins no longer than twice.
+    # Mitred, so that walls of adjacent edges join; at hairpins at most twice the thickness.
     total *= 2 / np.maximum((total**2).sum(axis=1, keepdims=True), 1.0)
     mitre = np.column_stack([total, np.zeros(len(total))])[place] * PARAPET_THICK_M
     near, far = (np.column_stack([e, e]).reshape(-1, 2, 3)[wanted] for e in (a, b))
@@ -166,16 +166,16 @@ def deck_pier_mesh(
     region: shapely.Polygon,
     ground_height: GroundHeight,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Return piers across under the decks of roads, none of them on a road below.
+    """Return piers across the deck under roads, none of them on a road below.
 
     Args:
         network: the lanes.
         surface: height of the roads.
-        region: where.
+        region: the region.
         ground_height: heights of the ground.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per pier, and how many there are.
+        The mesh, ``part`` 1, 2, ... per pier, and the number of piers.
     """
     assembly = Assembly()
     for level in network.levels[1:]:

@@ -20,11 +20,11 @@ class Body:
     """An extruded footprint between two heights, metres, site frame.
 
     Attributes:
-        footprint: where.
+        footprint: its area in plan.
         low: height of its level underside.
         high: height of its top.
         roof: facets of a sloped top, in the same heights; without any, the top is level.
-        eaves: height that a sloped top nowhere falls below.
+        eaves: minimum height of a sloped top.
     """
 
     footprint: Polygon
@@ -81,7 +81,7 @@ def triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int32
 
 
 def rings_of(polygon: Polygon) -> list[NDArray[np.float64]]:
-    """Return the corners of every ring, the solid on their left, the closing corner left out."""
+    """Return the corners of every ring, the solid on their left, without the closing corner."""
     oriented = shapely.orient_polygons(polygon)
     return [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(oriented)]
 

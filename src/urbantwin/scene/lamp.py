@@ -1,4 +1,4 @@
-"""Street lamps: on masts with arms, on walls, and seeded along lit streets."""
+"""Street lamps: on masts with arms, on walls, and at assumed positions along lit streets."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_lamps", "add_wall_lamps", "seeded_lamps"]
 
-#: Lamps farther than this from any carriageway light a path: no arm, and a lower mast.
+#: Lamps farther than this from any carriageway belong to a path: no arm, and a lower mast.
 ARM_REACH_M = 15.0
-#: Masts beside streets and beside paths; arms reach this far beyond the curb, within limits.
+#: Height of masts beside streets and beside paths; length of arms beyond the curb, and its limits,
+#: m.
 STREET_M, PATH_M = 8.0, 4.5
 BEYOND_CURB_M, SHORTEST_ARM_M, LONGEST_ARM_M = 0.6, 1.3, 3.5
-#: A carriageway this near on both sides makes a lamp stand on a median: two arms.
+#: A lamp with carriageways within this distance on both sides is on a median: two arms.
 MEDIAN_M = 4.0
-#: A lamp is on a wall that is this near, metres.
+#: Maximum distance of a lamp from its wall, metres.
 NEAREST_WALL_M = 2.5
 #: Street objects that lamps are.
 ON_TOP, WITH_ARMS, BENT = "lamp with its light on top", "lamp with arms", "lamp with bent arms"
-#: Seeded lamps: 3.5 times the height of the mast apart, the rule of thumb for EN 13201's even
+#: Assumed lamps: 3.5 times the height of the mast apart, the rule of thumb for EN 13201's even
 #: light on one side after the other; none within reach of a mapped one.
 SPACING_M, MAPPED_M = 28.0, 32.0
 CURB_M = 0.6
@@ -49,11 +50,12 @@ def add_lamps(
     carriageway: Geometry,
     objects: Catalogue,
 ) -> None:
-    """Add lamps on (N, 3) points of the ground.
+    """Add lamps at (N, 3) points on the ground.
 
-    Beside a carriageway an arm reaches over it, from medians one to each side, unless
-    ``lamp_mount=straight_mast`` or ``light:count`` say otherwise; elsewhere the light is on top.
-    A lamp of the catalogue that the tags make stands in place of these three.
+    Beside a carriageway a lamp has an arm over it, on medians one arm to each side, unless
+    ``lamp_mount=straight_mast`` or ``light:count`` is mapped differently. Elsewhere the light is on
+    top of the mast. If the catalogue has a lamp for the tags, it is used instead of these three
+    types.
     """
     road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
     away = shapely.distance(carriageway, shapely.points(feet[:, :2]))
@@ -97,7 +99,7 @@ def add_wall_lamps(
     ground_height: GroundHeight,
     objects: Catalogue,
 ) -> int:
-    """Add lamps on brackets at the walls beside which they are mapped; return how many."""
+    """Add lamps on brackets at the walls next to which they are mapped; return their number."""
     walls = shapely.STRtree([b.boundary for b in buildings])
     if not lamps or not len(walls.geometries):
         return 0
@@ -123,16 +125,16 @@ def add_wall_lamps(
 def seeded_lamps(
     features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry, taken: Geometry
 ) -> NDArray[np.float64]:
-    """Return places (N, 2) of lamps along streets with ``lit=yes`` but no mapped lamps.
+    """Return positions (N, 2) of lamps along streets with ``lit=yes`` but no mapped lamps.
 
-    They stand 28 m apart, on one side after the other, 0.6 m behind the curb; along paths that
-    are lit and away from streets 1 m beside them.
+    They are 28 m apart, alternating between the two sides, 0.6 m behind the curb; along lit paths
+    away from streets they are 1 m beside the path.
 
     Args:
         features: the map's features, site frame.
-        region: where lamps are wanted.
-        carriageway: where they cannot stand.
-        taken: buildings and the like, where they cannot stand either.
+        region: region of the lamps.
+        carriageway: area without lamps.
+        taken: other areas without lamps, such as buildings.
     """
     mapped = shapely.STRtree(
         [f.geometry for f in features

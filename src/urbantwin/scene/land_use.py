@@ -1,10 +1,10 @@
-"""Land use: what covers the ground beside roads and ways, as mapped and by what stands around it.
+"""Land use: the ground cover beside roads and ways, from the map and from surrounding buildings.
 
-What mappers draw as a cover (grass, sand, a paved square) is taken as it is. Land use says what the
-ground is used for and not what lies on it; between and around buildings that is estimated: yards
-and town centres are paved, gardens have grass and a paved strip along the house, and open land has
-grass, or soil where the country is desert. Where no land use is mapped it is told by the buildings:
-how densely they stand, what they are used for and how large they are.
+Mapped covers (grass, sand, a paved square) are used as they are. Mapped land use gives the use of
+the ground but not its cover, which is then estimated between and around buildings. Yards and town
+centres are paved, gardens have grass and a paved strip along the building, and open land has grass,
+or soil in desert countries. Where no land use is mapped, it is derived from the density, the use
+and the size of the buildings.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ GRASS, SOIL = ("terrain", "grass"), ("terrain", "soil")
 PAVING, CONCRETE = ("other-ground", "paving"), ("other-ground", "concrete")
 ASPHALT, GRAVEL = ("other-ground", "asphalt"), ("other-ground", "gravel")
 
-#: Values of ``surface`` and what they are.
+#: Values of ``surface`` and their covers.
 SURFACES = {
     **dict.fromkeys(("asphalt", "tartan", "paved", "chipseal"), ASPHALT),
     **dict.fromkeys(("concrete", "concrete:plates", "acrylic"), CONCRETE),
@@ -43,7 +43,7 @@ SURFACES = {
     **dict.fromkeys(("ground", "dirt", "earth", "sand", "clay", "unpaved", "mud"), SOIL),
     **dict.fromkeys(("grass", "grass_paver", "artificial_turf", "woodchips"), GRASS),
 }
-#: Tags that say what covers the ground.
+#: Tags that define the ground cover.
 COVERS: Mapping[str, Mapping[str, Cover]] = {
     "landuse": {
         **dict.fromkeys(("grass", "forest", "meadow", "village_green", "orchard"), GRASS),
@@ -62,7 +62,7 @@ COVERS: Mapping[str, Mapping[str, Cover]] = {
         **dict.fromkeys(("bare_rock", "scree", "shingle"), GRAVEL),
     },
 }
-#: Tags that say what the ground is used for.
+#: Tags that define the use of the ground.
 USES: Mapping[str, Mapping[str, str]] = {
     "landuse": {
         **dict.fromkeys(("residential",), "dwellings"),
@@ -76,7 +76,7 @@ USES: Mapping[str, Mapping[str, str]] = {
     ),
     "place": {"square": "square"},
 }
-#: What kinds of buildings say of the ground around them; others are dwellings.
+#: Use of the ground around kinds of buildings; for other kinds it is dwellings.
 USE_OF_BUILDING = {
     **dict.fromkeys(("retail", "commercial", "office", "supermarket", "hotel"), "business"),
     **dict.fromkeys(("train_station", "mall", "kiosk", "mixed_use"), "business"),
@@ -86,14 +86,15 @@ USE_OF_BUILDING = {
 }
 #: Larger buildings of no mapped use are not dwellings, square metres.
 LARGE_M2 = 900.0
-#: Ground this near to a building belongs to it; a strip along its walls is paved, metres.
+#: Maximum distance of ground that belongs to a building; width of the paved strip along walls,
+#: metres.
 AROUND_M, STRIP_M = 12.0, 1.5
-#: Where buildings cover more than this share of the ground beside the roads, within this distance
-#: of a piece, all between them is paved: rows of houses with gardens stay below it.
+#: If buildings cover more than this share of the ground beside the roads, within this distance of a
+#: piece, all ground between them is paved: rows of houses with gardens are below it.
 DENSE, DENSITY_M = 0.4, 25.0
-#: A place is a town where buildings cover more than this share of the ground beside its roads.
+#: Minimum share of the ground beside the roads covered by buildings in a town.
 TOWN = 0.1
-#: Pieces of a town's ground below this are paved where nothing stands on them, square metres.
+#: Pieces of a town's ground smaller than this are paved if nothing is on them, square metres.
 SMALL_M2 = 250.0
 #: Countries in whose towns yards are paved rather than green (an estimate, from street-level
 #: photographs), and those whose open land is desert: ISO 3166-1 alpha-2.
@@ -102,7 +103,7 @@ DESERT = frozenset("AE SA QA KW BH OM YE EG LY JO IQ NE TD MR EH DJ".split())
 
 
 def mapped_cover(tags: Mapping[str, str]) -> Cover | None:
-    """Return what tags of an area say that covers it, or ``None`` where they do not."""
+    """Return the cover defined by the tags of an area, or ``None``."""
     for key, values in COVERS.items():
         if tags.get(key) in values:
             return SURFACES.get(tags.get("surface", ""), values[tags[key]])
@@ -112,11 +113,11 @@ def mapped_cover(tags: Mapping[str, str]) -> Cover | None:
 def land_covers(
     features: Sequence[OsmFeature], ground: shapely.Geometry, country: str = ""
 ) -> list[tuple[shapely.Geometry, Cover]]:
-    """Return what covers ground of which no cover is mapped, as a partition of it.
+    """Return the covers of ground without a mapped cover, as a partition of it.
 
     Args:
         features: the map's features, site frame.
-        ground: the ground; buildings may stand on it.
+        ground: the ground, including ground below buildings.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     buildings = area_union(building_footprints(features))
@@ -163,7 +164,7 @@ def _uses(
     buildings: shapely.Geometry,
     around: shapely.Geometry,
 ) -> Iterable[tuple[str, shapely.MultiPolygon]]:
-    """Yield parts of the ground and what they are used for: the smaller areas of the map first."""
+    """Yield parts of the ground with their use; smaller mapped areas come first."""
     mapped = [
         (feature.geometry.area, number, USES[key][feature.tags[key]])
         for number, feature in enumerate(features)
@@ -186,7 +187,7 @@ def _uses(
 
 
 def use_of_building(feature: OsmFeature) -> str:
-    """Return what a building says that the ground around it is used for."""
+    """Return the use of the ground around a building."""
     kind = building_type(feature.tags)
     plain = "business" if kind == "yes" and feature.geometry.area > LARGE_M2 else "dwellings"
     if "shop" in feature.tags or "office" in feature.tags:
@@ -195,7 +196,7 @@ def use_of_building(feature: OsmFeature) -> str:
 
 
 def _kinds(features: Iterable[OsmFeature]) -> tuple[shapely.STRtree, list[str]]:
-    """Return buildings, and what each says that the ground around it is used for."""
+    """Return buildings, and the use of the ground around each."""
     shapes, uses = [], []
     for feature in features:
         if feature.tags.get("building", "no") == "no" or not feature.geometry.area:
@@ -206,7 +207,7 @@ def _kinds(features: Iterable[OsmFeature]) -> tuple[shapely.STRtree, list[str]]:
 
 
 def _use_of_buildings(block: shapely.Polygon, kinds: tuple[shapely.STRtree, Sequence[str]]) -> str:
-    """Return what most of the built area of a block is used for."""
+    """Return the use of the largest share of the built area of a block."""
     tree, uses = kinds
     area: dict[str, float] = defaultdict(float)
     for k in np.sort(tree.query(block, predicate="intersects")).tolist():
@@ -215,13 +216,13 @@ def _use_of_buildings(block: shapely.Polygon, kinds: tuple[shapely.STRtree, Sequ
 
 
 def _area_in(about: shapely.Geometry, parts: shapely.STRtree) -> float:
-    """Return how much of some areas lies within another, square metres."""
+    """Return the total area of some areas within another, square metres."""
     near = parts.geometries[parts.query(about, predicate="intersects")]
     return float(shapely.area(shapely.intersection(near, about)).sum())
 
 
 def _open_ground(piece: shapely.Polygon, country: str, *, town: bool) -> Cover:
-    """Return what covers ground that is away from buildings."""
+    """Return the cover of ground away from buildings."""
     if town and (piece.area < SMALL_M2 or country in PAVED_YARDS):
         return PAVING if piece.area < SMALL_M2 else CONCRETE
     return SOIL if country in DESERT else GRASS

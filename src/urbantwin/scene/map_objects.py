@@ -1,4 +1,4 @@
-"""Meshes of all mapped objects other than buildings, subject by subject."""
+"""Meshes of all mapped objects other than buildings, by subject."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["map_objects"]
 
 Built = tuple[LabelledMesh, dict[str, int]]
 MeshOf = Callable[..., Built]
-#: What is this near to a track on a bridge is on the bridge, metres.
+#: Maximum distance from a track on a bridge of objects on the bridge, metres.
 BESIDE_TRACK_M = 1.5
 
 
@@ -53,19 +53,19 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
     Args:
         features: the map's features, site frame.
         heads: signals and signs of the lane model.
-        region: nothing stands outside it.
+        region: objects outside it are left out.
         ground_height: heights of the ground.
-        carriageway: where nothing stands that is not mapped there.
-        covers: where imported geometry has the ``trees`` and the ``other`` things.
+        carriageway: area without objects that are not mapped in it.
+        covers: areas in which imported geometry contains the ``trees`` and the ``other`` objects.
         lane_decks: decks of the lane model in plan.
-        deck_height: heights of the uppermost of them, else of the ground.
+        deck_height: heights of the uppermost deck, or of the ground.
         leave_out: subjects that are not built.
         objects: street objects; those of the package if not given.
         tell: called with the share done (0..1) and the current task.
 
     Returns:
-        Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and
-        assumed.
+        Per subject its mesh, ``part`` 1, 2, ... per object, and counts of objects built and of
+        assumptions.
     """
     known = covers or {}
     trees, other = known.get("trees"), known.get("other")
@@ -122,7 +122,7 @@ def _ride_height(
     ground_height: GroundHeight,
     deck_height: GroundHeight,
 ) -> GroundHeight:
-    """Return heights of tracks: of decks where a track is mapped on a bridge, else the ground's."""
+    """Return heights of tracks: of decks for tracks mapped on a bridge, or of the ground."""
     lines = [
         f.geometry
         for f in features

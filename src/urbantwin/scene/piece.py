@@ -1,4 +1,4 @@
-"""Pieces of furniture in a local frame: x where they face, z up from the ground."""
+"""Pieces of furniture in a local frame: x in the direction of their front, z up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urbantwin.scene.solids import Assembly, Solid, box, columns
 
 __all__ = ["Piece", "add_pieces", "block", "drum", "moved", "turned"]
 
-#: How far objects reach into the ground, metres.
+#: Depth of objects in the ground, metres.
 BURIED_M = 0.3
 
 
@@ -31,9 +31,9 @@ def block(
     semantic: str = "other-object",
     yaw: float = 0.0,
 ) -> Piece:
-    """Return a box whose ``centre`` is in plan at its middle and in height at its foot.
+    """Return a box; ``centre`` is its middle in plan and its lower end in height.
 
-    What stands on the ground (foot at 0) reaches into it.
+    A box on the ground (lower end at 0) extends into it.
     """
     x, y, low = np.asarray(centre, np.float64)
     long, wide, tall = np.asarray(size, np.float64)
@@ -51,7 +51,7 @@ def drum(
     top: float | None = None,
     sides: int = 10,
 ) -> Piece:
-    """Return an upright cylinder or cone; if it stands on the ground it reaches into it."""
+    """Return a vertical cylinder or cone; if its lower end is on the ground it extends into it."""
     x, y, low = np.asarray(foot, np.float64)
     if low <= 0:
         low, height = low - BURIED_M, height + BURIED_M
@@ -60,20 +60,20 @@ def drum(
 
 
 def moved(piece: Piece, by: ArrayLike) -> Piece:
-    """Return a piece elsewhere in its own frame."""
+    """Return a piece shifted in its own frame."""
     solid = Solid(piece.solid.vertices + np.asarray(by, np.float64), piece.solid.faces)
     return Piece(solid, piece.semantic, piece.material)
 
 
 def turned(piece: Piece, yaw: float) -> Piece:
-    """Return a piece turned about the upright axis of its own frame, radians."""
+    """Return a piece rotated about the vertical axis of its own frame, radians."""
     return Piece(_placed(piece.solid, np.zeros(3), yaw), piece.semantic, piece.material)
 
 
 def add_pieces(
     assembly: Assembly, pieces: list[Piece], foot: NDArray[np.float64], yaw: float
 ) -> int:
-    """Add an object of several pieces at a foot (3,), turned to face ``yaw``; return its part."""
+    """Add an object of several pieces at a point (3,) with the heading ``yaw``; return its part."""
     part = assembly.new_part()
     for piece in pieces:
         assembly.add(_placed(piece.solid, foot, yaw), piece.semantic, piece.material, part)

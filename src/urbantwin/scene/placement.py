@@ -1,4 +1,4 @@
-"""Placing objects: inside the region, clear of carriageways, on the ground."""
+"""Placing objects: inside the region, off carriageways, on the ground."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ __all__ = [
 def beside_carriageway(
     xy: NDArray[np.float64], carriageway: Geometry, *, margin_m: float, farthest_m: float
 ) -> NDArray[np.float64]:
-    """Move points that stand on a carriageway to its nearest side.
+    """Move points on a carriageway to its nearest side.
 
     Args:
         xy: (N, 2) points, site frame.
-        carriageway: where none may stand, site frame.
-        margin_m: how far from it they are put.
-        farthest_m: how far a point may be moved.
+        carriageway: area without points, site frame.
+        margin_m: distance of moved points from it.
+        farthest_m: maximum distance by which a point is moved.
 
     Returns:
-        (N, 2) points; nan where a point would have to be moved farther.
+        (N, 2) points; nan if the distance would be greater.
     """
     placed = np.array(xy, np.float64).reshape(-1, 2)
     if carriageway.is_empty or not len(placed):
@@ -56,7 +56,7 @@ def toward_carriageway(
 ) -> NDArray[np.float64]:
     """Return the yaw (N,) from each of (N, 2) points to the nearest carriageway, radians.
 
-    nan where none is nearer than ``farthest_m``.
+    nan if no carriageway is within ``farthest_m``.
     """
     points = np.asarray(xy, np.float64).reshape(-1, 2)
     if carriageway.is_empty or not len(points):
@@ -84,11 +84,11 @@ def on_ground(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[n
 
 
 def not_imported(features: Sequence[OsmFeature], without: Geometry | None) -> list[OsmFeature]:
-    """Return features without what imported geometry replaces.
+    """Return features without those replaced by imported geometry.
 
     Args:
         features: the map's features, site frame.
-        without: where nothing of them is built, site frame; ``None``: nowhere.
+        without: area in which they are removed, site frame; ``None``: no area.
 
     Returns:
         Points outside that area, and the pieces of lines and areas outside it.
@@ -115,9 +115,9 @@ def not_imported(features: Sequence[OsmFeature], without: Geometry | None) -> li
 def along_nearest(
     xy: NDArray[np.float64], lines: Sequence[Geometry], *, farthest_m: float
 ) -> NDArray[np.float64]:
-    """Return the yaw (N,) of the nearest line beside each of (N, 2) points, radians.
+    """Return the yaw (N,) of the nearest line to each of (N, 2) points, radians.
 
-    nan where no line is nearer than ``farthest_m``.
+    nan if no line is within ``farthest_m``.
     """
     points = np.asarray(xy, np.float64).reshape(-1, 2)
     yaw = np.full(len(points), np.nan)

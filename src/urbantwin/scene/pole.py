@@ -39,7 +39,7 @@ HEIGHTS_M = {
     "board": BOARD_M[1],
 }
 MOST, GAP_M = 4, 0.03
-#: No plate hangs lower than this, whatever the mapped height of its post.
+#: Minimum height of plates, for every mapped height of their post, metres.
 LOWEST_M = 1.5
 
 
@@ -55,13 +55,13 @@ def add_plates(
     """Add the plates of ``traffic_sign``, ``traffic_sign:2``, ... to a pole.
 
     Args:
-        assembly: where to.
-        foot: (3,) the pole's, on the ground.
-        tags: the node's.
+        assembly: assembly to extend.
+        foot: (3,) base of the pole, on the ground.
+        tags: tags of the node.
         part: number of the pole's part.
-        yaw: where the plates look, radians.
-        top: height of the upper edge of the first, metres.
-        off: how far they are from the pole's axis, metres.
+        yaw: heading of the plates, radians.
+        top: height of the upper edge of the first plate, metres.
+        off: distance of the plates from the pole's axis, metres.
     """
     ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     for number, said in enumerate(_signs(tags)):
@@ -75,13 +75,13 @@ def add_plates(
 
 
 def stack_m(tags: Mapping[str, str]) -> float:
-    """Return how high all plates of a node are together, metres."""
+    """Return the total height of all plates of a node, metres."""
     shapes = [_shape(said, number) for number, said in enumerate(_signs(tags))]
     return sum(HEIGHTS_M[shape] + GAP_M for shape in shapes)
 
 
 def _signs(tags: Mapping[str, str]) -> list[str]:
-    """Return what the plates say, the uppermost first."""
+    """Return the codes of the plates, the uppermost first."""
     first = re.split(r"[;,](?![^\[]*\])", tags.get("traffic_sign", ""))
     further = [tags[key] for key in sorted(tags) if re.fullmatch(r"traffic_sign:\d", key)]
     return [said for said in (*first, *further) if said][:MOST] or ["sign"]
@@ -120,14 +120,14 @@ def _plate(
     return sweep([middle - 0.01 * ahead, middle + 0.01 * ahead], -outline * [1, -1])
 
 
-#: Poles stand this far from carriageways and reach this far into the ground, metres.
+#: Minimum distance of poles from carriageways, and their depth in the ground, metres.
 KERB_M = 0.4
 BURIED_M = 0.3
 #: People pass below plates (VwV-StVO to section 39: 2.0 m above sidewalks).
 CLEAR_M = 2.0
-#: A pole mapped within a carriageway is moved to its side if that is nearer than this, metres.
+#: A pole mapped within a carriageway is moved to its side, at most by this, metres.
 FARTHEST_M = 8.0
-#: Lamps farther than this from any carriageway light a path: no arm, and a lower pole.
+#: Lamps farther than this from any carriageway belong to a path: no arm, and a lower pole.
 ARM_REACH_M = 15.0
 
 HUNG = "lamps hung or on walls, not drawn"
@@ -135,7 +135,7 @@ POWER_LINES = ("line", "minor_line")
 HUNG_LAMPS = ("wall", "wall_mounted", "ceiling", "ground", "bollard")
 #: Lamps on wires are drawn by ``wire_mesh``.
 ON_WIRES = ("suspended", "catenary")
-#: Poles by what counts call them, and the street objects that they are.
+#: Names of poles in counts, and their street objects.
 POLES = {
     "bus stops": "bus stop",
     "bollards": "bollard",
@@ -156,23 +156,23 @@ def pole_mesh(
     deck_height: GroundHeight | None = None,
     objects: Catalogue | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build poles and what they carry, except traffic signals (``signal_pole``).
+    """Build poles and the objects on them, except traffic signals (``signal_pole``).
 
-    Plates are class ``traffic-sign``, all else ``pole``. Streets with ``lit=yes`` without a lamp
-    in the map get seeded ones.
+    Plates have the class ``traffic-sign``, other parts ``pole``. Streets with ``lit=yes`` but
+    without a mapped lamp get lamps at assumed positions.
 
     Args:
         features: the map's features, site frame.
         region: objects outside it are left out.
         ground_height: heights of the ground.
-        carriageway: where no pole may stand; lamps reach toward it.
-        without: where imported geometry has the poles.
-        decks: decks over the ground in plan: mapped lamps and signs stand on them.
-        deck_height: heights of decks, else of the ground.
+        carriageway: area without poles; lamps extend towards it.
+        without: area in which imported geometry contains the poles.
+        decks: decks over the ground in plan: mapped lamps and signs are placed on them.
+        deck_height: heights of decks; of the ground elsewhere.
         objects: street objects; those of the package if not given.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
+        The mesh, ``part`` 1, 2, ... per pole, and counts of objects built or left out.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
@@ -226,7 +226,7 @@ def pole_mesh(
 
 
 def _kind(tags: dict[str, str], known: Catalogue) -> str | None:
-    """Return the name of what a node's tags say stands there."""
+    """Return the kind of pole that a node's tags describe."""
     if REMOVED in tags:
         return None
     highway, man_made = tags.get("highway"), tags.get("man_made")
@@ -253,7 +253,7 @@ def _carries_signs(name: str, tags: dict[str, str]) -> bool:
 
 
 def _facing(tags: dict[str, str], toward: float) -> float:
-    """Return where a sign looks: as mapped, else along the road beside it."""
+    """Return the heading of a sign: as mapped, otherwise along the road beside it."""
     said = yaw_of_direction(tags.get("traffic_sign:direction") or tags.get("direction"))
     return float(np.nan_to_num(toward)) + np.pi / 2 if said is None else said
 
@@ -267,7 +267,7 @@ def _add_kind(
     carriageway: Geometry,
     known: Catalogue,
 ) -> None:
-    """Add poles of one kind at (N, 3) points of the ground."""
+    """Add poles of one kind at (N, 3) points on the ground."""
     road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
     if name == "street lamps":
         add_lamps(assembly, feet, tags, carriageway, known)
@@ -291,7 +291,7 @@ def _add_signs(
     tags: Sequence[dict[str, str]],
     road: NDArray[np.float64],
 ) -> None:
-    """Add signs: plates that face their mapped direction, else along the road beside them."""
+    """Add signs: plates with their mapped heading, otherwise along the road beside them."""
     for foot, own, yaw in zip(feet, tags, road, strict=True):
         usual = max(2.6, CLEAR_M + stack_m(own))
         height = min(max(length_m_of(own.get("height")) or usual, 1.0), 6.0)

@@ -1,4 +1,4 @@
-"""What is known of a scene before it is built: ground and buildings about a few places."""
+"""Preview of a scene before it is built: ground and buildings around some places."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from urbantwin.site import OsmFeature
 
 __all__ = ["ScenePreview", "preview_of_scene"]
 
-#: Buildings nearer to a place than this are built, metres: more than a building part is from what
-#: it is a part of.
+#: Buildings within this distance of a place are built, metres: more than the distance of a building
+#: part from its building.
 NEAR_M = 60.0
-#: The ground goes on this far beside streets, metres, at least.
+#: Minimum width of ground beside streets, metres.
 BESIDE_M = 5.0
 
 
 @dataclass(frozen=True)
 class ScenePreview:
-    """A scene as far as it is known before it is built.
+    """A preview of a scene before it is built.
 
     Attributes:
         ground_height: heights of the ground, metres; those of decks are not known.
-        extent: where there will be ground, site frame.
-        decks: where bridges will be, site frame.
-        buildings: the buildings about the places, site frame.
+        extent: area of the future ground, site frame.
+        decks: areas of the future bridges, site frame.
+        buildings: the buildings around the places, site frame.
     """
 
     ground_height: GroundHeight
@@ -53,7 +53,7 @@ def preview_of_scene(
     without: shapely.Geometry | None = None,
     country: str | None = None,
 ) -> ScenePreview:
-    """Return what is known about some places; it takes a hundredth of the time of a scene.
+    """Return a preview around some places, in a hundredth of the time of a scene.
 
     Args:
         places: (east, north), site frame, metres.
@@ -62,8 +62,8 @@ def preview_of_scene(
         elevation: the ground's heights.
         region: region of interest, site frame.
         features: the map's features.
-        without: where imported geometry shows the buildings.
-        country: ISO 3166-1 alpha-2, which says how houses look; empty if unknown.
+        without: area in which imported geometry contains the buildings.
+        country: ISO 3166-1 alpha-2, for the usual appearance of buildings; empty if unknown.
     """
 
     def ground_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:

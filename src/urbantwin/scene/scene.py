@@ -1,4 +1,4 @@
-"""The static world of a site as one labelled mesh."""
+"""The static scene of a site as one labelled mesh."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ from urbantwin.site.corrections import Correction, Outcome
 
 __all__ = ["FIRST_OBJECT", "Scene", "build_scene", "with_measured_curbs"]
 
-#: Sizes of cells, each half of the one before, metres; and how far the ground may leave the plane
-#: of a cell's corners before it is halved.
+#: Sizes of cells, each half of the previous size, metres; and the maximum deviation of the ground
+#: from the plane of a cell's corners, above which the cell is halved.
 _CELLS_M = (4.0, 2.0, 1.0, 0.5, 0.25)
 _OFF_M = 0.008
 
 
 def bending_ground(elevation: Elevation, measured: shapely.Geometry) -> NDArray[np.float64]:
-    """Return the corners (N, 2) of cells that are as small as the ground asks for.
+    """Return the corners (N, 2) of cells sized to the shape of the ground.
 
-    Cells of 4 m are halved, down to the grid of the heights, while the ground in them is more than
-    8 mm off what its corners say.
+    Cells of 4 m are halved, down to the grid of the heights, while the ground in them deviates more
+    than 8 mm from the surface through their corners.
 
     Args:
         elevation: the ground.
-        measured: where it is finely known; elsewhere nothing is returned.
+        measured: area with measured heights; outside it nothing is returned.
     """
     if measured.is_empty:
         return np.zeros((0, 2))
@@ -73,12 +73,12 @@ def bending_ground(elevation: Elevation, measured: shapely.Geometry) -> NDArray[
 
 
 def _corners(corner: NDArray[np.float64], size: float) -> NDArray[np.float64]:
-    """Return the corners (N, 4, 2) of cells by their lowest one."""
+    """Return the corners (N, 4, 2) of cells from their lower left corners."""
     return np.asarray(corner[:, None] + size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]))
 
 
 def _off(elevation: Elevation, corner: NDArray[np.float64], size: float) -> NDArray[np.float64]:
-    """Return how far (N,) the ground in cells is off what their corners say, metres."""
+    """Return the maximum deviation (N,) of the ground in cells from their corners, metres."""
     share = np.linspace(0, 1, max(3, round(size / elevation.step) + 1))
     u, v = (grid.ravel() for grid in np.meshgrid(share, share))
     weight = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
@@ -88,7 +88,7 @@ def _off(elevation: Elevation, corner: NDArray[np.float64], size: float) -> NDAr
     return np.asarray(np.abs(there - at_corners @ weight).max(axis=1))
 
 
-#: Heights are compared so far apart, metres, and at so many places at least.
+#: Distance of the points at which heights are compared, metres, and their minimum number.
 _STEP_M, _FEWEST = 0.5, 20
 #: No curb is lower or higher, metres.
 _LOWEST_M, _HIGHEST_M = 0.01, 0.3
@@ -102,16 +102,16 @@ def with_measured_curbs(
     road_height: _Heights,
     ground_height: _Heights,
 ) -> list[Zone]:
-    """Return zones whose raised pieces are as high above the carriageway as they were measured.
+    """Return zones with raised pieces at their measured height above the carriageway.
 
-    The median over each piece of what was measured above the road's height beside it; pieces that
-    were not measured keep the usual curb.
+    The height of a piece is the median of the measured ground above the road's height beside it.
+    Pieces without measurements keep the usual curb height.
 
     Args:
-        zones: what lies where.
-        measured: where the ground was measured from close by.
-        road_height: of the carriageway and, beside it, of its surface led on, at (N, 2) points.
-        ground_height: of what was measured, at (N, 2) points.
+        zones: the zones.
+        measured: area in which the ground was measured at close range.
+        road_height: height of the carriageway, extrapolated beyond it, at (N, 2) points.
+        ground_height: measured height, at (N, 2) points.
     """
     found: list[Zone] = []
     shapely.prepare(measured)
@@ -134,28 +134,28 @@ def with_measured_curbs(
     return found
 
 
-#: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
+#: ``part`` numbers below this are the ground's (``surface.PARTS``); the others are objects'.
 FIRST_OBJECT = 16
-#: Shares of the time that are over when zones, ground and buildings are there, of a district.
+#: Share of the time after which zones, ground and buildings of a district are built.
 ZONES, SURFACE, BUILDINGS = 0.28, 0.63, 0.72
-#: Ends of buses swing out over kerbs by about so much where they turn, metres.
+#: Approximate overhang of turning buses over kerbs, metres.
 SWING_M = 1.2
-#: What is left as it is where it stands on a lane: houses, and what was measured there.
+#: Objects kept where they are on a lane: buildings, and objects measured there.
 _NOT_CLEARED = {"buildings", "imported", "surveyed trees"}
-#: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
+#: Largest triangles; roads are finer where their height requires it, terrain on hills is finer.
 ON_A_HILL = Spacing(road=25.0, terrain=5.0)
 ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The static world.
+    """The static scene.
 
     Attributes:
         mesh: its triangles.
-        notes: counts and assumptions of its build.
-        colours: of its buildings.
-        corrected: what became of corrections of what stands.
+        notes: counts and assumptions of its creation.
+        colours: colours of its buildings.
+        corrected: results of the corrections of objects.
     """
 
     mesh: LabelledMesh
@@ -194,15 +194,15 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         elevation: the ground's heights.
         region: region of interest, site frame.
         features: the map's features that touch the region.
-        heads: signals and signs of the lane model, where they are.
-        imported: what sources of geometry give; it stands in place of what is mapped there.
-        drivable: where a map says that vehicles can drive, beyond its lanes.
+        heads: signals and signs of the lane model, with their positions.
+        imported: imported geometry; it replaces the mapped objects in its area.
+        drivable: area mapped as drivable beyond the lanes.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        clutter: what stands beside the streets: barriers and furniture as ``mapped``, with what is
-            ``typical`` where the map is silent, or ``none``.
-        sensors: east and north of sensors, around which nothing is assumed, metres.
-        corrections: what a person added and removed; those of other kinds are left alone.
-        own_objects: a person's own street objects, see ``docs/howto/street_objects.md``.
+        clutter: objects beside the streets: barriers and furniture as ``mapped``, with ``typical``
+            objects where none are mapped, or ``none``.
+        sensors: east and north of sensors; near them no objects are assumed, metres.
+        corrections: objects added and removed by the user; other kinds of corrections are ignored.
+        own_objects: the user's own street objects, see ``docs/howto/street_objects.md``.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
@@ -306,30 +306,30 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         meshes.append(replace(mesh, part=mesh.part + np.int32(first)))
         first += int(mesh.part.max(initial=0)) + 1
         notes[name] = counts
-    # Buildings come first.
+    # Buildings are the first mesh.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours, (*outcomes, *removed, *built))
 
 
 def _not_seen(heads: Sequence[Head], measured: shapely.Geometry) -> list[Head]:
-    """Return the signals and signs where no recording shows what stands: others would stand twice.
+    """Return the signals and signs outside measured areas, where they are not yet in the scene.
 
-    Where they are the lane model says; on which poles and arms they are mounted is assumed.
+    Their positions are from the lane model; their poles and arms are assumed.
     """
     shapely.prepare(measured)
     return [one for one in heads if not shapely.contains_xy(measured, one.x, one.y)]
 
 
 def _paved_when_unmapped(measured: shapely.Geometry) -> shapely.Geometry:
-    """Return what of measured ground is taken for asphalt where no map says what it is: all of it.
+    """Return the measured ground assumed to be asphalt without a map: all of it.
 
-    Outlines of cells are drawn together, so that borders do not follow every one of them.
+    Outlines of cells are simplified, so that borders do not follow every cell.
     """
     return shapely.simplify(shapely.buffer(shapely.buffer(measured, 1.0), -1.5), 0.5)
 
 
 def _kept_free(network: RoadNetwork) -> shapely.Geometry:
-    """Return where people cross and wait, and what turning vehicles swing out over."""
+    """Return areas where pedestrians cross and wait, and the overhang area of turning vehicles."""
     turns = network.area_of(("connection",), 0)
     return shapely.union(
         network.area_of(("crossing", "walkingarea"), 0), shapely.buffer(turns, SWING_M)
@@ -337,7 +337,7 @@ def _kept_free(network: RoadNetwork) -> shapely.Geometry:
 
 
 def _ground_notes(ground: LabelledMesh, network: RoadNetwork) -> dict[str, float]:
-    """Areas in plan, square metres: of the mesh, and of the lane model that it was made from."""
+    """Return areas in plan, square metres: of the mesh, and of the lane model."""
     corners = ground.triangles()[:, :, :2]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2

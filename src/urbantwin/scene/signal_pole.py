@@ -18,32 +18,33 @@ from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, 
 
 __all__ = ["NO_PLACE", "signal_mesh"]
 
-#: What is noted of heads that no pole can carry.
+#: Name of the count of heads that no pole can carry.
 NO_PLACE = "signals without a place beside the carriageway, left out"
-#: Poles keep at least this far from carriageways and reach this far into the ground, metres.
+#: Minimum distance of poles from carriageways, and their depth in the ground, metres.
 KERB_M, BURIED_M = 0.4, 0.3
-#: The longest arm, and how finely a place for its pole is looked for, metres.
+#: Maximum length of an arm, and step of the search for its pole's position, metres.
 REACH_M, STEP_M = 18.0, 0.2
-#: Nothing hangs lower than this over lanes (clearance of streets: RAS-Q, AASHTO: 4.3 to 4.5 m).
+#: Minimum height of objects over lanes (clearance of streets: RAS-Q, AASHTO: 4.3 to 4.5 m).
 CLEAR_M = 4.2
-#: Heads whose poles would stand this close share one, metres.
+#: Heads with pole positions closer than this share one pole, metres.
 SHARED_M = 1.0
-#: Heads of one pole stand off its axis by this, metres.
+#: Distance of the heads of a pole from its axis, metres.
 OFF_AXIS_M = 0.12
-#: A low head that comes out over the carriageway has its pole this near, metres.
+#: Maximum distance of the pole of a low head that extends over the carriageway, metres.
 BRACKET_M = 1.5
-#: Where no arm reaches, heads hang from a wire between two poles (US MUTCD 2009, 4D.12 and 4D.15:
-#: span wires), at most this far away each; heads of one wire lie this near to its line, metres.
+#: Heads that no arm reaches are mounted on a wire between two poles (US MUTCD 2009, 4D.12 and
+#: 4D.15: span wires), at most this far from each pole. Heads of one wire are within the second
+#: distance of its line, metres.
 SPAN_M, ON_WIRE_M = 80.0, 1.5
 #: The wire is this much above its heads, metres.
 WIRE_M = 0.5
-#: Heads that had no place beside the carriageway hang this high above it, middles, metres.
+#: Height of the middle of heads without a position beside the carriageway, above it, metres.
 OVER_M = 5.7
 
 
 @dataclass
 class _Pole:
-    """A pole: its foot, and the heads that it carries, beside it or on arms."""
+    """A pole: its base, and the heads mounted beside it or on arms."""
 
     foot: NDArray[np.float64]
     beside: list[Head] = field(default_factory=list)
@@ -53,7 +54,7 @@ class _Pole:
 
 @dataclass
 class _Wire:
-    """A wire between two poles, and the heads that hang from it."""
+    """A wire between two poles, and the heads mounted on it."""
 
     feet: tuple[NDArray[np.float64], NDArray[np.float64]]
     heads: list[Head]
@@ -64,7 +65,7 @@ class _Wire:
         return max(head.z + head.signal.height / 2 for head in self.heads) + WIRE_M
 
     def carries(self, head: Head) -> bool:
-        """Whether a head lies on the wire's line, facing along the others."""
+        """Return whether a head is on the wire's line, with the same heading as the others."""
         line = shapely.LineString(self.feet)
         away = line.distance(shapely.Point(head.x, head.y))
         return away < ON_WIRE_M and math.cos(head.heading - self.heads[0].heading) > 0.9
@@ -75,19 +76,20 @@ def signal_mesh(
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build the signals and signs of the ground level.
 
-    A head beside the carriageway has a pole of its own or shares one close by; a head over it
-    hangs from an arm that reaches across its traffic's direction from the nearest such pole, or
-    from a new one at the kerb, or else from a wire between two. No pole stands on the carriageway,
-    and nothing hangs low over it; signs for which there is no pole are left out.
-    Lights are class ``other-object``, plates ``traffic-sign``, the rest ``pole``.
+    A head beside the carriageway has its own pole or shares one close to it. A head over the
+    carriageway is mounted on an arm across the direction of its traffic. The arm is on the nearest
+    such pole, or on a new pole at the kerb; if neither is possible, the head is mounted on a wire
+    between two poles. No pole is on the carriageway, and nothing is low over it; signs without a
+    possible pole are left out. Lights have the class ``other-object``, plates ``traffic-sign``,
+    other parts ``pole``.
 
     Args:
-        heads: where signals and signs are.
+        heads: signals and signs with their positions.
         ground_height: heights of the ground.
-        carriageway: where no pole may stand.
+        carriageway: area without poles.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
+        The mesh, ``part`` 1, 2, ... per pole, and counts of objects built or left out.
     """
     notes: Counter[str] = Counter()
     taken = shapely.buffer(carriageway, KERB_M - 0.05)
@@ -135,7 +137,7 @@ def _pole_at(poles: list[_Pole], xy: NDArray[np.float64]) -> _Pole:
 
 
 def _pole_for_arm(poles: list[_Pole], head: Head, taken: shapely.Geometry) -> _Pole | None:
-    """Return the pole whose arm carries a head: one abreast of it, else a new one at the kerb."""
+    """Return the pole for a head on an arm: an existing pole abreast of it or a new one."""
     at = np.array([head.x, head.y])
     ahead = np.array([math.cos(head.heading), math.sin(head.heading)])
     across = np.array([-ahead[1], ahead[0]])
@@ -148,7 +150,7 @@ def _pole_for_arm(poles: list[_Pole], head: Head, taken: shapely.Geometry) -> _P
     if best is not None:
         return poles[best[1]]
     steps = np.arange(STEP_M, REACH_M, STEP_M)
-    # To both sides at once, the nearer kerb first; the traffic's own before the other.
+    # Search on both sides, the nearer kerb first; the side of the traffic's direction first.
     sides = np.stack([at + steps[:, None] * across * side for side in (1, -1)], axis=1)
     points = sides.reshape(-1, 2)
     free = ~shapely.contains_xy(taken, points[:, 0], points[:, 1])
@@ -156,13 +158,13 @@ def _pole_for_arm(poles: list[_Pole], head: Head, taken: shapely.Geometry) -> _P
 
 
 def _bracket(poles: list[_Pole], head: Head) -> _Pole | None:
-    """Return the pole beside the carriageway that a low head over its border stands on."""
+    """Return the pole beside the carriageway for a low head over its border."""
     near = [(float(np.hypot(*(pole.foot - [head.x, head.y]))), k) for k, pole in enumerate(poles)]
     return poles[min(near)[1]] if near and min(near)[0] < BRACKET_M else None
 
 
 def _hung(wires: list[_Wire], poles: list[_Pole], head: Head, taken: shapely.Geometry) -> bool:
-    """Hang a head from a wire; say whether there is ground for its poles."""
+    """Mount a head on a wire; return whether there is ground for the wire's poles."""
     wire = next((wire for wire in wires if wire.carries(head)), None)
     if wire is not None:
         wire.heads.append(head)
@@ -219,7 +221,7 @@ def _add(assembly: Assembly, foot: NDArray[np.float64], pole: _Pole, notes: Coun
 
 
 def _add_arm(assembly: Assembly, foot: NDArray[np.float64], head: Head, part: int) -> None:
-    """Add the arm to one head; those to farther heads of the same pole cover it."""
+    """Add the arm to one head; arms to more distant heads of the same pole contain it."""
     start = np.array([foot[0], foot[1], head.z])
     behind = -OFF_AXIS_M * np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
     end = np.array([head.x, head.y, head.z]) + behind
@@ -228,7 +230,7 @@ def _add_arm(assembly: Assembly, foot: NDArray[np.float64], head: Head, part: in
 
 
 def _add_wire(assembly: Assembly, wire: _Wire, notes: Counter[str]) -> None:
-    """Add the wire between two poles and what hangs from it."""
+    """Add the wire between two poles and the heads on it."""
     part = assembly.new_part()
     ends = [np.array([foot[0], foot[1], wire.top]) for foot in wire.feet]
     assembly.add(rods([ends[0]], [ends[1]], 0.015, 0.015, 6), "pole", "metal-painted", part)
@@ -246,7 +248,7 @@ def _add_wire(assembly: Assembly, wire: _Wire, notes: Counter[str]) -> None:
 
 
 def _add_lights(assembly: Assembly, head: Head, part: int) -> None:
-    """Add a housing with its visors; at the pole's axis it stands off to where it faces."""
+    """Add a housing with its visors; at the pole's axis it is shifted towards its heading."""
     ahead = np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
     across = np.array([-ahead[1], ahead[0], 0.0])
     tall, wide = head.signal.height, head.signal.width
@@ -266,7 +268,7 @@ def _add_lights(assembly: Assembly, head: Head, part: int) -> None:
 
 
 def _add_plate(assembly: Assembly, head: Head, part: int) -> None:
-    """Add a sign's plate: a disc, an upright rectangle, an octagon or a triangle on its tip."""
+    """Add a sign's plate: a disc, an upright rectangle, an octagon or an inverted triangle."""
     ahead = np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
     middle = np.array([head.x, head.y, head.z]) + 0.05 * ahead
     shape = plate_of(head.signal)
@@ -275,7 +277,7 @@ def _add_plate(assembly: Assembly, head: Head, part: int) -> None:
     else:
         corners, first = {"disc": (16, 0.0), "octagon": (8, 22.5), "triangle": (3, -90.0)}[shape]
         angle = np.radians(first + np.arange(corners) * 360.0 / corners)
-        # Looking where the sign looks, left of it is to the left.
+        # Seen in the direction of the sign's heading, left is on the left.
         outline = head.signal.height / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
         plate = sweep([middle - 0.01 * ahead, middle + 0.01 * ahead], -outline * [1, -1])
     assembly.add(plate, "traffic-sign", "retroreflector", part)

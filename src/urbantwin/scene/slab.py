@@ -11,7 +11,7 @@ from urbantwin.scene.solids import Solid
 
 __all__ = ["plain_polygons", "plan_of", "slab"]
 
-#: Corners of areas are on a grid of 1 mm, metres.
+#: Grid for corners of areas: 1 mm, in metres.
 GRID_M = 0.001
 
 
@@ -21,7 +21,7 @@ def plain_polygons(shape: shapely.Geometry, *, smallest_m2: float = 0.05) -> lis
     snapped = shapely.set_precision(shapely.make_valid(smooth), GRID_M)
     pieces = shapely.get_parts(shapely.get_parts(snapped))
     whole = [p for p in pieces if isinstance(p, Polygon) and p.area >= smallest_m2]
-    # Where rings touch, a wall's upright edge would have four faces: they are drawn apart.
+    # Where rings touch, a wall's vertical edge would have four faces: the rings are separated.
     apart = [p if not p.interiors or p.boundary.is_simple else _shrunk(p) for p in whole]
     parts = shapely.get_parts(apart)
     return [p for p in parts if isinstance(p, Polygon) and p.area >= smallest_m2]
@@ -35,7 +35,7 @@ def _shrunk(polygon: Polygon) -> shapely.Geometry:
 def plan_of(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
     """Return the corners (V, 2) of a polygon, triangles (F, 3) counter-clockwise, edges (E, 2).
 
-    Triangles use the polygon's own corners only; the polygon is on the left of its edges.
+    Triangles use only the polygon's own corners; the polygon is on the left of its edges.
     """
     rings = [
         shapely.get_coordinates(ring)[:-1]
@@ -66,7 +66,7 @@ def slab(polygon: Polygon, low: ArrayLike, high: ArrayLike) -> Solid:
     Args:
         polygon: its plan.
         low: height of its underside, one number or one per corner of ``plan_of`` (V,).
-        high: height of its top, the same, above ``low`` everywhere.
+        high: height of its top, in the same form, above ``low`` everywhere.
     """
     xy, top, edges = plan_of(polygon)
     count = len(xy)

@@ -1,4 +1,4 @@
-"""Primitive solids, and assembling them into one labelled mesh."""
+"""Primitive solids, and their assembly into one labelled mesh."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class Assembly:
     def add(
         self, solid: Solid, semantic: str | ArrayLike, material: str | ArrayLike, part: ArrayLike
     ) -> None:
-        """Add a solid; numbers of classes and materials, and parts, may be given per face."""
+        """Add a solid; classes, materials and parts may be given per face as numbers."""
         kind = semantic_id(semantic) if isinstance(semantic, str) else semantic
         number = material_id(material) if isinstance(material, str) else material
         self._solids.append(solid)
         self._labels.append((kind, number, part))
 
     def mesh(self) -> LabelledMesh:
-        """Return everything added as one mesh."""
+        """Return all added solids as one mesh."""
         if not self._solids:
             return LabelledMesh.empty()
         starts = np.cumsum([0] + [len(solid.vertices) for solid in self._solids[:-1]])
@@ -127,7 +127,7 @@ def rods(
 ) -> Solid:
     """Return closed tapered cylinders between points (N, 3) and (N, 3), radii (N,) metres.
 
-    Their cross-section is a polygon of ``sides`` corners that lie on the circle.
+    Their cross-section is a polygon of ``sides`` corners on the circle.
     """
     start = np.asarray(starts, np.float64).reshape(-1, 3)
     end = np.asarray(ends, np.float64).reshape(-1, 3)
@@ -192,7 +192,7 @@ def sweep(path: ArrayLike, profile: ArrayLike, *, closed: bool = False) -> Solid
     solid = Solid(vertices.reshape(-1, 3), np.concatenate(faces).astype(np.int32))
     if count == 2 or _smallest_m2(solid) > SLIVER_M2:
         return solid
-    # On the inside of a turn corners fell onto each other: every piece becomes its own solid.
+    # On the inside of a turn corners would overlap: every piece becomes a separate solid.
     ends = np.arange(count if closed else count - 1)
     return _joined([sweep(points[[k, (k + 1) % count]], outline[[k, (k + 1) % count]])
                     for k in ends.tolist()])  # fmt: skip

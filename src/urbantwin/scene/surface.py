@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PARTS", "Spacing", "surface_mesh"]
 
-#: ``part`` numbers of the ground's triangles; other objects come after ``FIRST_OBJECT``.
+#: ``part`` numbers of the ground's triangles; other objects start at ``FIRST_OBJECT``.
 PARTS = {
     "terrain": 0,
     "carriageway": 1,
@@ -34,23 +34,23 @@ PARTS = {
     "curb": 5,
     "water": 6,
 }
-#: How far from every zone a triangle may lie and still belong to the ground.
+#: Maximum distance from every zone of a triangle that still belongs to the ground, metres.
 SPECK_M = 0.1
 #: Vertices are snapped to this grid, so that zones that touch share their vertices.
 GRID_M = 0.01
-#: Vertices of bending terrain keep so far from borders of zones, metres.
+#: Minimum distance of added terrain vertices from borders of zones, metres.
 SLIT_M = 0.1
-#: Over this distance the terrain leaves a road's height and comes back to the ground's.
+#: Distance over which the terrain changes from the road's height to the ground's, metres.
 BLEND_M = 10.0
 
-#: How far an edge of a road's triangle may leave the road, and the shortest edge that is still
-#: split for it, metres.
+#: Maximum distance of an edge of a road's triangle from the road surface, and the shortest edge
+#: that is still split for it, metres.
 FIT_M, SHORTEST_M = 0.003, 0.4
 #: Triangles below this area, doubled, are dropped.
 SLIVER_M2 = 1e-9
 #: Rounds of splitting.
 ROUNDS = 10
-#: An edge's number: its lower vertex times this, plus the other.
+#: An edge's number: its lower vertex index times this, plus the other index.
 CODE = 1 << 31
 
 Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -58,7 +58,7 @@ Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Spacing:
-    """Largest distance between vertices on roads and on terrain, metres."""
+    """Maximum distance between vertices on roads and on terrain, metres."""
 
     road: float
     terrain: float
@@ -77,20 +77,19 @@ def surface_mesh(
 ) -> LabelledMesh:
     """Triangulate zones that tile an area into one surface.
 
-    Neighbouring zones share their vertices in plan. Where two zones have different heights along
-    an edge, a vertical strip (a curb) joins them, so the surface has no gap. Terrain takes the
-    road's height where it meets a road and returns to its own within about ``BLEND_M``. Roads are
-    as coarse as their height allows: triangles are split until none leaves it by more than a few
-    millimetres.
+    Neighbouring zones share their vertices in plan. Where two zones have different heights along an
+    edge, a vertical strip (a curb) joins them, so the surface has no gap. Terrain has the road's
+    height along roads and returns to its own height within about ``BLEND_M``. Road triangles are
+    split until none deviates from the road surface by more than a few millimetres.
 
     Args:
-        zones: what lies where, without overlaps.
+        zones: the zones, without overlaps.
         road_height: height of the carriageway at (N, 2) points, metres.
         terrain_height: height of the bare earth at (N, 2) points, metres.
-        spacing: how fine the triangles are.
-        lines: ridges of roads, which triangles do not cross.
-        drops: where curbs are low.
-        bends: (N, 2) where the terrain bends: vertices beside those of ``spacing``.
+        spacing: maximum distances between vertices.
+        lines: ridges of roads; triangles do not cross them.
+        drops: dropped curbs.
+        bends: (N, 2) points at which the terrain bends: additional vertices.
         tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "borders")
@@ -119,7 +118,7 @@ def _plan(
     lines: Sequence[shapely.LineString],
     bends: NDArray[np.float64] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return points (N, 2), and the edges (E, 2) between them that triangles keep."""
+    """Return points (N, 2), and the edges (E, 2) that the triangulation must keep."""
     paved = shapely.union_all([z.area for z in zones if z.step is not None])
     ridges = shapely.intersection(shapely.union_all(list(lines)), paved)
     borders = shapely.union_all(
@@ -153,7 +152,7 @@ def _plan(
 def _beside(
     bends: NDArray[np.float64], zones: Sequence[Zone], borders: shapely.Geometry
 ) -> NDArray[np.float64]:
-    """Return those of (N, 2) points that lie in terrain, and not on its borders."""
+    """Return the (N, 2) points that are within terrain, but not on its borders."""
     paved = shapely.union_all([z.area for z in zones if z.step is not None])
     shapely.prepare(paved)
     free = bends[~shapely.contains_xy(paved, bends[:, 0], bends[:, 1])]
@@ -170,10 +169,10 @@ def _fitted(
     road_height: Heights,
     tell: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Split edges of roads' triangles until all lie on the road.
+    """Split edges of road triangles until all are on the road surface.
 
     Returns:
-        points (N, 2), triangles (F, 3), and the road's height (N,) at the points.
+        Points (N, 2), triangles (F, 3), and the road's height (N,) at the points.
     """
     xy, kept = plan
     z = road_height(xy)
@@ -182,7 +181,7 @@ def _fitted(
     good = np.zeros(0, np.int64)
     for _ in each(range(ROUNDS), tell, "triangles"):
         xy, triangles = _triangulated(xy, kept)
-        if len(xy) > len(z):  # where edges that must stay cross, a point was added
+        if len(xy) > len(z):  # a point was added where fixed edges cross
             z = np.concatenate([z, road_height(xy[len(z) :])])
         middle = xy[triangles].mean(axis=1)
         inside = triangles[shapely.contains_xy(paved, middle[:, 0], middle[:, 1])]
@@ -220,7 +219,7 @@ def _fitted(
 
 
 def _new(xy: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points (N,) are not there yet, nor twice."""
+    """Return which points (N,) are new and not duplicates."""
     keys = np.round(np.concatenate([xy, points]) / 1e-4).astype(np.int64)
     _, first = np.unique(row_keys(keys), axis=0, return_index=True)
     new = np.zeros(len(keys), bool)
@@ -267,8 +266,8 @@ def _zone_of(zones: Sequence[Zone], points: NDArray[np.float64]) -> NDArray[np.i
         shapely.prepare(zone.area)
         inside = shapely.intersects_xy(zone.area, points[:, 0], points[:, 1])
         found[inside & (found < 0)] = number
-    # Snapping moves borders by millimetres and specks are left out of zones: what no zone claims
-    # goes to the nearest.
+    # Snapping moves borders by millimetres and zones omit very small areas: triangles outside all
+    # zones are assigned to the nearest zone.
     missing = np.flatnonzero(found < 0)
     if len(missing):
         areas = np.array([zone.area for zone in zones])
@@ -289,13 +288,13 @@ def _heights(
 ) -> NDArray[np.float64]:
     """Return the height (F, 3) of each triangle's corners; ``step`` (F, 3) above the road.
 
-    Terrain that is ``still`` (F,), water, keeps its height beside roads.
+    Terrain that is ``still`` (F,), i.e. water, keeps its height next to roads.
     """
     natural = np.isnan(step[:, 0])
     z = road[triangles] + np.where(natural[:, None], 0.0, step)
     if not natural.any():
         return z
-    # Terrain meets the higher of the road surfaces at a shared vertex.
+    # Terrain has the height of the highest road surface at a shared vertex.
     top = np.full(len(xy), -np.inf)
     np.maximum.at(top, triangles[~natural].ravel(), z[~natural].ravel())
     fixed = np.isfinite(top)
@@ -312,7 +311,7 @@ def _spread(
     value: NDArray[np.float64],
     fixed: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Solve (laplacian - 1 / BLEND_M^2) value = 0 on the terrain, ``value`` given where fixed."""
+    """Solve (laplacian - 1 / BLEND_M^2) value = 0 on the terrain, with fixed values given."""
     used = np.zeros(len(xy), bool)
     used[triangles.ravel()] = True
     free = used & ~fixed
@@ -343,7 +342,7 @@ def _spread(
 def _weld(
     xy: NDArray[np.float64], triangles: NDArray[np.int64], z: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """One vertex per place and height."""
+    """Merge vertices of equal position and height."""
     height = np.round(z.ravel() * 1e5).astype(np.int64)
     keys = np.column_stack([triangles.ravel(), height])
     _, first, inverse = np.unique(row_keys(keys), axis=0, return_index=True, return_inverse=True)
@@ -354,7 +353,7 @@ def _weld(
 def _curbs(
     xy: NDArray[np.float64], triangles: NDArray[np.int64], z: NDArray[np.float64]
 ) -> LabelledMesh:
-    """Vertical strips along edges whose two triangles have different heights."""
+    """Return vertical strips along edges whose two triangles have different heights."""
     start = triangles.ravel()
     end = np.roll(triangles, -1, axis=1).ravel()
     z_start, z_end = z.ravel(), np.roll(z, -1, axis=1).ravel()
@@ -362,7 +361,7 @@ def _curbs(
     order = np.lexsort([start, high, low])
     pair = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
     first, second = order[:-1][pair], order[1:][pair]
-    # ``second`` runs the other way: its start is ``first``'s end.
+    # ``second`` has the opposite direction: its start is ``first``'s end.
     gap_start = z_start[first] - z_end[second]
     gap_end = z_end[first] - z_start[second]
     stepped = np.maximum(np.abs(gap_start), np.abs(gap_end)) > 1e-4

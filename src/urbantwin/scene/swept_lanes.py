@@ -1,4 +1,4 @@
-"""The space that vehicles on the lanes take: nothing of a scene may stand in it."""
+"""The space swept by vehicles on the lanes, kept free of objects of the scene."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from urbantwin.roads import Lane, RoadNetwork
 
 __all__ = ["SweptLanes"]
 
-#: What begins lower than this above a lane and ends higher is in the way: curbs are driven over,
-#: and what hangs higher is driven under, metres. Signs and arms of signals hang at 4.5 m and more.
+#: Range of heights above a lane in which objects are obstacles, metres: vehicles drive over lower
+#: curbs and under higher objects. Signs and arms of signals are at 4.5 m and more.
 FROM_M, UNTIL_M = 0.2, 3.3
-#: What is in the way is left out from here on, metres above the lane.
+#: Height above the lane from which obstacles are removed, metres.
 STUMP_M = -0.5
-#: The outer part of a lane on each side that vehicles seldom use, metres.
+#: Width of the outer part of a lane on each side that vehicles rarely use, metres.
 MARGIN_M = 0.2
-#: Triangles are cut into pieces of at most this length before some of them are left out, metres.
+#: Maximum length of the pieces into which triangles are cut before removal, metres.
 PIECE_M = 0.5
-#: An object smaller than this in plan is left out as a whole, metres: a post without a foot would
+#: An object smaller than this in plan is removed as a whole, metres: a post without its base would
 #: float.
 SMALL_M = 1.5
 KINDS, MOTOR = ("driving", "bus", "connection"), {"car", "van", "truck", "bus", "motorcycle"}
@@ -51,14 +51,14 @@ class SweptLanes:
         self._high = np.array([lane.centre[:, 2].max() for lane in self._lanes])
 
     def clear(self, mesh: LabelledMesh, *, whole_parts: bool = False) -> tuple[LabelledMesh, int]:
-        """Return a mesh without what stands on lanes, and of how many triangles some is left out.
+        """Return a mesh without objects on lanes, and the number of triangles cut or removed.
 
-        The ground itself stays. Triangles that reach into the space of a lane are cut into pieces,
-        and those within it left out.
+        The ground itself is kept. Triangles that extend into the space of a lane are cut into
+        pieces, and the pieces within it are removed.
 
         Args:
             mesh: part of a scene.
-            whole_parts: whether parts that are small in plan are left out as a whole.
+            whole_parts: whether parts that are small in plan are removed as a whole.
         """
         corners = mesh.triangles()
         row, lane = self._near(mesh)
@@ -69,7 +69,7 @@ class SweptLanes:
         ]
         if not touched:
             return mesh, 0
-        # Of what stands on a lane no stumps are left.
+        # Objects on a lane are removed down to the ground.
         parts = np.unique(mesh.part[touched])
         left_out = np.zeros(len(mesh.faces), np.bool_)
         clipped = []
@@ -90,7 +90,7 @@ class SweptLanes:
     def _within(
         self, lanes: NDArray[np.int64], pieces: NDArray[np.float64], from_m: float
     ) -> NDArray[np.bool_]:
-        """Return which triangles (N, 3, 3) have a corner above one of some lanes."""
+        """Return which triangles (N, 3, 3) have a corner above any of the lanes."""
         points = pieces.reshape(-1, 3)
         found = np.zeros(len(points), np.bool_)
         for number in lanes.tolist():
@@ -112,7 +112,7 @@ class SweptLanes:
         return mine[row[near]], lane[near]
 
     def _inside(self, number: int, points: NDArray[np.float64], from_m: float) -> NDArray[np.bool_]:
-        """Return which points (N, 3) lie above a lane, from a height on."""
+        """Return which points (N, 3) are above a lane, from a height on."""
         found = shapely.contains_xy(self._areas[number], points[:, 0], points[:, 1])
         if found.any():
             centre = self._lanes[number].centre
@@ -126,7 +126,7 @@ class SweptLanes:
 
 
 def _cut(triangle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a triangle (3, 3) in equal pieces (N, 3, 3), its sides cut into as many parts."""
+    """Return a triangle (3, 3) in equal pieces (N, 3, 3), with equal numbers per side."""
     sides = np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1)
     count = max(int(np.ceil(sides.max() / PIECE_M)), 1)
     a, b, c = triangle
@@ -141,7 +141,7 @@ def _cut(triangle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _like(mesh: LabelledMesh, face: int, pieces: NDArray[np.float64]) -> LabelledMesh:
-    """Return triangles (N, 3, 3) with the labels of one of a mesh."""
+    """Return triangles (N, 3, 3) with the labels of a triangle of a mesh."""
     count = len(pieces)
     return LabelledMesh(
         pieces.reshape(-1, 3),

@@ -1,4 +1,4 @@
-"""Values of tags: lengths, counts and directions as mappers write them."""
+"""Values of tags: lengths, counts and directions in the formats used in the map."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def _number(text: str) -> float:
 
 
 def length_m_of(text: str | None) -> float | None:
-    """Return the metres that a tag's value means, or ``None`` where it means no length.
+    """Return the metres that a tag's value means, or ``None`` if it is not a length.
 
-    Understands the forms of https://wiki.openstreetmap.org/wiki/Map_features/Units and what is
-    often met beside them: ``12``, ``12.5``, ``12,5``, ``12 m``, ``120 cm``, ``40'``, ``40 ft``,
-    ``5'6"``. Zero and negative values, ranges and words give ``None``.
+    Understands the forms of https://wiki.openstreetmap.org/wiki/Map_features/Units and other common
+    ones: ``12``, ``12.5``, ``12,5``, ``12 m``, ``120 cm``, ``40'``, ``40 ft``, ``5'6"``. Zero and
+    negative values, ranges and words give ``None``.
     """
     if text is None:
         return None

@@ -31,20 +31,21 @@ __all__ = ["Zone", "deck_zones", "ground_zones"]
 
 #: Gaps between carriageways up to this wide are raised medians or islands.
 MEDIAN_M = 8.0
-#: Gaps smaller than this are paved where they lie beside footways, square metres: less than the
-#: first share of their border lies at carriageways; larger ones are no islands below the second.
+#: Gaps smaller than this are paved if they are along footways, square metres: if less than the
+#: first share of their border is along carriageways. Larger gaps below the second share are not
+#: islands.
 PAVED_M2, KERB_SHARES = 4.0, (0.9, 0.25)
-#: What is nearer to a carriageway than this lies at it, metres.
+#: Maximum distance from a carriageway of borders along it, metres.
 AT_KERB_M = 0.05
 #: Kinds of raised lanes without pedestrians.
 RAISED = ("median", "island")
-#: How far terrain goes on beyond the region, so that beams at its border meet ground.
+#: Width of terrain beyond the region, so that beams at its border hit ground, metres.
 MARGIN_M = 25.0
-#: How far terrain goes on beside roads outside of that: a bus that turns swings out beyond them.
+#: Width of terrain beside roads outside that: the overhang of turning buses, metres.
 VERGE_M = 5.0
 #: Thickness of walls between water and paved ground, metres.
 WALL_M = 0.4
-#: Mapped islands keep so far from what is driven on, metres.
+#: Minimum distance of mapped islands from drivable lanes, metres.
 ASIDE_M = 0.2
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
@@ -57,7 +58,7 @@ OTHER_WAYS: dict[str, tuple[float, str, str]] = {
     "cycleway": (2.0, "sidewalk", "asphalt"),
 }
 
-#: Values of ``parking=*`` that are no ground with cars on it (OSM wiki, "Key:parking").
+#: Values of ``parking=*`` without parked cars on the ground (OSM wiki, "Key:parking").
 NOT_ON_THE_GROUND = frozenset(
     {"underground", "multi-storey", "rooftop", "garage", "garages", "sheds"}
 )
@@ -69,10 +70,11 @@ class Zone:
 
     Attributes:
         kind: carriageway, footway, island, paved (flush with the terrain), water or terrain.
-        area: where it is, site frame.
+        area: its area, site frame.
         semantic: its semantic class.
         material: its material.
-        measured_step_m: its height above the carriageway, where that was measured, metres.
+        measured_step_m: its measured height above the carriageway, metres; ``None`` if not
+            measured.
     """
 
     kind: str
@@ -83,7 +85,7 @@ class Zone:
 
     @property
     def step(self) -> float | None:
-        """Height above the carriageway, or None where the zone follows the terrain."""
+        """Height above the carriageway; ``None`` if the zone follows the terrain."""
         if self.measured_step_m is not None:
             return self.measured_step_m
         return {"carriageway": 0.0, "footway": CURB_HEIGHT_M, "island": CURB_HEIGHT_M}.get(
@@ -105,11 +107,10 @@ def ground_zones(
     Args:
         network: the lanes.
         region: region of interest, site frame.
-        features: what is mapped there.
-        waters: what lies under water.
-        drivable: where a map says that vehicles can drive. Of gaps between carriageways, what
-            lies there is carriageway and no median; beside them it is asphalt flush with the
-            terrain.
+        features: the map's features.
+        waters: bodies of water.
+        drivable: area mapped as drivable. Gaps between carriageways are carriageway within it, not
+            median; beside carriageways it is asphalt flush with the terrain.
         country: ISO 3166-1 alpha-2; empty if unknown.
         tell: called with the share done (0..1) and the current task.
     """
@@ -123,7 +124,7 @@ def ground_zones(
     gaps = area_difference(closed(paved, MEDIAN_M), paved)
     decks = [network.carriageway(level) for level in network.levels[1:]]
     if decks:
-        # Between the ends of a bridge there is no island in its place.
+        # There is no island between the ends of a bridge.
         gaps = area_difference(gaps, area_union(decks))
     islands, verges = _sorted_out(opened(area_difference(gaps, drivable), SEAM_M), carriageway)
     footway = area_union([footway, *(part for part in verges if part.area < PAVED_M2)])
@@ -135,7 +136,7 @@ def ground_zones(
     if not mapped.is_empty:
         islands, carriageway = area_union([islands, mapped]), area_difference(carriageway, mapped)
     tell(0.5, "gaps between lanes")
-    # What is too narrow for an island is asphalt between lanes, else paving.
+    # Gaps too narrow for an island are asphalt between lanes, otherwise paving.
     slits = area_difference(area_intersection(closed(paved, 2 * SEAM_M), gaps), islands)
     driven = area_difference(area_intersection(gaps, drivable), raised)
     seams = area_intersection(slits, closed(carriageway, 2 * SEAM_M))
@@ -161,7 +162,7 @@ def ground_zones(
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
             if material == "water":
-                # Beside paved ground it has a wall; it would slope up otherwise.
+                # Next to paved ground, water has a wall; otherwise its border would be a slope.
                 kind, wall = "water", area_intersection(free, grown(taken, WALL_M))
                 zones.append(_zone("paved", wall, "other-ground", "concrete"))
                 free = area_difference(free, wall)
@@ -180,7 +181,7 @@ def ground_zones(
 def _sorted_out(
     gaps: shapely.Geometry, carriageway: shapely.Geometry
 ) -> tuple[shapely.Geometry, list[shapely.Polygon]]:
-    """Return the gaps between carriageways, and those that lie beside or behind footways."""
+    """Return the gaps between carriageways, and those beside or behind footways."""
     parts = shapely.get_parts(areas_of(gaps))
     border = shapely.boundary(parts)
     at_kerb = shapely.length(shapely.intersection(border, grown(carriageway, AT_KERB_M)))
@@ -192,7 +193,7 @@ def _sorted_out(
 def _mapped_islands(
     network: RoadNetwork, features: Sequence[OsmFeature], carriageway: shapely.Geometry
 ) -> shapely.Geometry:
-    """Return the raised islands of the map within the carriageway, where nobody drives or walks."""
+    """Return the map's raised islands in the carriageway, outside lanes and crossings."""
     found = [
         one.geometry
         for one in features
@@ -254,7 +255,7 @@ def _flush_areas(
         groups.setdefault(("other-ground", "water"), []).append(body.area)
         if not body.wall.is_empty:
             groups.setdefault(("other-ground", "concrete"), []).append(body.wall)
-    # Ways that are mapped as running through a building without a passage run inside it.
+    # Ways mapped through a building without a passage are inside it.
     areas = {key: closed(area_union(shapes), SEAM_M) for key, shapes in groups.items()}
     for key, area in areas.items():
         if key[0] in ("road", "sidewalk"):
@@ -266,12 +267,12 @@ def _flush_areas(
 
 
 def _is_open(tags: dict[str, str]) -> bool:
-    """Return whether cars of a car park stand on the ground under the sky."""
+    """Return whether a car park is on the ground in the open."""
     return tags.get("parking", "surface") not in NOT_ON_THE_GROUND and "building" not in tags
 
 
 def _is_below(tags: dict[str, str]) -> bool:
-    """Return whether a feature lies under the ground."""
+    """Return whether a feature is below the ground."""
     if tags.get("tunnel") not in (None, "no", "building_passage"):
         return True
     return tags.get("layer", "0").startswith("-") or tags.get("location") == "underground"

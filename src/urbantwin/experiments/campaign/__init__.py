@@ -1,3 +1,3 @@
-"""Campaigns: sites, seeds, rigs, weather and scenarios, all of them recorded with each other."""
+"""Campaigns: recordings of all combinations of sites, seeds, rigs, weather and scenarios."""
 
 __all__: list[str] = []

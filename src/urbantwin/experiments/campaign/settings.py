@@ -1,4 +1,4 @@
-"""Settings of weather, light and faults by name, and a rig with one of them."""
+"""Settings of weather, light and faults by name, and rigs with such a setting."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urbantwin.site.yaml_document import Document, nearest, wrong
 
 __all__ = ["Setting", "settings_of"]
 
-#: Factors of a study but for those that are no matter of a rig alone, or that name sensors.
+#: Factors of a study, except those not of the rig alone and those that name sensors.
 _FAULTS = tuple(name for name in FACTORS if name not in ("traffic_density", "outage_unit"))
 _WEATHERS = ("clear", "rain", "fog", "snow")
 
@@ -43,12 +43,12 @@ _Fields: type[Conditions] = create_model(
 
 @dataclass(frozen=True)
 class Setting:
-    """What a level of the weather changes of a rig.
+    """Changes that a weather level makes to a rig.
 
     Attributes:
-        name: of the level.
+        name: name of the level.
         changes: weather, light and effects.
-        faults: factors of a study of robustness, and the level of each.
+        faults: factors of a robustness study, and the level of each.
     """
 
     name: str
@@ -56,18 +56,18 @@ class Setting:
     faults: tuple[tuple[str, Level], ...] = ()
 
     def applied_to(self, spec: RigSpec) -> RigSpec:
-        """Return a rig with it.
+        """Return a rig with the setting.
 
         Raises:
             InputError: there is no such effect.
-            ValueError: the rig cannot have it.
+            ValueError: the setting is not possible with this rig.
         """
         changed = self.changes.applied_to(spec)
         factors = [FactorAsked(Axis(name, (level,))) for name, level in self.faults]
         return rig_at(changed, factors, dict(self.faults)) if factors else changed
 
     def changed(self) -> dict[str, Any]:
-        """Return what it changes, by name, for the index."""
+        """Return the changes by name, for the index."""
         given = {key: value for key, value in vars(self.changes).items() if value is not None}
         return {**given, **dict(self.faults)}
 
@@ -80,7 +80,7 @@ def settings_of(document: Document, given: list[str] | Mapping[str, Any]) -> tup
         given: names of weathers, or settings by name.
 
     Raises:
-        InputError: a setting is not known, or cannot be.
+        InputError: a setting is unknown or not possible.
     """
     if isinstance(given, Mapping):
         return tuple(

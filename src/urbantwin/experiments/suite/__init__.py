@@ -1,3 +1,3 @@
-"""Regression suites: scenarios with seeds that are driven again, and what became different."""
+"""Regression suites: scenarios with seeds that are simulated again, and their differences."""
 
 __all__: list[str] = []

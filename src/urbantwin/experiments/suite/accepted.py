@@ -1,4 +1,4 @@
-"""What was accepted of a suite, and what became different since, as a table (Markdown)."""
+"""Accepted results of a suite, and the differences from them as a table (Markdown)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from urbantwin.experiments.suite.motion_print import MotionPrint
 
 __all__ = ["Accepted", "table_of"]
 
-#: Most actors and values of events named of each case in the table.
+#: Maximum number of actors and values of events named for each case in the table.
 _NAMED = 10
 
 
 @dataclass(frozen=True)
 class Accepted:
-    """What was accepted.
+    """The accepted results of a suite.
 
     Attributes:
-        folder: where it is.
+        folder: their folder.
         manifest: ``suite.json``: versions, the twin's hash and, by their keys, the cases.
     """
 
@@ -32,10 +32,10 @@ class Accepted:
 
     @classmethod
     def open(cls, folder: Path) -> Accepted:
-        """Open a folder; one that is not there holds no case.
+        """Open a folder; a folder that does not exist has no cases.
 
         Raises:
-            InputError: it is something else.
+            InputError: the file is not a suite.
         """
         file = folder / "suite.json"
         if not file.is_file():
@@ -46,7 +46,7 @@ class Accepted:
         return cls(folder, manifest)
 
     def of(self, key: str) -> MotionPrint | None:
-        """Return what was accepted of a case; ``None`` where nothing was.
+        """Return the accepted result of a case; ``None`` if there is none.
 
         Raises:
             InputError: it is damaged.
@@ -55,7 +55,7 @@ class Accepted:
         return None if told is None else MotionPrint.read(self.folder / f"{key}.parquet", told)
 
     def differs(self, made_with: Mapping[str, Any]) -> list[str]:
-        """Return in what the makers differ: program, SUMO, twin."""
+        """Return the differences of program, SUMO and twin from those of the accepted results."""
         before = self.manifest.get("made_with")
         if before is None:
             return []
@@ -69,7 +69,7 @@ class Accepted:
     def write(
         cls, folder: Path, prints: Mapping[str, MotionPrint], made_with: Mapping[str, Any]
     ) -> Accepted:
-        """Store cases in place of what was accepted before."""
+        """Store cases and replace what was accepted before."""
         manifest = {
             "kind": "suite",
             "version": 1,
@@ -85,11 +85,12 @@ class Accepted:
 
 
 def table_of(rows: Sequence[dict[str, Any]], makers: Sequence[str]) -> str:
-    """Return a page: a table of the cases, and what differs in each that is not the same.
+    """Return a page: a table of the cases, and the differences of each changed case.
 
     Args:
-        rows: of the cases: ``case``, ``state``, and what `changes_between` found or ``why``.
-        makers: in what the makers differ.
+        rows: rows of the cases: ``case``, ``state``, and the result of `changes_between` or
+            ``why``.
+        makers: differences of program, SUMO and twin.
     """
     lines = ["# What became different", ""]
     lines += [f"- {one}" for one in makers]

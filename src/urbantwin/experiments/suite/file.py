@@ -1,4 +1,4 @@
-"""``suite.yaml`` and the scenarios beside it: what is driven."""
+"""``suite.yaml`` and the scenarios in the same folder: the cases of a suite."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Case:
     """One motion of a suite.
 
     Attributes:
-        name: of the scenario's file without its ending; ``traffic`` for none.
-        seed: of the traffic.
+        name: name of the scenario's file without its extension; ``traffic`` without a scenario.
+        seed: seed of the traffic.
         scenario: the file; ``None`` for traffic without events.
     """
 
@@ -34,17 +34,17 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Its name among all cases."""
+        """Name that is unique among all cases."""
         return f"{self.name}-seed-{self.seed}"
 
 
 class SuiteFile(ExperimentFile):
-    """A suite: its file, and every other YAML file beside it, which is a scenario.
+    """A suite: its file, and every other YAML file in its folder, which is a scenario.
 
     Attributes:
         twin: the twin's folder.
-        seconds: length of the motions, seconds; ``None`` for the site's.
-        seeds: of the traffic.
+        seconds: length of the motions, seconds; ``None`` for the site's length.
+        seeds: seeds of the traffic.
         demand: a file of fields of ``traffic:``.
     """
 
@@ -60,7 +60,7 @@ class SuiteFile(ExperimentFile):
         """Read the ``suite.yaml`` of a folder, and find its scenarios.
 
         Raises:
-            InputError: there is none, or a field is wrong; file and line are named.
+            InputError: the file is missing, or a field is wrong; file and line are named.
         """
         if not (path / "suite.yaml").is_file():
             raise InputError(
@@ -87,7 +87,7 @@ class SuiteFile(ExperimentFile):
 
     @property
     def expected(self) -> Path:
-        """The folder of what was accepted."""
+        """Folder of the accepted results."""
         return self.folder / "expected"
 
     @cached_property

@@ -1,3 +1,3 @@
-"""Counterfactuals: the same recording with one factor changed, and what became of every object."""
+"""Counterfactuals: the same recording with one factor changed, and the fate of every object."""
 
 __all__: list[str] = []

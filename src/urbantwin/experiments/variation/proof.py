@@ -12,30 +12,31 @@ from urbantwin.traffic import Motion
 
 __all__ = ["proof_of"]
 
-#: What of a dataset's manifest says how it was made; the rest is what came out.
+#: Fields of a dataset's manifest that describe its inputs; the others are results.
 _RECIPE = ("made_from", "seeds", "urbantwin", "python", "dependencies", "backend", "scene_sha256")
-#: What of the recipe is a result of the traffic that was asked for.
+#: Fields of the inputs that are a result of the requested traffic.
 _RESULTS = ("made_from.motion.made.",)
 
 
 def proof_of(
     first: Mapping[str, Any], second: Mapping[str, Any], before: Motion, after: Motion
 ) -> dict[str, Any]:
-    """Compare two recordings, as ``variation.json`` keeps it.
+    """Compare two recordings; the result is part of ``variation.json``.
 
     Args:
         first: manifest of the dataset without the change.
-        second: of the one with it.
-        before: the motion that the first shows.
-        after: that the second shows.
+        second: manifest of the dataset with the change.
+        before: motion of the first dataset.
+        after: motion of the second dataset.
 
     Returns:
-        ``one_factor``: whether one field alone of what was asked for differs; ``changed``: fields
-        of how they were made, with their values before and after; ``same_random_streams``: whether
-        every seed is the same (each random choice of a frame is drawn from the seed, the frame's
-        number, the sensor and what it is for); ``actors``: the number with the ``identical`` poses
-        at every step, tracks whose poses are ``changed``, ``added`` and ``removed``, and the time
-        from which on anything differs, ``differ_from_s``, seconds; ``None`` where nothing does.
+        ``one_factor``: whether only one requested field differs.
+        ``changed``: fields of the inputs that differ, with their values before and after.
+        ``same_random_streams``: whether every seed is the same. Each random choice of a frame
+        depends on the seed, the frame number, the sensor and the purpose of the choice.
+        ``actors``: the number of actors with ``identical`` poses at every step, tracks with
+        ``changed`` poses, tracks ``added`` and ``removed``, and ``differ_from_s``, the time of the
+        first difference, seconds; ``None`` if there is none.
     """
     one, other = (
         dict(_flat({key: manifest.get(key) for key in _RECIPE})) for manifest in (first, second)
@@ -50,7 +51,7 @@ def proof_of(
     for row in sorted(rows, key=lambda row: int(row["track"])):
         tracks[row["change"] if row["change"] in tracks else "changed"].append(row["track"])
     from_s = None
-    if rows:  # the first that differs comes first
+    if rows:  # sorted by the time of the first difference
         longer = max(before, after, key=lambda motion: len(motion.times()))
         from_s = float(longer.times()[round(rows[0]["from_s"] / longer.step_s)])
     count = len(np.unique(before.rows["track"].to_numpy()))
@@ -70,7 +71,7 @@ def proof_of(
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - JSON
-    """Yield what is in mappings and lists by its full name; a scenario counts as one value."""
+    """Yield values in mappings and lists with full names; a scenario counts as one value."""
     if name.endswith(".scenario"):
         yield name, value
     elif isinstance(value, Mapping):

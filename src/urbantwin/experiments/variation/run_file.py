@@ -1,4 +1,4 @@
-"""``run.yaml``: what is recorded, of which motion, on which twin."""
+"""``run.yaml``: the twin, the motion and the recording settings of a run."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ class RunFile(ExperimentFile):
 
     Attributes:
         twin: the twin's folder.
-        motion: a motion's folder; ``None`` where traffic is driven.
-        traffic: of the motion that is driven: ``seconds``, ``seed``, files of demand and scenario.
-        record: the recording: file of the rig (``None`` for the twin's own), span, weather.
+        motion: a motion's folder; ``None`` if traffic is simulated.
+        traffic: settings of the simulated motion: ``seconds``, ``seed``, files of demand and
+            scenario.
+        record: the recording: file of the rig (``None`` for the twin's rig), time span, weather.
     """
 
     described_as: ClassVar[str] = "a run"
@@ -66,7 +67,7 @@ class RunFile(ExperimentFile):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a ``run.yaml``, or take the folder that ``urbantwin run`` wrote.
+        """Read a ``run.yaml``, or a folder written by ``urbantwin run``.
 
         Raises:
             InputError: it is neither, or a field is wrong; file and line are named.
@@ -81,5 +82,5 @@ class RunFile(ExperimentFile):
 
     @property
     def inputs(self) -> list[Path | None]:
-        """Files and folders that it is made from."""
+        """Input files and folders."""
         return [self.twin, self.motion, self.traffic.scenario, self.record.rig]

@@ -9,14 +9,14 @@ from urbantwin.scene.solids import Solid, box, rods, sweep
 
 __all__ = ["bars", "chain", "lattice", "pales", "posts", "rectangle", "strip", "wires"]
 
-#: How far posts reach into the ground, metres.
+#: Depth of posts in the ground, metres.
 BURIED_M = 0.3
-#: Bars of 20 mm every 130 mm: what codes allow between them (a 110 to 120 mm ball must not pass).
+#: Bars of 20 mm every 130 mm: the gap allowed by codes (a 110 to 120 mm ball must not pass).
 BAR_STEP_M, BAR_RADIUS_M = 0.13, 0.012
 #: Pales of 80 mm every 160 mm.
 PALE_STEP_M, PALE_M = 0.16, 0.08
-#: A chain link of 50 mm openings and 3 mm wire hides 1 - (1 - 3/50)^2 = 12 % of what is behind;
-#: it is drawn as fewer and thicker wires, which hide as much.
+#: A chain link of 50 mm openings and 3 mm wire hides 1 - (1 - 3/50)^2 = 12 % of the background; it
+#: is drawn with fewer and thicker wires that hide the same share.
 MESH_STEP_M, MESH_RADIUS_M = 0.36, 0.009
 WIRE_RADIUS_M = 0.012
 
@@ -86,7 +86,7 @@ def wires(path: NDArray[np.float64], heights: NDArray[np.float64], *, closed: bo
 
 
 def chain(path: NDArray[np.float64], height: float, *, closed: bool) -> Solid:
-    """Return a chain that hangs between the points of a path, by a sixth of its height."""
+    """Return a chain between the points of a path, with a sag of a sixth of its height."""
     start, end, _ = _segments(path, closed)
     share = np.linspace(0, 1, 7)[:, None, None]
     points = start + share * (end - start)

@@ -17,7 +17,7 @@ __all__ = ["Form", "form_of"]
 
 @dataclass(frozen=True)
 class Form:
-    """What a barrier looks like; metres."""
+    """The shape of a barrier; metres."""
 
     make: str
     height_m: float
@@ -36,7 +36,7 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def form_of(tags: Mapping[str, str]) -> Form | None:
-    """Return the form of a barrier along a line; ``None`` where the tags name none."""
+    """Return the form of a barrier along a line; ``None`` if the tags name none."""
     tables = _tables()
     kind = tags.get("barrier", "")
     if kind not in tables["forms"]:

@@ -40,7 +40,7 @@ class Opening:
 
 
 def opening_of(feature: OsmFeature) -> Opening | None:
-    """Return the opening that a node makes in the barrier that it is a part of."""
+    """Return the opening that a node of a barrier makes in it."""
     if not isinstance(feature.geometry, Point):
         return None
     tags = feature.tags
@@ -64,10 +64,10 @@ def add_openings(
     ground_height: GroundHeight,
     notes: Counter[str],
 ) -> None:
-    """Add the leaves of gates, shut, and booms of lift gates, open.
+    """Add the leaves of gates, closed, and booms of lift gates, open.
 
-    Gates on carriageways are left out: traffic drives through. A gate stands along its barrier,
-    or across the way that leads through it.
+    Gates on carriageways are left out, so that traffic can pass. A gate is parallel to its barrier,
+    or perpendicular to the way through it.
     """
     drawn = [o for o in openings if o.kind in (*GATES, "lift_gate")]
     if not drawn:
@@ -135,7 +135,7 @@ def _add_boom(
 
 
 BURIED_M = 0.3
-#: Kind -> what notes call it.
+#: Kind -> name in the notes.
 KINDS = {
     "block": "blocks",
     "jersey_barrier": "blocks",
@@ -158,7 +158,7 @@ def add_point_barriers(
     ground_height: GroundHeight,
     notes: Counter[str],
 ) -> None:
-    """Add barriers that are mapped as points, across the way that they bar."""
+    """Add barriers that are mapped as points, across the way that they block."""
     found = []
     for feature in features:
         kind = feature.tags.get("barrier") or feature.tags.get("natural", "")

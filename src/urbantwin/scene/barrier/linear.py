@@ -34,14 +34,14 @@ GUARD_RAIL_BURIED_M = 0.3
 def w_beam(
     path: NDArray[np.float64], height: float, carriageway: Geometry, *, closed: bool
 ) -> list[Solid]:
-    """Return a guard rail along (N, 3) points of the ground: the beam's two waves and its posts.
+    """Return a guard rail along (N, 3) points on the ground: the beam's two waves and its posts.
 
     The beam is on the side of the nearest carriageway.
 
     Args:
-        path: its posts' feet.
-        height: of the beam's upper edge, metres.
-        carriageway: where traffic is.
+        path: base points of its posts.
+        height: height of the beam's upper edge, metres.
+        carriageway: the carriageways.
         closed: whether the path is a ring.
     """
     side = _traffic_side(path, carriageway)
@@ -52,7 +52,7 @@ def w_beam(
     for foot in (low, low + half):
         out = np.array([(face, 0.0), (face + DEPTH_M, 0.3), (face + DEPTH_M, 0.7), (face, 1.0)])
         profile = np.column_stack([-out[:, 0], foot + half * out[:, 1]])
-        if side > 0:  # the mirror image, counter-clockwise again
+        if side > 0:  # mirrored, counter-clockwise order restored
             profile = (profile * [-1, 1])[::-1]
         waves.append(sweep(path, profile, closed=closed))
     tall = height - 0.02 + GUARD_RAIL_BURIED_M
@@ -83,24 +83,24 @@ def _traffic_side(path: NDArray[np.float64], carriageway: Geometry) -> float:
 def concrete_barrier(
     path: NDArray[np.float64], thickness: float, height: float, *, closed: bool
 ) -> Solid:
-    """Return a New Jersey profile: a foot, a steep slope above it, and an upright stem."""
+    """Return a New Jersey profile: a base, a steep slope above it, and a vertical stem."""
     steps = [(0.5, -0.1), (0.5, 0.1), (0.22, 0.35), (0.13, 1.0)]
     right = np.array([(-share * thickness, up * height) for share, up in steps])
     return sweep(path, np.concatenate([right, right[::-1] * [-1, 1]]), closed=closed)
 
 
-#: Barriers are cut this far from carriageways, metres.
+#: Minimum distance of barriers from carriageways, metres.
 KERB_M = 0.25
 BURIED_M = 0.3
-#: The ground is asked at least this often along a barrier; posts stand this far apart, metres.
+#: Maximum distance of ground height samples along a barrier, and distance of posts, metres.
 STEP_M = 2.5
 GUARD_STEP_M = 2.0
 BOLLARDS_M = 1.5
 SHORTEST_M = 0.5
-#: Kerb stones this near to a carriageway are the lane model's own curbs, metres.
+#: Kerb stones within this distance of a carriageway are curbs of the lane model, metres.
 OWN_KERB_M = 2.5
 LOWEST_KERB_M = 0.02
-#: A line that turns by more than this is two barriers that meet, radians.
+#: A line that turns by more than this is split into two barriers, radians.
 SHARPEST = np.radians(100)
 
 
@@ -123,19 +123,19 @@ def barrier_mesh(
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build the barriers inside the region, following the ground.
 
-    Walls are solid; fences are posts with rails, bars, wires or a mesh, so that beams pass.
-    Barriers are interrupted where a carriageway crosses and at mapped gates and entrances; gates
-    of barriers are drawn shut, where no carriageway is.
+    Walls are solid; fences are posts with rails, bars, wires or a mesh, so that beams can pass.
+    Barriers are interrupted at carriageways and at mapped gates and entrances. Gates of barriers
+    are closed, except on carriageways.
 
     Args:
         features: the map's features, site frame.
         region: barriers are cut at its border.
         ground_height: heights of the ground.
-        carriageway: where no barrier may stand.
-        without: where imported geometry has the barriers.
+        carriageway: area without barriers.
+        without: area in which imported geometry contains the barriers.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per piece, and counts of what was built.
+        The mesh, ``part`` 1, 2, ... per piece, and counts of objects built.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
@@ -199,7 +199,7 @@ def _pieces(geometry: Geometry, form: Form, site: _Site) -> list[LineString]:
 
 
 def _unbent(line: LineString, closest: float) -> list[LineString]:
-    """Split a line where it turns sharply; drop points that are closer than that to the last."""
+    """Split a line at sharp turns; drop points too close to the previous point."""
     closed = line.is_closed
     line = shapely.remove_repeated_points(line.simplify(closest / 10), closest)
     xy = shapely.get_coordinates(line)

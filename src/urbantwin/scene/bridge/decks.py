@@ -1,4 +1,4 @@
-"""Bridge decks: their place in plan and their heights."""
+"""Bridge decks: their position in plan and their heights."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Deck:
     """A bridge, or a ramp to one, along a way.
 
     Attributes:
-        id: of the way in the map.
+        id: id of the way in the map.
         kind: foot, road or rail.
-        line: its middle, site frame.
+        line: its centre line, site frame.
         width: metres.
         stations: (N,) along the line, metres.
-        heights: (N,) of its top there.
+        heights: (N,) heights of its top at the stations.
         thickness: metres; a ramp is solid down to the ground instead.
         is_ramp: whether it is a ramp.
         plan: its area.
@@ -42,19 +42,19 @@ class Deck:
     plan: Polygon
 
     def height(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the top's height (N,) at (N, 2) points: that of the nearest on the line."""
+        """Return the top's height (N,) at (N, 2) points: that of the nearest point on the line."""
         along = shapely.line_locate_point(self.line, shapely.points(xy))
         return np.asarray(np.interp(along, self.stations, self.heights))
 
 
 @dataclass(frozen=True, eq=False)
 class Decks:
-    """All decks that are not the lane model's."""
+    """All decks that are not in the lane model."""
 
     decks: Sequence[Deck] = field(default_factory=tuple)
 
     def over(self, ground_height: GroundHeight, kinds: Sequence[str]) -> GroundHeight:
-        """Return heights of the ground, or of the deck of one of these kinds that is above it."""
+        """Return heights of the ground, or of a deck of one of these kinds above it."""
         mine = [deck for deck in self.decks if deck.kind in kinds]
         if not mine:
             return ground_height

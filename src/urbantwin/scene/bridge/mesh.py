@@ -23,13 +23,12 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["bridge_mesh"]
 
-#: Railings (EN 1317-6, AASHTO: 1.0 to 1.2 m); none where a deck is lower than this above ground.
+#: Railings (EN 1317-6, AASHTO: 1.0 to 1.2 m); none on decks lower than this above ground.
 RAILING_M, LOWEST_FALL_M = 1.1, 0.6
-#: Spacing of piers, and the least height of decks with piers; they keep off carriageways and
-#: tracks.
+#: Spacing and size of piers, minimum height of decks with piers, and clearance to roads and tracks.
 PIER_STEP_M, PIER_M, LOWEST_PIER_M, CLEAR_M = 18.0, 0.8, 2.0, 0.8
 BURIED_M = 0.4
-#: Decks with less room under them are cut away over carriageways, metres.
+#: Decks with less clearance below are cut away over carriageways, metres.
 LOWEST_ROOM_M = 3.8
 #: Roofs over covered ways: clear height, thickness, distance of posts, metres.
 ROOF_M, ROOF_THICK_M, ROOF_POST_M = 2.7, 0.15, 4.0
@@ -48,18 +47,18 @@ def bridge_mesh(
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build decks with railings on piers, ramps, and roofs over covered ways.
 
-    Decks of ways that a ``man_made=bridge`` area holds fill that area.
+    Decks of ways within a ``man_made=bridge`` area fill that area.
 
     Args:
         features: the map's features, site frame.
-        decks: what ``bridge_decks`` found.
-        region: where.
+        decks: result of ``bridge_decks``.
+        region: the region.
         ground_height: heights of the ground.
-        carriageway: where no pier may stand.
-        without: where imported geometry has the bridges.
+        carriageway: area without piers.
+        without: area in which imported geometry contains the bridges.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per deck, and counts of what was built.
+        The mesh, ``part`` 1, 2, ... per deck, and counts of objects built.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
@@ -96,7 +95,7 @@ def bridge_mesh(
 
 
 def _outlines(features: Sequence[OsmFeature]) -> list[Geometry]:
-    """Return the outlines of bridges, those of roads left out: the lane model has these."""
+    """Return the outlines of bridges without road bridges, which are in the lane model."""
     roads = [
         f.geometry for f in features
         if f.tags.get("bridge", "no") != "no"
@@ -114,7 +113,7 @@ def _outlines(features: Sequence[OsmFeature]) -> list[Geometry]:
 
 
 def _low_part(deck: Deck, ground_height: GroundHeight) -> Geometry:
-    """Return where a deck is so low that nothing drives under it."""
+    """Return the part of a deck that is too low for traffic below it."""
     xy = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, deck.stations))
     room = deck.heights - deck.thickness - on_ground(xy, ground_height(xy))[:, 2]
     low = np.flatnonzero(np.minimum(room[:-1], room[1:]) < LOWEST_ROOM_M)
@@ -155,7 +154,7 @@ def _add_railings(
     ground_height: GroundHeight,
     part: int,
 ) -> None:
-    """Add a railing to both sides, where one could fall and no other deck goes on."""
+    """Add a railing to both sides, where there is a drop and no adjoining deck."""
     if deck.kind == "rail":
         return
     others = shapely.union_all([o.plan for o in decks.decks if o is not deck])
@@ -193,7 +192,7 @@ def _add_piers(
     ground_height: GroundHeight,
     part: int,
 ) -> int:
-    """Add abutments at the ends and piers between, where nothing drives."""
+    """Add abutments at the ends and piers between them, outside carriageways and tracks."""
     length = deck.line.length
     if length < 1.0:
         return 0

@@ -1,4 +1,4 @@
-"""Profiles of bridges: clearance over what they cross, and ramps up to them."""
+"""Profiles of bridges: clearance over the ways they cross, and ramps up to them."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = ["WIDTHS_M", "bridge_decks"]
 #: Clear height under bridges (RAS-Q, AASHTO: 4.5 to 4.9 m over streets; EN 15273 gauge and
 #: contact wire: 6.0 m over railways; 2.5 m over paths), metres.
 OVER_STREET_M, OVER_RAILWAY_M, OVER_PATH_M = 4.7, 6.0, 2.6
-#: Slabs: of foot bridges, of bridges of tracks and roads, metres.
+#: Thickness of slabs: of foot bridges, of bridges of roads and railways, metres.
 THICKNESS_M = {"foot": 0.4, "road": 0.8, "rail": 1.0}
 #: Steepest ramps; steps rise 1 in 2.
 RAMP, STEPS, RAIL_RAMP = 0.12, 0.5, 0.03
 MOST_RAMPS = 24
-#: A deck that comes down to a road is at its full height this far before what it crosses, metres.
+#: A deck that descends to a road has its full height up to this distance from the crossing, metres.
 CLEAR_OF_CROSSING_M = 5.0
 #: Bridges lower than this above the ground need no ramp, metres.
 LOW_M = 0.05
@@ -63,14 +63,14 @@ def bridge_decks(
 ) -> tuple[Decks, dict[str, int]]:
     """Find the bridges of footways, cycleways, service roads, tracks and railways.
 
-    A deck joins the ground at its ends by a straight line; where that leaves too little room over
-    what it crosses, the whole bridge is lifted, and the ways that lead to it become ramps.
+    A deck is a straight line between the ground heights at its ends. If its clearance over a
+    crossed way is too small, the whole bridge is raised, and the ways that lead to it become ramps.
 
     Args:
         features: the map's features, site frame.
         region: bridges outside it are left out.
         ground_height: heights of the ground.
-        lane_decks: decks of the lane model in plan, which carry their own footways.
+        lane_decks: decks of the lane model in plan, which have their own footways.
     """
     notes: Counter[str] = Counter()
     ways, beneath, walks = _sorted_ways(features, region, lane_decks, notes)
@@ -97,7 +97,7 @@ def bridge_decks(
             share = np.ones(len(stations))
             for tip, along in zip(_ends(way), (stations, stations[-1] - stations), strict=True):
                 if not ramped.get(_key(tip), True):
-                    # Nothing leads up to this end: the deck itself comes down to it.
+                    # No way leads to this end: the deck itself descends to it.
                     places = over if tip == _ends(way)[0] else stations[-1] - over
                     reach = max(float(places.min(initial=stations[-1])) - CLEAR_OF_CROSSING_M, 1.0)
                     share = np.minimum(share, np.clip(along / reach, 0, 1))
@@ -203,7 +203,7 @@ def _lack(
     beneath: Sequence[tuple[OsmFeature, int]],
     ground_height: GroundHeight,
 ) -> tuple[float, NDArray[np.float64]]:
-    """Return how much clearance a bridge lacks, and where."""
+    """Return the missing clearance of a bridge, and the stations of the crossings."""
     worst, where = 0.0, [np.zeros(0)]
     inner = shapely.buffer(way.line, 0.01)
     for other, layer in beneath:
@@ -211,7 +211,7 @@ def _lack(
             continue
         spots = shapely.get_coordinates(shapely.intersection(other.geometry, way.line))
         along = shapely.line_locate_point(way.line, shapely.points(spots))
-        # Ways that meet it at its ends lead onto it.
+        # Ways that touch it at its ends lead onto it.
         spots = spots[(along > 0.5) & (along < way.line.length - 0.5)]
         if not len(spots):
             continue
@@ -245,7 +245,7 @@ def _ramps(
     walks: dict[tuple[float, float], list[_Way]],
     ground_height: GroundHeight,
 ) -> list[Deck]:
-    """Return ramps from a bridge's end along the ways that lead on, until the ground is met."""
+    """Return ramps from a bridge's end along the connected ways, down to the ground."""
     found: list[Deck] = []
     seen: set[int] = set()
     waiting = [(end, lift)]
@@ -274,7 +274,7 @@ def _ramps(
 
 
 def _onward(line: LineString, at: tuple[float, float]) -> list[LineString]:
-    """Return a line from one of its nodes to both its ends."""
+    """Return the parts of a line from one of its nodes to each of its ends."""
     keys = [_key(node) for node in line.coords]
     number = keys.index(at)
     both = [list(line.coords)[number:], list(line.coords)[number::-1]]

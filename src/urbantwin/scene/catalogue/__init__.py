@@ -1,4 +1,4 @@
-"""The catalogue of street objects: what tags of the map make them, and what they are built of."""
+"""The catalogue of street objects: the map tags that create them, and their parts."""
 
 from urbantwin.scene.catalogue.street_object import Catalogue, StreetObject, street_objects
 

@@ -1,4 +1,4 @@
-"""Street objects as files describe them: tags, sizes, parts; and the solids that they make."""
+"""Street objects as described in files (tags, sizes, parts), and their solids."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Catalogue", "StreetObject", "street_objects"]
 Tags = Mapping[str, str]
 Values = dict[str, float | str]
 
-#: What expressions may use.
+#: Operators allowed in expressions.
 _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -38,11 +38,11 @@ _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
     ast.USub: operator.neg,
 }
 _FUNCTIONS: dict[str, Callable[..., float]] = {"min": min, "max": max}
-#: Sizes that are known without being declared: of lamps, by where they stand.
+#: Sizes defined without a declaration: of lamps, by their position.
 _GIVEN = ("reach", "usual_height")
 #: The longest expression, characters.
 _LONGEST = 200
-#: No part of an object is larger or smaller, and none farther from its foot, metres.
+#: Limits of the size of parts, and of their distance from the base of the object, metres.
 _LARGEST_M, _SMALLEST_M = 200.0, 1e-3
 
 
@@ -51,7 +51,7 @@ def _text(value: Any) -> Any:  # noqa: ANN401 - YAML takes a bare yes or no for 
 
 
 class _Tags(Strict):
-    """Conditions on tags: every key has one of its values; ``None`` stands for an absent key."""
+    """Conditions on tags: every key has one of its values; ``None`` represents an absent key."""
 
     wanted: dict[str, list[str | None]]
 
@@ -64,7 +64,7 @@ class _Tags(Strict):
         return {"wanted": {k: [_text(v) for v in several] for k, several in lists.items()}}
 
     def hold(self, tags: Tags) -> bool:
-        """Whether all conditions hold for the tags of a feature."""
+        """Return whether all conditions hold for the tags of a feature."""
         return all(
             any(
                 key not in tags if value is None else key in tags and fnmatchcase(tags[key], value)
@@ -89,7 +89,7 @@ def _origin() -> list[float | str]:
 
 
 class _Size(Strict):
-    """A size: of a tag, else as usual."""
+    """A size: from a tag, otherwise the default."""
 
     usual: Expression
     tag: str | list[str] = ""
@@ -141,13 +141,13 @@ class _Part(Strict):
         return self
 
     def expressions(self) -> list[float | str]:
-        """Return everything in the part that may be an expression."""
+        """Return all values of the part that may be expressions."""
         found: list[float | str] = [*(self.box or []), *self.at, self.radius]
         found += [one for one in (self.drum, self.top) if one is not None]
         return found + [value for point in self.bar or [] for value in point]
 
     def pieces(self, tags: Tags, known: Values) -> list[Piece]:
-        """Return the part's solids, the mirrored one after the other."""
+        """Return the part's solids, with the mirrored solid after the original."""
         if (self.when and not self.when.hold(tags)) or (self.unless and self.unless.hold(tags)):
             return []
         sides = [np.ones(3)]
@@ -176,16 +176,16 @@ class _Part(Strict):
 
 
 class StreetObject(Strict):
-    """A kind of object in streets.
+    """A type of street object.
 
     Attributes:
-        tags: conditions on a feature's tags; of objects that code chooses by name, none.
-        counted: what counts in ``twin.json`` call it.
-        source: where its sizes are from.
-        placed: by which rule.
-        sizes: named sizes, in the order in which they may use each other.
-        parts: what it is built of.
-        arms: of a lamp: what is built for each arm.
+        tags: conditions on a feature's tags; none for objects that code selects by name.
+        counted: name in the counts of ``twin.json``.
+        source: source of its sizes.
+        placed: rule for its position.
+        sizes: named sizes; each may use the previous sizes.
+        parts: its parts.
+        arms: for a lamp: parts of each arm.
     """
 
     tags: _Tags | None = None
@@ -227,13 +227,13 @@ class StreetObject(Strict):
         """Return its solids in its own frame.
 
         Args:
-            tags: of the feature.
-            yaws: headings of its arms against the object's own, radians.
-            reach: how far lights hang from the mast, metres.
-            usual_height: of lamps without a mapped height, metres.
+            tags: tags of the feature.
+            yaws: headings of its arms relative to the object's heading, radians.
+            reach: distance of the lights from the mast, metres.
+            usual_height: height of lamps without a mapped height, metres.
 
         Raises:
-            InputError: an expression has no value: a division by 0, a root of what is negative.
+            InputError: an expression has no value: a division by 0, a root of a negative number.
         """
         known: Values = {"reach": reach, "usual_height": usual_height}
         try:
@@ -249,7 +249,7 @@ class StreetObject(Strict):
 
 
 class Catalogue:
-    """Street objects by name; those of a person before those of the package."""
+    """Street objects by name; the user's objects come before those of the package."""
 
     def __init__(self, objects: Mapping[str, StreetObject]) -> None:
         self._objects = objects
@@ -289,7 +289,7 @@ def street_objects(path: Path | None = None) -> Catalogue:
     """Return the catalogue of street objects.
 
     Args:
-        path: a person's own objects, which come before those of the package.
+        path: the user's own objects, which come before those of the package.
 
     Raises:
         InputError: the file cannot be read, or describes no street objects.

@@ -1,4 +1,4 @@
-"""What usually stands beside streets and is not mapped: plot boundaries, shrubs, furniture."""
+"""Usual objects beside streets that are not mapped: plot boundaries, shrubs, furniture."""
 
 from urbantwin.scene.clutter.assumed import Assumed, assumed_features
 

@@ -1,4 +1,4 @@
-"""What is assumed beside streets where the map is silent, as features of a map."""
+"""Objects assumed beside streets where none are mapped, as features of a map."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["Assumed", "assumed_features"]
 
-#: Nothing stands nearer than this to a sensor's pole, nor to where walkers cross, metres.
+#: Minimum distance of objects from a sensor's pole, and from pedestrian crossings, metres.
 SENSOR_M, CROSSING_M = 1.5, 0.5
-#: Nothing that bears leaves stands nearer than this to a sensor, and no street tree as near as that
-#: to where one turns, crosses or waits (Indianola, Iowa: 25 feet before corners), metres.
+#: Minimum distance of plants from a sensor, and of street trees from junctions, crossings and
+#: waiting areas (Indianola, Iowa: 25 feet before corners), metres.
 FROM_LEAVES_M, FROM_CORNERS_M = 8.0, 7.5
-#: What tracks and ways keep free on each side of their middle, metres.
+#: Clear width on each side of the middle of tracks and of ways, metres.
 BESIDE_TRACKS_M, BESIDE_WAYS_M = 3.5, 2.0
-#: Land that is mapped as green and has plants beside its grass.
+#: Land that is mapped as green and has plants in addition to grass.
 PARKS = (
     ("leisure", {"park", "garden"}),
     (
@@ -39,17 +39,17 @@ PARKS = (
         {"grass", "village_green", "cemetery", "recreation_ground", "greenery", "flowerbed"},
     ),
 )
-#: Paving between buildings and streets is a forecourt so far from the street, metres.
+#: Minimum distance from the street of a forecourt, paving between buildings and streets, metres.
 FORECOURT_M = 2.0
-#: Shrubs of medians stand so far from their kerbs (Texas, Landscape and Aesthetics Design Manual:
-#: 3 feet, and up to 30 inches high at their ends), metres.
+#: Distance of shrubs on medians from their kerbs (Texas, Landscape and Aesthetics Design Manual: 3
+#: feet, and up to 30 inches high at their ends), metres.
 FROM_MEDIANS_M = 0.8
-#: Share of cycle stands' places that are taken: an estimate.
+#: Share of the places of cycle stands that are occupied: an estimate.
 PARKED = 0.45
 
 
 class Assumed(NamedTuple):
-    """The map's features and those that are assumed, and counts of the assumed ones."""
+    """The map's features and the assumed features, and counts of the assumed ones."""
 
     features: list[OsmFeature]
     notes: dict[str, int]
@@ -63,18 +63,18 @@ def assumed_features(
     country: str,
     sensors: Sequence[tuple[float, float]] = (),
 ) -> Assumed:
-    """Return a map's features with what usually stands beside such streets and is not mapped.
+    """Return a map's features and typical objects beside such streets that are not mapped.
 
-    Everything is placed where it leaves lanes, crossings and walkers free; the same map gives the
-    same. Where there is no map nothing is assumed.
+    All objects are placed outside lanes, crossings and the walking width of pedestrians. The same
+    map gives the same objects. Without a map nothing is assumed.
 
     Args:
         features: the map's features, site frame.
-        zones: what lies where on the ground.
-        crossings: where walkers cross and wait, and what turning vehicles swing out over.
+        zones: zones of the ground.
+        crossings: areas where pedestrians cross and wait, and the overhang of turning vehicles.
         region: nothing is placed outside it.
         country: ISO 3166-1 alpha-2; empty if unknown.
-        sensors: east and north of sensors, around which nothing is placed, metres.
+        sensors: east and north of sensors; nothing is placed near them, metres.
     """
     group = group_of(country)
     carriageway = area_union([z.area for z in zones if z.kind == "carriageway"])
@@ -106,7 +106,7 @@ def assumed_features(
         group,
     )
     notes += counts
-    # Leaves would blind a sensor from farther away than a bin does, and trees hide signals.
+    # Leaves block a sensor's view from farther away than a bin does, and trees hide signals.
     open_ = [water, _tracks(features), *shapely.buffer(poles, FROM_LEAVES_M)]
     corners = shapely.buffer(areas_of(crossings), FROM_CORNERS_M, quad_segs=4)
     trees = street_tree_features(
@@ -152,7 +152,7 @@ def assumed_features(
 
 
 def _is_near(feature: OsmFeature, poles: NDArray[np.object_]) -> bool:
-    """Return whether a feature is too near to a sensor."""
+    """Return whether a feature is too close to a sensor."""
     apart = FROM_LEAVES_M if "natural" in feature.tags else SENSOR_M
     return bool(shapely.dwithin(poles, feature.geometry, apart).any())
 
@@ -162,7 +162,7 @@ def _is_area(feature: OsmFeature) -> bool:
 
 
 def _public(features: Sequence[OsmFeature]) -> list[shapely.Geometry]:
-    """Return open land that is nobody's plot."""
+    """Return open land that is not part of a plot."""
     return [
         f.geometry for f in features
         if _is_area(f)
@@ -174,13 +174,13 @@ def _public(features: Sequence[OsmFeature]) -> list[shapely.Geometry]:
 
 
 def _tracks(features: Sequence[OsmFeature]) -> shapely.Geometry:
-    """Return tracks of trains and trams on the ground, with what they need to the sides."""
+    """Return tracks of trains and trams on the ground, with their clearance at the sides."""
     lines = tracks_of(features)
     return shapely.union_all(shapely.buffer(lines, BESIDE_TRACKS_M, cap_style="flat"))
 
 
 def _ways(features: Sequence[OsmFeature]) -> shapely.Geometry:
-    """Return what ways beside the streets take: paths, steps, bridges, drives."""
+    """Return the areas of ways beside the streets: paths, steps, bridges, drives."""
     lines = [
         f.geometry for f in features
         if f.tags.get("highway", "street") not in ("street", *STREETS)
@@ -191,7 +191,7 @@ def _ways(features: Sequence[OsmFeature]) -> shapely.Geometry:
 
 
 def _decks(features: Sequence[OsmFeature]) -> shapely.Geometry:
-    """Return bridges as areas: nothing grows through them."""
+    """Return bridges as areas; plants are not placed in them."""
     return shapely.union_all([f.geometry for f in features if _is_area(f) and "man_made" in f.tags])
 
 
@@ -202,7 +202,7 @@ def _land(
     walls: shapely.Geometry,
     group: str,
 ) -> dict[str, shapely.Geometry]:
-    """Return land by what usually grows on it, see ``plants.csv``."""
+    """Return land by the kind of its usual plants, see ``plants.csv``."""
     grass = area_union([z.area for z in zones if z.material == material_id("grass")])
     dwellings = [f.geometry for f in features if "building" in f.tags and _is_area(f)
                  and use_of_building(f) == "dwellings"]  # fmt: skip
@@ -233,7 +233,7 @@ def _land(
 
 
 def _with_bicycles(feature: OsmFeature) -> OsmFeature:
-    """Return cycle stands with the share of their places that is taken."""
+    """Return a feature; cycle stands get the share of their occupied places."""
     if feature.tags.get("amenity") != "bicycle_parking":
         return feature
     tags = {"parked": f"{PARKED:g}", **feature.tags}

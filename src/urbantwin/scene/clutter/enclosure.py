@@ -18,16 +18,16 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Kept", "car_park_features", "enclosure_features", "tracks_of"]
 
-#: Car parks are screened toward streets by what is 0.75 to 1.5 m high (zoning codes: Wauseon, Ohio:
-#: a wall, fence or hedge of 30 inches; Carlisle, Ohio: 3 to 5 feet; Bellwood, Illinois: 3 feet).
+#: Range of heights of screens between car parks and streets (zoning codes: Wauseon, Ohio: a wall,
+#: fence or hedge of 30 inches; Carlisle, Ohio: 3 to 5 feet; Bellwood, Illinois: 3 feet).
 HEDGE_M = (0.75, 1.5)
 #: A tree every 40 feet of border (Bellwood; ecode360 33048200).
 TREE_M = 12.0
 #: Share of car parks with such a border: an estimate.
 SHARE = 0.5
-#: Hedges stand so far outside of the paved ground, and are so thick, metres.
+#: Distance of hedges outside of the paved ground, and their thickness, metres.
 OUTSIDE_M, THICK_M = 0.6, 0.8
-#: Ways in and out leave so much open on each side, metres.
+#: Width left open on each side of ways in and out, metres.
 PARK_OPEN_M = 3.5
 PARK_SEEN_M, PARK_SHORTEST_M = 40.0, 2.5
 PARK_SEED = 6_007
@@ -40,12 +40,12 @@ def car_park_features(
     taken: shapely.Geometry,
     region: shapely.Polygon,
 ) -> tuple[list[OsmFeature], Counter[str]]:
-    """Return hedges and trees around car parks as a mapper would have mapped them; and counts.
+    """Return hedges and trees around car parks, tagged as in the map; and counts.
 
     Args:
         features: the map's features: its car parks and the ways that lead in.
-        carriageway: what they are seen from.
-        taken: where nothing is planted.
+        carriageway: carriageways from which they are visible.
+        taken: area without plants.
         region: nothing is planted outside it.
     """
     parks = [
@@ -97,28 +97,29 @@ def car_park_features(
     return found, notes
 
 
-#: Nearest to where one drives or walks, and to walls, metres; mapped barriers this near go before.
+#: Minimum distances to streets and to walls, metres; none within the last distance of a mapped
+#: barrier.
 SET_BACK_M, FROM_WALLS_M, MAPPED_M = 0.4, 0.3, 4.0
-#: Half of what ways leave open in what they lead through, metres.
+#: Half the width of openings for ways, metres.
 OPEN_M = 2.5
 SHORTEST_M = 3.0
-#: What is farther from carriageways than this is left out, metres.
+#: Maximum distance of barriers from carriageways, metres.
 SEEN_M = 30.0
 SEED = 5_113
-#: Ids of what is assumed around land begin here.
+#: First id of assumed features around land.
 FIRST_ID = 1 << 42
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What barriers keep clear of, site frame.
+    """Areas from which barriers keep a distance, site frame.
 
     Attributes:
         seen_from: carriageways.
-        street: where one drives or walks.
+        street: areas for vehicles and pedestrians.
         walls: buildings.
-        barriers: what is mapped.
-        taken: crossings, corners where walkers wait, water.
+        barriers: the mapped barriers.
+        taken: crossings, corners where pedestrians wait, water.
     """
 
     seen_from: shapely.Geometry
@@ -131,13 +132,13 @@ class Kept:
 def enclosure_features(
     kept: Kept, features: Sequence[OsmFeature], region: shapely.Polygon, group: str
 ) -> tuple[list[OsmFeature], Counter[str]]:
-    """Return barriers as a mapper would have mapped them; and counts, in metres.
+    """Return barriers, tagged as in the map; and counts, in metres.
 
     Args:
-        kept: what they keep clear of.
+        kept: areas from which they keep a distance.
         features: the map's features: areas, tracks, ways that lead in.
         region: nothing is placed outside it.
-        group: whose practice is followed, see `practice.group_of`.
+        group: group of countries whose practice is used, see `practice.group_of`.
     """
     near = shapely.intersection(region, shapely.buffer(kept.seen_from, SEEN_M, quad_segs=2))
     ways = [
@@ -187,7 +188,7 @@ def enclosure_features(
 
 
 def tracks_of(features: Sequence[OsmFeature]) -> list[shapely.LineString]:
-    """Return the tracks of trains and trams on the ground, of a map's features."""
+    """Return the tracks of trains and trams on the ground."""
     return [
         f.geometry for f in features
         if "railway" in f.tags and f.geometry.geom_type == "LineString"
@@ -198,16 +199,16 @@ def tracks_of(features: Sequence[OsmFeature]) -> list[shapely.LineString]:
 def _borders(
     feature: OsmFeature, aside_m: float, street: shapely.Geometry, tracks: shapely.Geometry
 ) -> Iterator[shapely.Geometry]:
-    """Yield where a barrier would stand: within an area's border, on both sides of a track."""
+    """Yield possible lines of barriers: within an area's border, on both sides of a track."""
     shape = feature.geometry
     if shape.geom_type in ("Polygon", "MultiPolygon"):
-        # Mappers draw land to the middle of its streets.
+        # Mapped land often extends to the middle of its streets.
         inside = area_difference(shape, street)
         yield shapely.boundary(grown(inside, -aside_m))
     elif "railway" in feature.tags and shape.geom_type == "LineString":
         for side in (aside_m, -aside_m):
             line = shapely.offset_curve(shape, side, join_style="mitre")
-            # Between tracks there is no fence.
+            # There is no fence between tracks.
             yield shapely.difference(line, shapely.buffer(tracks, aside_m - 0.3, quad_segs=2))
 
 

@@ -1,4 +1,4 @@
-"""Trees and shrubs of gardens, verges and other green land where the map has none."""
+"""Trees and shrubs of gardens, verges and other green land where none are mapped."""
 
 from __future__ import annotations
 
@@ -17,44 +17,46 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Land", "greenery_features", "shrub_tags", "tree_clumps"]
 
-#: Plants farther than this from carriageways are not seen much of, metres.
+#: Maximum distance of plants from carriageways: farther ones are hardly visible, metres.
 SEEN_M = 32.0
-#: Where a tree is mapped this near, the map has them all, metres; in gardens few are mapped.
+#: No trees are assumed this close to a mapped one, metres; in gardens few trees are mapped.
 MAPPED_M, MAPPED_IN_GARDENS_M = 30.0, 10.0
-#: Trunks stand so far from houses and from where one drives or walks, crowns so far from there, m.
+#: Minimum distance of trunks from buildings and from streets and footways, of crowns from streets,
+#: m.
 FROM_WALLS_M, NEAREST_M, FROM_STREET_M = 2.5, 1.0, 0.3
-#: Where little of the land is far enough from walls, so many times as many stand there at the most.
+#: Maximum factor on the density of trees if little of the land is far enough from walls.
 MOST_DENSE = 2.0
-#: Beds: edge of the cells that are a bed or none, and of those within that hold a shrub or none.
+#: Beds: edge of the cells of beds, edge of the cells of shrubs within, share of these with a shrub.
 BED_M, SHRUB_M, FULL = 4.0, 1.5, 0.8
-#: Singles: edge of the cells that hold one at most, metres.
+#: Edge of the cells with at most one single shrub, metres.
 SINGLE_M = 5.0
-#: Nothing high is planted this near to carriageways: drivers see over 0.8 m (RASt 06), metres.
+#: Distance from carriageways without tall plants: drivers see over 0.8 m (RASt 06), metres.
 SIGHT_M, LOW_M = 3.0, 0.8
-#: Beds by height: share, least and most, metres. Estimates.
+#: Beds by height: share, minimum and maximum, metres. Estimates.
 BEDS = ((0.35, 0.4, 0.9), (0.40, 0.8, 1.6), (0.25, 1.4, 2.8))
-#: Garden trees are small ones: least and most height, and share of conifers. Estimates.
+#: Garden trees: minimum and maximum height, and share of conifers. Estimates.
 TREE_M, CONIFERS = (3.0, 9.0), 0.25
-#: Where it is hot, palms stand in place of conifers.
+#: Groups of hot countries, with palms instead of conifers.
 HOT = ("asia",)
-#: Triangles of a shrub of a metre, and of the crown of a tree of 6 m: as the root of the outline.
+#: Triangles of a shrub of a metre, of the crown of a 6 m tree, and its outline; number ~ root of
+#: outline.
 SHRUB_CLUMPS, TREE_CLUMPS, OUTLINE_M2 = 22, 85, 25.0
 FEWEST_CLUMPS, MOST_CLUMPS = 55, 130
-#: Most trees and shrubs of a scene that are assumed, for the sake of files, and of a region's area,
-#: square metres for each shrub: of more, those with the lowest draws, times how far they are from
-#: carriageways and this, metres.
+#: Maximum numbers of assumed trees and shrubs of a scene, to limit file sizes, and square metres of
+#: the region per shrub. Plants with the lowest products of draw and distance from carriageways plus
+#: the last value, metres, are kept.
 MOST_TREES, MOST_SHRUBS, SHRUB_M2, NEAR_M = 150, 500, 110.0, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Land:
-    """What lies beside the streets, site frame.
+    """Areas beside the streets, site frame.
 
     Attributes:
         seen_from: carriageways.
-        street: where one drives or walks.
+        street: areas for vehicles and pedestrians.
         walls: buildings.
-        taken: where nothing is planted: ways, tracks, water, and around sensors and crossings.
+        taken: areas without plants: ways, tracks, water, and around sensors and crossings.
         kinds: land by kind, see ``plants.csv``.
     """
 
@@ -68,13 +70,13 @@ class Land:
 def greenery_features(
     land: Land, features: Sequence[OsmFeature], region: shapely.Polygon, group: str
 ) -> tuple[list[OsmFeature], Counter[str]]:
-    """Return trees and shrubs as a mapper would have mapped them; and counts.
+    """Return trees and shrubs, tagged as in the map; and counts.
 
     Args:
-        land: what lies where.
-        features: the map's features: its trees.
+        land: the areas beside the streets.
+        features: the map's features, with its trees.
         region: nothing is planted outside it.
-        group: whose practice is followed, see `practice.group_of`.
+        group: group of countries whose practice is used, see `practice.group_of`.
     """
     near = area_intersection(region, grown(land.seen_from, SEEN_M))
     free = area_difference(near, area_union([land.street, land.walls, land.taken]))
@@ -100,14 +102,14 @@ def greenery_features(
 
 
 def _first(found: list[tuple[float, OsmFeature]], most: int, land: Land) -> list[OsmFeature]:
-    """Return the plants whose draws are lowest, those near carriageways rather than others."""
+    """Return the plants with the lowest draws; those near carriageways are preferred."""
     away = shapely.distance(land.seen_from, [one.geometry for _, one in found])
     order = (np.array([draw for draw, _ in found]) * (NEAR_M + away)).argsort(kind="stable")
     return [found[k][1] for k in order[:most].tolist()]
 
 
 def shrub_tags(height: float, across: float) -> dict[str, str]:
-    """Return how a shrub of leaves is tagged: its size, and with how many triangles it is drawn."""
+    """Return the tags of a deciduous shrub: its size, and its number of triangles."""
     count = round(SHRUB_CLUMPS * min(max(np.sqrt(across * height), 0.6), 2.0))
     return {
         "natural": "shrub",
@@ -118,7 +120,7 @@ def shrub_tags(height: float, across: float) -> dict[str, str]:
 
 
 def tree_clumps(height: float, across: float) -> int:
-    """Return with how many triangles the crown of a tree that is assumed is drawn."""
+    """Return the number of triangles of the crown of an assumed tree."""
     count = TREE_CLUMPS * math.sqrt(height * across / OUTLINE_M2)
     return round(min(max(count, FEWEST_CLUMPS), MOST_CLUMPS))
 
@@ -130,15 +132,15 @@ def _trees(
     other: str,
     seed: int,
 ) -> list[tuple[float, OsmFeature]]:
-    """Return trees of an area, so many a hectare, with the draws by which some remain.
+    """Return trees of an area by number per hectare, with draws to select some of them.
 
-    ``other`` is the leaf type of those that are not broadleaved.
+    ``other`` is the leaf type of trees that are not broadleaved.
     """
     kept_from = area_union([grown(land.walls, FROM_WALLS_M), grown(land.street, NEAREST_M)])
     free = area_difference(area, kept_from)
     if rate <= 0 or free.is_empty:
         return []
-    # As many on the land as a hectare of it has, though not all of it is far enough from walls.
+    # Trees excluded near walls are added to the remaining land, up to a limit.
     dense = min(area.area / free.area, MOST_DENSE)
     xy, draws = scattered(free, 100 / math.sqrt(rate * MOST_DENSE), seed, 6)
     taken = draws[:, 5] < dense / MOST_DENSE
@@ -154,7 +156,7 @@ def _trees(
     conifer = draws[:, 1] < CONIFERS
     across = np.where(conifer, 0.45, 0.7) * height * (0.85 + 0.3 * draws[:, 2])
     across = np.minimum(across, 2 * to_walls - 1.0)
-    # Leaves down to the ground or nearly; over footways there are none below 2.5 m.
+    # Leaves begin near the ground; over footways there are none below 2.5 m.
     base = np.where(conifer, 0.3, 0.5 + 1.3 * draws[:, 3])
     if other == "palm":
         base = np.where(conifer, 0.6 * height, base)
@@ -186,7 +188,7 @@ def _trees(
 def _far_from_mapped(
     area: shapely.Geometry, features: Sequence[OsmFeature], apart: float
 ) -> shapely.Geometry:
-    """Return what of an area is not near mapped trees."""
+    """Return the part of an area that is not near mapped trees."""
     mapped = [
         f.geometry for f in features
         if f.tags.get("natural") in ("tree", "tree_row", "wood", "tree_group")
@@ -199,7 +201,7 @@ def _far_from_mapped(
 def _shrubs(
     area: shapely.Geometry, land: Land, beds: float, singles: float, seed: int
 ) -> list[tuple[float, OsmFeature]]:
-    """Return shrubs of an area in beds and alone, with the draws by which some remain."""
+    """Return shrubs of an area, in beds and single, with draws to select some of them."""
     xy, draws = scattered(area, SHRUB_M, seed, 4)
     bed = np.floor(xy / BED_M).astype(np.int64)
     of_bed = cell_draws(bed, seed + 1, 3)
@@ -214,7 +216,7 @@ def _shrubs(
          0.6 + 1.6 * own[taken, 1]]
     )  # fmt: skip
     wide = np.concatenate([draws[in_bed, 2], own[taken, 2]])
-    # Beds remain or go as a whole.
+    # A bed is kept or removed as a whole.
     order = np.concatenate([of_bed[in_bed, 0] / max(beds, 1e-9), own[taken, 3]])
     if not len(xy):
         return []

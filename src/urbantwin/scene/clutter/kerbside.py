@@ -26,34 +26,34 @@ __all__ = [
     "streets_of",
 ]
 
-#: Nothing stands nearer to the kerb than this (Inclusive Mobility, DfT 2021: 0.45 to 0.6 m).
+#: Minimum distance of objects from the kerb (Inclusive Mobility, DfT 2021: 0.45 to 0.6 m).
 FROM_KERB_M = 0.45
-#: What remains for walkers (the same: 1.5 m where 2 m cannot be had).
+#: Clear width for pedestrians (the same source: 1.5 m where 2 m is not possible).
 CLEAR_M = 1.5
-#: Footways are looked for so far from a street's line, metres.
+#: Maximum distance of footways from a street's line, metres.
 WIDEST_M = 22.0
-#: Where the map has one of a kind within this, it is taken to have them all, metres.
+#: If the map has an object of a kind within this distance, none are assumed, metres.
 MAPPED_M = 75.0
-#: Pieces keep this distance from each other, metres.
+#: Minimum distance between objects, metres.
 APART_M = 1.5
-#: Shops and offices as near as this make a street's side one of business, metres.
+#: Distance of shops and offices that make a street's side a business one, metres.
 BESIDE_M = 20.0
 STREETS = (
     "trunk", "primary", "secondary", "tertiary", "unclassified", "residential", "living_street",
     "pedestrian",
 )  # fmt: skip
-#: Bollards stand in rows, so many, this far apart (Manual for Streets: 1.2 to 1.5 m).
+#: Bollards are in rows: number, and distance (Manual for Streets: 1.2 to 1.5 m).
 ROW, ROW_STEP_M = 6, 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Footway:
-    """Where pieces may stand, site frame.
+    """Areas for objects, site frame.
 
     Attributes:
-        carriageway: where vehicles are.
-        footway: raised footways and paved ground for walkers.
-        taken: crossings, corners where walkers wait, and what is kept free around sensors.
+        carriageway: area for vehicles.
+        footway: raised footways and paved ground for pedestrians.
+        taken: crossings, corners where pedestrians wait, and areas kept free around sensors.
         walls: buildings.
     """
 
@@ -66,13 +66,13 @@ class Footway:
 def kerbside_features(
     ground: Footway, features: Sequence[OsmFeature], region: shapely.Polygon, group: str
 ) -> tuple[list[OsmFeature], Counter[str]]:
-    """Return pieces beside kerbs as a mapper would have mapped them; and counts.
+    """Return objects beside kerbs, tagged as in the map; and counts.
 
     Args:
-        ground: where they may stand.
-        features: the map's features: streets, shops, and the pieces that are mapped.
+        ground: the areas along the streets.
+        features: the map's features: streets, shops, and the mapped objects.
         region: nothing is placed outside it.
-        group: whose practice is followed, see `practice.group_of`.
+        group: group of countries whose practice is used, see `practice.group_of`.
     """
     for shape in (ground.carriageway, ground.taken, ground.footway):
         shapely.prepare(shape)
@@ -116,7 +116,7 @@ def streets_of(features: Sequence[OsmFeature], region: shapely.Polygon) -> list[
 
 
 def is_business(feature: OsmFeature) -> bool:
-    """Return whether a feature makes the side of a street beside it one of business."""
+    """Return whether a feature makes the adjacent side of a street a business one."""
     tags = feature.tags
     if tags.get("building", "no") != "no":
         return use_of_building(feature) == "business"
@@ -136,7 +136,7 @@ def _spots(
     shops: shapely.STRtree,
     rng: Generator,
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield where pieces of a kind stand along a street."""
+    """Yield positions of objects of a kind along a street."""
     rate = max(kind.business, kind.dwellings)
     group = ROW if kind.kind == "bollards" else 1
     count = int(rng.poisson(rate * line.length / 1000 / group))
@@ -170,7 +170,7 @@ def _station(
 def _beside(
     here: NDArray[np.float64], normal: NDArray[np.float64], kind: Kerbside, ground: Footway
 ) -> NDArray[np.float64] | None:
-    """Return where a piece stands beside the kerb, behind the footway, or nowhere."""
+    """Return a position beside the kerb or behind the footway, or ``None``."""
     steps = np.arange(0.0, WIDEST_M, 0.1)
     ray = here + steps[:, None] * normal
     driven = shapely.contains_xy(ground.carriageway, ray[:, 0], ray[:, 1])

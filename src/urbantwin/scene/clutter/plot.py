@@ -1,4 +1,4 @@
-"""Fronts of plots: walls, hedges and fences between streets and houses, and what stands behind."""
+"""Fronts of plots: walls, hedges and fences along streets, and objects behind them."""
 
 from __future__ import annotations
 
@@ -21,48 +21,48 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Ground", "plot_features"]
 
-#: Boundaries stand this far behind the paved street, so that nobody brushes them, metres.
+#: Distance of boundaries from the paved street, so that pedestrians do not touch them, metres.
 SET_BACK_M = 0.35
-#: And so far from carriageways: what long vehicles swing out over a kerb by.
+#: Distance of boundaries from carriageways: the overhang of long vehicles over a kerb, metres.
 FROM_CARRIAGEWAY_M = 1.2
 #: Strips between parts of a street that are narrower than this are verges, not plots, metres.
 VERGE_M = 4.0
-#: A house has a front garden where it stands this far from the street, metres.
+#: Range of the distance from the street of a building with a front garden, metres.
 NEAREST_M, FARTHEST_M = 1.6, 16.0
-#: Without a house, plots are this wide, as far as this from the next building, metres.
+#: Width of plots without a building, and their maximum distance from the next building, metres.
 WIDE_M, FROM_HOUSES_M = 16.0, 120.0
-#: Boundaries between neighbours go on so far behind the front of a house, metres.
+#: Length of boundaries between neighbours behind the front of a building, metres.
 BEHIND_M = 9.0
-#: Larger houses are blocks of flats, whose land is not divided, square metres.
+#: Larger buildings are blocks of flats, whose land is not divided, square metres.
 LARGEST_HOUSE_M2 = 350.0
-#: Land without a house that streets enclose is no plot below this: a traffic island, square metres.
+#: Land without a building enclosed by streets is a traffic island below this, square metres.
 ISLAND_M2 = 1200.0
-#: Only along streets for vehicles, as near as this, metres.
+#: Plots are only along streets for vehicles, within this distance, metres.
 ALONG_M = 12.0
-#: Where a barrier is mapped this near, the map knows better, metres.
+#: Nothing is assumed within this distance of a mapped barrier, metres.
 MAPPED_M = 4.0
-#: Gardens have a gate this wide, and a drive that wide in this share: over 40 % of the front
-#: gardens of Ealing (London, 2005: a survey of 7,675) are parked in.
+#: Width of gates and of drives, and share of gardens with a drive: over 40 % of the front gardens
+#: of Ealing (London, 2005: a survey of 7,675) are used for parking.
 GATE_M, DRIVE_M, DRIVES = 1.2, 3.0, 0.4
 SHORTEST_M, STEP_M = 2.5, 1.0
 #: Shrubs per metre of garden front (fitted to odd-numbered frames of KITTI), and share of gardens
 #: with wheeled bins (an estimate).
 SHRUBS_PER_M, BINS = 0.2, 0.35
 SEED = 9_101
-#: Ids of what is assumed begin here: above those of the map.
+#: First id of assumed features: above the ids of the map.
 FIRST_ID = 1 << 40
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What is where beside the streets, site frame.
+    """Areas beside the streets, site frame.
 
     Attributes:
-        street: all that is paved for traffic and walkers.
-        carriageway: where vehicles are.
-        public: open land that is nobody's plot: parks, squares, car parks, water.
-        barriers: what is mapped.
-        is_town: whether land without a mapped building is built upon, too.
+        street: all areas paved for vehicles and pedestrians.
+        carriageway: the carriageways.
+        public: open land that is not part of a plot: parks, squares, car parks, water.
+        barriers: the mapped barriers.
+        is_town: whether land without a mapped building is also assumed to be built-up.
     """
 
     street: shapely.Geometry
@@ -74,7 +74,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class _Front:
-    """A piece of a plot's front: whose it is (-1 for a plot without a house), line, depth."""
+    """Part of a plot's front: its building (-1: none), line and depth."""
 
     house: int
     line: shapely.LineString
@@ -85,13 +85,13 @@ class _Front:
 def plot_features(
     ground: Ground, features: Sequence[OsmFeature], region: shapely.Polygon, group: str
 ) -> tuple[list[OsmFeature], Counter[str]]:
-    """Return boundaries, shrubs and bins of plots as a mapper would have mapped them; and counts.
+    """Return boundaries, shrubs and bins of plots, tagged as in the map; and counts.
 
     Args:
-        ground: the streets and what is beside them.
-        features: the map's features: their buildings.
+        ground: the streets and the areas beside them.
+        features: the map's features, with the buildings.
         region: nothing is placed outside it.
-        group: whose practice is followed, see `practice.group_of`.
+        group: group of countries whose practice is used, see `practice.group_of`.
     """
     houses = [
         f for f in features
@@ -111,7 +111,7 @@ def plot_features(
         house = houses[front.house] if front.house >= 0 else None
         use = "dwellings" if house is None else use_of_building(house)
         middle = front.line.interpolate(0.5, normalized=True)
-        # A house keeps its ways on all its sides; a plot is where it is.
+        # The draw depends on the building, for all its sides, or on the plot's position.
         key = abs(house.id) if house else crc32(f"{middle.x:.0f} {middle.y:.0f}".encode())
         rng = Generator(Philox(key=[SEED, key]))
         tags = _drawn(boundaries(group, use), rng)
@@ -170,7 +170,7 @@ def _fronts(
 
 
 def _islands(street: shapely.Geometry, houses: shapely.STRtree) -> Iterator[shapely.Polygon]:
-    """Yield what streets enclose and is too small for a plot, where no house stands."""
+    """Yield areas enclosed by streets that are too small for a plot and without a building."""
     for part in shapely.get_parts(street):
         for ring in part.interiors:
             land = shapely.Polygon(ring)
@@ -217,7 +217,7 @@ def _of_line(
 
 
 def _side(front: _Front, blocked: shapely.Geometry) -> shapely.LineString | None:
-    """Return the boundary to the next plot, from a front's end inward to what stands in its way."""
+    """Return the boundary to the next plot, from a front's end inward to the first obstacle."""
     start = shapely.get_coordinates(front.line)[-1]
     end = start + (front.depth_m + BEHIND_M) * front.inward
     line = shapely.LineString([start + 0.1 * front.inward, end])
@@ -229,7 +229,7 @@ def _side(front: _Front, blocked: shapely.Geometry) -> shapely.LineString | None
 
 
 def _with_gates(line: shapely.LineString, rng: Generator) -> Iterator[shapely.LineString]:
-    """Yield what is left of a boundary beside gates and drives, one every house's width."""
+    """Yield the parts of a boundary beside gates and drives, one gate per building width."""
     houses = max(1, round(line.length / WIDE_M))
     cuts = []
     for k in range(houses):

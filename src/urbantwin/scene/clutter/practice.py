@@ -1,7 +1,7 @@
-"""What is usual beside streets, by country: plot boundaries, pieces at kerbs, and their tables.
+"""Usual objects beside streets by country: plot boundaries, objects at kerbs, and their tables.
 
-Heights are the most that building law allows towards a street without a permit, or somewhat less;
-shares of plots with a wall, a hedge or a fence are estimates, from photographs of streets.
+Heights are the maximum that building law allows towards a street without a permit, or slightly
+less. Shares of plots with a wall, a hedge or a fence are estimates, from photographs of streets.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = [
 
 
 def rows_of(name: str, group: str) -> list[dict[str, str]]:
-    """Return the rows of a table that hold for a group: its own before everybody's (``*``)."""
+    """Return the rows of a table for a group: its own before the general ones (``*``)."""
     text = (files(__package__) / name).read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in text if not line.startswith("#")))
     return [row for own in (group, "*") for row in rows if row["group"] == own]
@@ -53,7 +53,7 @@ GROUPS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Boundary:
-    """A kind of plot boundary: what share of plots has it, and how a mapper would tag it."""
+    """A kind of plot boundary: the share of plots with it, and its tags as in the map."""
 
     share: float
     barrier: str
@@ -74,7 +74,7 @@ class Kerbside:
 
 
 def group_of(country: str) -> str:
-    """Return whose practice a country (ISO 3166-1 alpha-2, empty if unknown) follows here."""
+    """Return the group of countries whose practice a country (ISO 3166-1 alpha-2) has."""
     return GROUPS.get(country, "europe")
 
 
@@ -84,7 +84,7 @@ def boundaries(group: str, use: str) -> tuple[Boundary, ...]:
 
 
 def side_boundaries(group: str) -> tuple[Boundary, ...]:
-    """Return the usual boundaries between a plot and its neighbour's, behind the front."""
+    """Return the usual boundaries between adjacent plots, behind the front."""
     return _boundaries("side", group)
 
 
@@ -104,7 +104,7 @@ def _boundaries(place: str, group: str) -> tuple[Boundary, ...]:
 
 @cache
 def kerbside_kinds(group: str) -> tuple[Kerbside, ...]:
-    """Return the pieces that are usual in a group of countries, its own before everybody's."""
+    """Return the usual objects of a group of countries, its own before the general ones."""
     found: dict[str, Kerbside] = {}
     for row in rows_of("kerbside.csv", group):
         if row["kind"] not in found:

@@ -1,7 +1,7 @@
-"""Points scattered over land: a jittered grid each of whose cells draws by itself.
+"""Points scattered over land: a jittered grid with an independent draw for each cell.
 
-What a cell draws depends on its place and a seed alone, so that what is built elsewhere changes
-nothing here.
+The draw of a cell depends only on its position and a seed, so that changes elsewhere have no
+effect.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["PLANTED_ID", "cell_draws", "planted", "scattered"]
 
-#: Ids of plants that are assumed begin here: above those of the map and of plots.
+#: First id of assumed plants: above those of the map and of plots.
 PLANTED_ID = 1 << 41
 _GAMMA, _MIX = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
 
 
 def cell_draws(cells: NDArray[np.int64], seed: int, count: int) -> NDArray[np.float64]:
-    """Return random numbers (N, count) in 0..1 of (N, 2) cells of a grid, by their numbers alone.
+    """Return random numbers (N, count) in 0..1 for (N, 2) cells of a grid, from their indices.
 
-    SplitMix64 (Steele, Lea and Flood 2014) over the numbers of the cell, the seed and the draw.
+    SplitMix64 (Steele, Lea and Flood 2014) over the indices of the cell, the seed and the draw.
     """
     given = np.asarray(cells, np.int64).astype(np.uint64)
     state = _mixed(given[:, 0] ^ _mixed(given[:, 1] ^ _mixed(np.array([seed], np.uint64))))
@@ -35,13 +35,13 @@ def cell_draws(cells: NDArray[np.int64], seed: int, count: int) -> NDArray[np.fl
 def scattered(
     land: shapely.Geometry, cell_m: float, seed: int, count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a point (N, 2) for each cell of a grid whose point lies on the land; and its draws.
+    """Return points (N, 2), at most one per cell of a grid, within the land; and their draws.
 
     Args:
-        land: where points may lie, site frame.
+        land: area of the points, site frame.
         cell_m: edge of the cells, metres.
-        seed: of the draws.
-        count: draws (N, count) beside the place within the cell, each 0..1.
+        seed: seed of the draws.
+        count: draws (N, count) in addition to the position within the cell, each 0..1.
     """
     if land.is_empty:
         return np.zeros((0, 2)), np.zeros((0, count))
@@ -56,9 +56,9 @@ def scattered(
 
 
 def planted(tags: dict[str, str], xy: NDArray[np.float64]) -> OsmFeature:
-    """Return a plant as a mapper would have mapped it.
+    """Return a plant, tagged as in the map.
 
-    Its number, by which it is shaped, is that of its place.
+    Its id, which seeds its shape, is derived from its position.
     """
     x, y = np.round(xy * 100).astype(np.int64).tolist()
     number = PLANTED_ID + (x & 0xFFFFF) * (1 << 20) + (y & 0xFFFFF)

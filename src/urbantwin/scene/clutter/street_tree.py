@@ -1,4 +1,4 @@
-"""Rows of trees along streets where the map has none."""
+"""Rows of trees along streets where none are mapped."""
 
 from __future__ import annotations
 
@@ -21,36 +21,37 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Kerbs", "street_tree_features"]
 
-#: Trunks stand this far from kerbs (Syracuse: 2 feet; Los Angeles the like), metres, and this far
-#: from footways behind which they stand.
+#: Distance of trunks from kerbs (Syracuse: 2 feet; Los Angeles similar), metres, and distance
+#: behind footways.
 FROM_KERB_M, BEHIND_M = 0.75, 0.9
-#: Half a pit on a footway, beside which walkers pass, metres.
+#: Half the size of a tree pit on a footway, which pedestrians pass, metres.
 PIT_M = 0.35
-#: Where a tree is mapped this near, the map has them all, metres.
+#: No trees are assumed within this distance of a mapped tree, metres.
 MAPPED_M = 40.0
-#: So far from houses; from bins, signs and lamps (Los Angeles: hydrants 10 feet, lamps 15 to 20).
+#: Distance from buildings; from bins, signs and lamps (Los Angeles: hydrants 10 feet, lamps 15 to
+#: 20).
 FROM_WALLS_M, FROM_PIECES_M, FROM_LAMPS_M = 1.8, 2.0, 4.5
-#: Strips between carriageways hold trees from this width on, metres.
+#: Minimum width of strips between carriageways with trees, metres.
 MEDIAN_M = 4.0
-#: How far from a street's line its kerb is looked for, and in which steps, metres.
+#: Maximum distance of a kerb from a street's line, and step of the search, metres.
 WIDEST_M, STEP_M = 22.0, 0.25
-#: Trees of streets are 0.3 to 0.75 of what their genus grows to: an estimate.
+#: Trees of streets are 0.3 to 0.75 of the full height of their genus: an estimate.
 GROWN = (0.3, 0.75)
-#: They are so high at least, and their crowns begin so high: people pass below (RASt 06), metres.
+#: Minimum height of trees and of their crowns' base: pedestrians pass below (RASt 06), metres.
 LOWEST_M, CLEAR_BELOW_M = 4.5, 2.5
-#: Crowns are so wide at most, metres.
+#: Maximum width of crowns, metres.
 WIDEST_CROWN_M = 9.0
 SEED = 7_331
 
 
 @dataclass(frozen=True, eq=False)
 class Kerbs:
-    """Where trunks may stand along streets, site frame.
+    """Areas relevant to trees along streets, site frame.
 
     Attributes:
-        carriageway: where vehicles are.
-        footway: where people walk.
-        taken: crossings, junctions with what is kept free before them, sensors, tracks, water.
+        carriageway: area for vehicles.
+        footway: area for pedestrians.
+        taken: crossings, junctions with their clear area, sensors, tracks, water.
         walls: buildings.
     """
 
@@ -75,14 +76,14 @@ def street_tree_features(
     region: shapely.Polygon,
     group: str,
 ) -> list[OsmFeature]:
-    """Return street trees as a mapper would have mapped them.
+    """Return street trees, tagged as in the map.
 
     Args:
-        kerbs: where they may stand.
+        kerbs: areas along the streets.
         features: the map's features: streets, shops, trees.
-        pieces: what else is assumed at the kerbs; trees keep away from it.
+        pieces: other objects assumed at the kerbs; trees keep a distance from them.
         region: nothing is planted outside it.
-        group: whose practice is followed, see `practice.group_of`.
+        group: group of countries whose practice is used, see `practice.group_of`.
     """
     for shape in (kerbs.carriageway, kerbs.footway, kerbs.taken, kerbs.walls):
         shapely.prepare(shape)
@@ -148,7 +149,7 @@ def _practice(group: str) -> _Practice:
 
 
 def _genus(practice: _Practice, draw: float) -> str:
-    """Return the genus of a row, empty for one that is not among the usual ones."""
+    """Return the genus of a row, empty for a genus not in the list."""
     for name, share in practice.genera:
         draw -= share
         if draw < 0:
@@ -177,7 +178,7 @@ def _tree(spot: NDArray[np.float64], genus: str, room: float) -> OsmFeature:
 def _spots(
     line: shapely.LineString, side: int, start: float, spacing: float, kerbs: Kerbs
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield where trunks stand along a side of a street."""
+    """Yield positions of trunks along a side of a street."""
     along = np.arange(start * spacing, line.length, spacing)
     if not len(along):
         return
@@ -205,7 +206,7 @@ def _spots(
 
 
 def _out(driven: NDArray[np.bool_], walked: NDArray[np.bool_]) -> float | None:
-    """Return how far out a trunk stands along a ray from the street's line, ``None`` if nowhere."""
+    """Return a trunk's distance from the street's line along a ray; ``None`` if impossible."""
     kerb = int(np.argmin(driven))
     if not driven[0] or driven[kerb]:
         return None

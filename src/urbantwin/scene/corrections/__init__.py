@@ -1,4 +1,4 @@
-"""Corrections of what stands: poles, walls and trees that a person added or removed."""
+"""Corrections of objects: poles, walls and trees added or removed by the user."""
 
 from urbantwin.scene.corrections.added import added_things
 from urbantwin.scene.corrections.removed import without_barriers, without_things

@@ -1,4 +1,4 @@
-"""Poles, walls and trees that a person added, built as mapped ones are."""
+"""Poles, walls and trees added by the user, built in the same way as mapped ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from urbantwin.site.corrections import AddPole, AddTree, AddWall, Correction, Ou
 
 __all__ = ["added_things"]
 
-#: Carriageways farther away are not looked at: lamps have the longest reach, metres.
+#: Maximum distance of carriageways that are used, metres: the longest reach, that of lamps.
 BESIDE_M = 30.0
 
 
@@ -32,18 +32,18 @@ def added_things(
     carriageway: Geometry,
     lane_decks: Geometry,
 ) -> tuple[LabelledMesh, list[Outcome]]:
-    """Build what was added, and tell of each what stands there now.
+    """Build added objects; the result of each correction describes what was built.
 
     Args:
-        corrections: those of other kinds are left alone.
-        region: nothing stands outside it.
+        corrections: the corrections; other kinds are ignored.
+        region: objects outside it are left out.
         ground_height: heights of the ground.
-        deck_height: heights of the uppermost decks, else of the ground.
-        carriageway: where nothing stands.
+        deck_height: heights of the uppermost decks, or of the ground.
+        carriageway: area without objects.
         lane_decks: decks of the lanes in plan.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per thing, and what became of each correction.
+        The mesh, ``part`` 1, 2, ... per object, and the result of each correction.
     """
     meshes: list[LabelledMesh] = []
     outcomes: list[Outcome] = []
@@ -102,7 +102,7 @@ def _outcome(
     region: Polygon,
     carriageway: Geometry,
 ) -> Outcome:
-    """Return what became of what was added, by what was built of it."""
+    """Return the result of adding an object, from what was built of it."""
     if not len(mesh.faces):
         gap = shapely.distance(carriageway, shapely.GeometryCollection(list(one.shapes)))
         where = "on the carriageway" if gap < 1 else "where it cannot be built"

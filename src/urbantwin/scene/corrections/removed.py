@@ -1,4 +1,4 @@
-"""Trees, poles and walls that a person removed: mapped ones, and those that are assumed."""
+"""Trees, poles and walls removed by the user: mapped and assumed ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["without_barriers", "without_things"]
 
 #: A point without a radius removes the nearest thing, if it is within this, metres.
 NEAREST_M = 3.0
-#: Meshes that things stand in, and the class that tells where they stand.
+#: Meshes that contain the objects, and the class whose faces give their position.
 _STAND_IN = {
     "tree": (("trees", "surveyed trees"), "trunk"),
     "pole": (("poles",), "pole"),
@@ -30,11 +30,11 @@ Built = tuple[LabelledMesh, dict[str, int]]
 def without_barriers(
     features: Sequence[OsmFeature], corrections: Sequence[Correction]
 ) -> tuple[list[OsmFeature], list[Outcome]]:
-    """Return features without the walls, fences and hedges of areas, and what became of each.
+    """Return features without removed walls, fences and hedges, and the result of each removal.
 
     Args:
-        features: of the map, and those that are assumed, site frame.
-        corrections: those of other kinds are left alone.
+        features: mapped and assumed features, site frame.
+        corrections: the corrections; other kinds are ignored.
     """
     kept, outcomes = list(features), []
     for one in corrections:
@@ -76,11 +76,11 @@ def without_barriers(
 def without_things(
     objects: Mapping[str, Built], corrections: Sequence[Correction]
 ) -> tuple[dict[str, Built], list[Outcome]]:
-    """Return meshes without the trees and poles that were removed, and what became of each.
+    """Return meshes without the removed trees and poles, and the result of each removal.
 
     Args:
-        objects: what stands, by subject: its mesh, ``part`` 1, 2, ... per thing, and counts.
-        corrections: those of other kinds are left alone.
+        objects: meshes by subject, ``part`` 1, 2, ... per object, and counts.
+        corrections: the corrections; other kinds are ignored.
     """
     left = dict(objects)
     outcomes = [
@@ -125,7 +125,7 @@ def _removed(left: dict[str, Built], one: Correction, asked: RemoveThing) -> Out
 
 
 def _of_lanes(left: Mapping[str, Built], one: Correction) -> str:
-    """Return what to do if a pole of signals or of the lanes' signs stands there."""
+    """Return a hint if there is a pole of signals or of the lanes' signs."""
     mesh = left["signals"][0] if "signals" in left else LabelledMesh.empty()
     xy = np.array(list(_feet(mesh, semantic_id("pole")).values())).reshape(-1, 2)
     drawn: Geometry = shapely.GeometryCollection(list(one.shapes))
@@ -135,7 +135,7 @@ def _of_lanes(left: Mapping[str, Built], one: Correction) -> str:
 
 
 def _feet(mesh: LabelledMesh, semantic: int) -> dict[int, NDArray[np.float64]]:
-    """Return where in plan each part of a mesh stands that has faces of a class."""
+    """Return the position in plan of each part of a mesh that has faces of a class."""
     faces, part = mesh.faces[mesh.semantic == semantic], mesh.part[mesh.semantic == semantic]
     order = np.argsort(part, kind="stable")
     numbers, starts = np.unique(part[order], return_index=True)

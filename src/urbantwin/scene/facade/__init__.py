@@ -1,4 +1,4 @@
-"""Facades: walls visible from the road, with windows and doors set back in them."""
+"""Facades: walls visible from the road, with recessed windows and doors."""
 
 from urbantwin.scene.facade.layout import facade_openings
 from urbantwin.scene.facade.style import Door, mapped_doors, mapped_shops

@@ -20,9 +20,9 @@ __all__ = ["facade_openings"]
 
 #: Beyond this range a window's reveal is smaller than a LiDAR's footprint and noise, metres.
 REACH_M = 80.0
-#: Directions in which a wall looks, degrees from square.
+#: Directions of rays from a wall, degrees from its normal.
 LOOKS_DEG = (-60, -40, -20, 0, 20, 40, 60)
-#: Rays start this far before their wall, metres.
+#: Distance of the start of rays in front of their wall, metres.
 AHEAD_M = 0.05
 
 
@@ -32,15 +32,16 @@ def seen_from(
     plans: Sequence[Geometry],
     carriageway: Geometry,
 ) -> NDArray[np.float64]:
-    """Return how far (N,) the nearest carriageway is that walls see, metres; infinity for none.
+    """Return the distance (N,) of the nearest carriageway visible from walls, metres.
 
-    Rays run level from each wall; footprints stop them.
+    The distance is infinite if no carriageway is visible. Rays are horizontal; footprints block
+    them.
 
     Args:
         points: (N, 2) on walls, site frame.
         outward: (N, 2) unit vectors.
         plans: footprints of buildings.
-        carriageway: what they may see.
+        carriageway: the carriageways.
     """
     if carriageway.is_empty or not len(points):
         return np.full(len(points), np.inf)
@@ -71,24 +72,24 @@ def _screens(lines: Sequence[Geometry] | NDArray[np.object_]) -> NDArray[np.floa
     return np.concatenate([np.stack([a0, b0, b1], axis=1), np.stack([a0, b1, a1], axis=1)])
 
 
-#: No more windows than this in a scene: the nearest facades keep theirs. About 16 triangles each.
+#: Maximum number of windows in a scene: the nearest facades have windows. About 16 triangles each.
 MOST_WINDOWS = 40_000
-#: Walls smaller than this, metres, have no openings.
+#: Walls narrower or lower than this, metres, have no openings.
 NARROWEST_M, LOWEST_M = 1.4, 2.2
-#: What is left of a wall beside, above and below an opening, metres.
+#: Minimum width of wall beside, above and below an opening, metres.
 PIER_M, LINTEL_M, PLINTH_M = 0.25, 0.2, 0.3
-#: A shop that is mapped as a node makes a shop front of walls as near as this, metres.
+#: A shop mapped as a node within this distance of a wall gives it a shop front, metres.
 SHOP_REACH_M = 8.0
-#: Entrances lie on their wall, within this, metres.
+#: Maximum distance of mapped entrances from their wall, metres.
 ON_WALL_M = 0.6
-#: Objects this near in front of a wall hide it, metres.
+#: Objects closer than this in front of a wall hide it, metres.
 HIDDEN_M = 0.4
 SEED = 20_417
 
 
 @dataclass(frozen=True, eq=False)
 class _Facade:
-    """A wall that is seen: its style, and the ground along it."""
+    """A visible wall: its style, and the ground along it."""
 
     wall: Wall
     style: Style
@@ -119,11 +120,12 @@ def facade_openings(
 ) -> list[list[list[Opening]]]:
     """Return the openings of every wall of every building.
 
-    Only walls that see a carriageway have any, the nearest first where there are too many.
+    Only walls from which a carriageway is visible have openings; if there are too many, the nearest
+    walls have them.
 
     Args:
         fronts: the buildings.
-        doors: those of the map.
+        doors: doors of the map.
         shops: points of shops that are mapped as nodes.
         carriageway: the carriageways at ground level, site frame.
         ground_height: heights of the ground.
@@ -147,7 +149,7 @@ def facade_openings(
     seen = np.flatnonzero(np.isfinite(distance))
     if not len(seen):
         return found
-    # A step in front of the wall, where the ground is not inside the building.
+    # Slightly in front of the wall, where the ground is outside the building.
     before = outward[seen] * 0.3
     ground = ground_height(np.concatenate([start[seen] + before, end[seen] + before]))
     ground = ground.reshape(2, -1).T
@@ -205,9 +207,10 @@ def _distances(
     outward: NDArray[np.float64],
     carriageway: Geometry,
 ) -> NDArray[np.float64]:
-    """Return how far the carriageway is that each wall sees.
+    """Return the distance of the carriageway visible from each wall.
 
-    A wall within its own building's plan stands on a lower part of it, and looks over that.
+    A wall within its own building's plan is above a lower part of the building, which does not
+    block it.
     """
     outer = np.array([fronts[f].walls[w].outer for f, w in rows])
     plans = [front.plan for front in fronts]
@@ -294,7 +297,7 @@ def _add_doors(
     doors: Sequence[Door],
     notes: Counter[str],
 ) -> None:
-    """Place the map's doors; give a door to buildings without one, in their nearest wall."""
+    """Place the map's doors; add a door to the nearest wall of buildings without a door."""
     with_door: set[int] = set()
     rows = list(facades)
     if doors and rows:
@@ -334,7 +337,7 @@ def _hang(
     place: float,
     door: Door,
 ) -> bool:
-    """Put a door into a wall if there is room for it."""
+    """Add a door to a wall if there is space for it."""
     half = door.width / 2
     if facade.wall.length < door.width + 2 * PIER_M:
         return False
@@ -356,7 +359,7 @@ def _drop_hidden(
     fronts: Sequence[Front],
     facades: dict[tuple[int, int], _Facade],
 ) -> None:
-    """Take away the openings that a neighbour stands before."""
+    """Remove the openings hidden by a neighbouring building."""
     rows = [row for row in facades if found[row[0]][row[1]] and facades[row].wall.outer]
     if not rows:
         return

@@ -1,8 +1,8 @@
 """Facade styles by kind of building: sizes and spacing of windows.
 
-Sizes are usual ones: a window of a dwelling is about 1.2 m wide and 1.4 m high over a sill of
-0.9 m (DIN 5034-1 asks for a head at 2.2 m or more and a sill of at most 0.9 m), set back half a
-brick or a little less; offices have wider ones, halls a band under the eaves, churches tall ones.
+Sizes are usual ones. A window of a dwelling is about 1.2 m wide and 1.4 m high over a sill of 0.9
+m, recessed by half a brick or slightly less (DIN 5034-1 requires a head at 2.2 m or more and a sill
+of at most 0.9 m). Offices have wider windows, halls a band under the eaves, churches tall windows.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ OTHER = (1.1, 2.1, DOOR)
 
 @dataclass(frozen=True)
 class Door:
-    """A door: where it is in plan, its size in metres, and the kind of its pane."""
+    """A door: its position in plan, its size in metres, and the kind of its pane."""
 
     place: Point
     width: float
@@ -46,7 +46,7 @@ class Door:
 
 
 def mapped_doors(features: Iterable[OsmFeature]) -> list[Door]:
-    """Return the doors that the map has: nodes with ``entrance`` or ``door``."""
+    """Return the mapped doors: nodes with ``entrance`` or ``door``."""
     doors = []
     for feature in features:
         tags = feature.tags
@@ -73,12 +73,12 @@ class Style:
     """The windows of a body; lengths in metres.
 
     Attributes:
-        width, height: of a window.
+        width, height: size of a window.
         sill: its height above its storey's floor.
-        spacing: from window to window.
-        depth: of its reveal.
+        spacing: distance between windows, centre to centre.
+        depth: depth of its reveal.
         storeys: heights (S,) of the storeys' floors above the building's ground.
-        ground: what stands in the lowest storey: ``windows``, ``shop``, ``garage`` or ``nothing``.
+        ground: openings of the lowest storey: ``windows``, ``shop``, ``garage`` or ``nothing``.
     """
 
     width: float
@@ -117,22 +117,23 @@ STYLES = {
     **dict.fromkeys(("construction", "grandstand", "stadium", "pavilion", "bridge"), BLIND),
     **dict.fromkeys(("roof", "carport", "canopy", "container", "tank", "chimney"), BLIND),
 }
-#: Kinds whose windows span one tall storey, sizes given as shares of it.
+#: Kinds whose windows span one tall storey, with sizes as shares of it.
 TALL = (HALL, CHURCH)
 NO_WINDOWS = ("no", "none", "0")
 SHOPS = ("restaurant", "cafe", "bar", "pub", "fast_food", "bank", "pharmacy", "marketplace")
-#: Bodies lower than this have no windows; what hangs higher than this has no ground floor.
+#: Bodies lower than this have no windows; bodies higher than this above ground have no ground
+#: floor.
 LOWEST_M = 2.3
 THINNEST_M = 1.0
 
 
 def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generator) -> Style | None:
-    """Return the windows of a body, or ``None`` where it has no facade of its own.
+    """Return the windows of a body, or ``None`` if it has no facade of its own.
 
     Args:
         volume: the body and its tags.
         outline: tags of the building that it is a part of.
-        rng: seeded by the building: sizes differ a little from house to house.
+        rng: generator seeded by the building: sizes differ slightly between buildings.
     """
     tags = {**outline, **volume.tags}
     vary = rng.uniform(0.92, 1.08, 4)
@@ -140,7 +141,7 @@ def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generato
     if volume.is_roof or rise < LOWEST_M or volume.materials[0] == "glass":
         return None
     if volume.body.footprint.buffer(-THINNEST_M / 2).is_empty:
-        return None  # the reveals of both sides would meet
+        return None  # the reveals of both sides would intersect
     if any(tags.get(key) in NO_WINDOWS for key in ("window", "windows", "building:window")):
         return replace(BLIND, storeys=(0.0,))
     kind = building_type(volume.tags)
@@ -169,13 +170,13 @@ def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generato
 
 
 def _floors_below(base: float, storey: float) -> list[float]:
-    """Return the floors under a raised body: of the body below that its walls join."""
+    """Return the floors below a raised body, in line with those of the body below it."""
     count = round(base / storey)
     return (base / max(count, 1) * np.arange(count)).tolist()  # type: ignore[no-any-return]
 
 
 def mapped_shops(features: Iterable[OsmFeature]) -> NDArray[np.object_]:
-    """Return the points of shops and the like that the map has as nodes."""
+    """Return the points of shops and similar features mapped as nodes."""
     return np.array(
         [
             feature.geometry

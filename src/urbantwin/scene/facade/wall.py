@@ -1,4 +1,4 @@
-"""Walls of a building with openings that are set back in them."""
+"""Walls of a building with recessed openings."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ FLOOR, WALL, ROOF, GLASS, DOOR = range(5)
 
 @dataclass(frozen=True, eq=False)
 class Wall:
-    """An upright piece of a surface over an edge in plan, the solid on its left.
+    """A vertical piece of a surface over an edge in plan, with the solid on its left.
 
     Attributes:
         start, end: numbers of the corners in plan.
-        start_xy, end_xy: where they are, metres.
-        left, right: heights of the vertices over the start and over the end, rising.
-        body: number of the body that it is of.
-        outer: whether no other part of the building stands behind it.
+        start_xy, end_xy: positions of the corners, metres.
+        left, right: heights of the vertices over the start and over the end, in ascending order.
+        body: number of its body.
+        outer: whether no other part of the building is in front of it.
     """
 
     start: int
@@ -59,13 +59,13 @@ class Wall:
 
 @dataclass(frozen=True)
 class Opening:
-    """A window or door: a rectangle of a wall that is set back.
+    """A window or door: a recessed rectangle of a wall.
 
     Attributes:
         start, end: metres along the wall from its start.
         low, high: heights, metres.
-        depth: of the reveal, metres.
-        kind: of the pane's faces, as in ``scene.face``.
+        depth: depth of the reveal, metres.
+        kind: kind of the pane's faces, as in ``scene.face``.
     """
 
     start: float
@@ -99,7 +99,7 @@ def wall_mesh(wall: Wall, ring: Sequence[int], openings: Sequence[Opening]) -> W
         openings: rectangles within the wall.
 
     Returns:
-        ``None`` where openings meet each other or the wall's border.
+        The triangles; ``None`` if openings touch each other or the wall's border.
     """
     p, q = np.array(wall.start_xy), np.array(wall.end_xy)
     length = wall.length
@@ -171,11 +171,11 @@ def _around(
 
 @dataclass(frozen=True, eq=False)
 class Front:
-    """A building's walls, with what the map says of the bodies that they are of.
+    """A building's walls, with the mapped properties of their bodies.
 
     Attributes:
         building: the building.
-        volumes: of each body that ``Wall.body`` counts.
+        volumes: volume of each body, in the order of ``Wall.body``.
         walls: its walls.
         plan: its whole footprint.
         datum: height of its lowest ground, metres.

@@ -1,4 +1,4 @@
-"""Gantries: beams across a road with boards of signs, on a post at each side."""
+"""Gantries: beams across a road with sign boards, on a post at each side."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def add_gantries(
     carriageway: Geometry,
     notes: Counter[str],
 ) -> None:
-    """Add the gantries of the map: lines as they are, points across their road.
+    """Add the mapped gantries: lines as they are, points across their road.
 
-    Their posts stand at the ends, moved out until they are off the carriageway. Boards look
-    along the road, to both sides.
+    Their posts are at the ends, moved outwards until they are off the carriageway. Boards face
+    along the road, in both directions.
     """
     blocked = carriageway.buffer(0.5)
     shapely.prepare(blocked)

@@ -31,7 +31,7 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["furniture_mesh"]
 
-#: Basins of fountains that are mapped as areas.
+#: Sizes of basins of fountains that are mapped as areas, metres.
 RIM_M, RIM_HIGH_M, WATER_BELOW_M, BURIED_M = 0.3, 0.45, 0.12, 0.3
 
 
@@ -62,9 +62,9 @@ def monument_kind(tags: Mapping[str, str]) -> str | None:
 
 
 def add_basin(assembly: Assembly, area: Polygon, ground_height: GroundHeight) -> bool:
-    """Add the basin of a fountain that is mapped as an area; return whether there is one.
+    """Add the basin of a fountain that is mapped as an area; return whether one was added.
 
-    A rim 0.3 m thick, with the water 0.12 m below its top.
+    The rim is 0.3 m thick, with the water 0.12 m below its top.
     """
     outer = plain_polygons(area.simplify(0.05), smallest_m2=0.5)
     if not outer:
@@ -86,13 +86,13 @@ def add_basin(assembly: Assembly, area: Polygon, ground_height: GroundHeight) ->
     return True
 
 
-#: Furniture stands this far from carriageways; a mapped piece is moved no farther, metres.
+#: Minimum distance of furniture from carriageways, and maximum shift of a mapped piece, metres.
 KERB_M, FARTHEST_M = 0.3, 3.0
-#: Shelters of stops are behind and beside the pole where buses stop, metres.
+#: Position of bus shelters relative to the mapped pole, behind and beside it, metres.
 BEHIND_STOP_M = (-1.3, 2.6, 0.0)
-#: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
+#: Pieces closer than this to a carriageway face it; those closer to a way face the way, metres.
 ROAD_M, WAY_M = 12.0, 8.0
-#: A kiosk nearer than this to a house is a shop in it.
+#: A kiosk closer than this to a building is a shop in it.
 KIOSK_FREE_M = 1.0
 INDOORS = ("indoor", "room")
 #: Objects mapped without a shape.
@@ -119,18 +119,18 @@ def furniture_mesh(
     without: Geometry | None = None,
     objects: Catalogue | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build the furniture of streets that is not a pole or a barrier.
+    """Build street furniture other than poles and barriers.
 
     Args:
         features: the map's features, site frame.
         region: objects outside it are left out.
         ground_height: heights of the ground.
-        carriageway: where nothing may stand; pieces face it unless mapped otherwise.
-        without: where imported geometry has the furniture.
+        carriageway: area without furniture; pieces face it unless mapped otherwise.
+        without: area in which imported geometry contains the furniture.
         objects: street objects; those of the package if not given.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per object, and counts of what was built or left out.
+        The mesh, ``part`` 1, 2, ... per object, and counts of objects built or left out.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
@@ -199,7 +199,7 @@ def _is_within_house(feature: OsmFeature, houses: Sequence[Geometry]) -> bool:
 
 
 def _shelter_kind(tags: dict[str, str]) -> str | None:
-    """Return which of what is built for its area a feature is."""
+    """Return the kind of a feature that is built from its area, or ``None``."""
     if tags.get("amenity") in ("shelter", "bicycle_parking"):
         return tags["amenity"]
     if tags.get("highway") == "bus_stop" and tags.get("shelter") == "yes":
@@ -217,11 +217,11 @@ def _named(tags: dict[str, str], known: Catalogue) -> StreetObject | None:
 
 
 def _object(feature: OsmFeature, taken: Sequence[Geometry], known: Catalogue) -> _Object | None:
-    """Return what a feature is in its own frame; ``None`` where it has no shape.
+    """Return the object of a feature in its own frame; ``None`` if it has no shape.
 
     Args:
         feature: the feature.
-        taken: carriageways and houses, which no stand of an area of cycle stands comes into.
+        taken: carriageways and buildings; cycle stands are not placed in them.
         known: street objects.
     """
     tags, shape = feature.tags, feature.geometry
@@ -237,7 +237,7 @@ def _object(feature: OsmFeature, taken: Sequence[Geometry], known: Catalogue) ->
         yaw = float(np.arctan2(*(ends[1] - ends[0])[::-1]) + np.pi / 2)
     kind = _shelter_kind(tags)
     if kind in ("shelter", "bus_stop"):
-        # A shelter for the stop stands behind it, away from the road.
+        # The shelter of a stop is behind it, away from the road.
         pieces = shelter(tags, deep or SHELTER_M[0], long or SHELTER_M[1])
         if kind == "bus_stop":
             pieces = [moved(piece, BEHIND_STOP_M) for piece in pieces]
@@ -268,7 +268,7 @@ def _place(
     ground_height: GroundHeight,
     notes: Counter[str],
 ) -> None:
-    """Stand objects on the ground, clear of carriageways, and turn them."""
+    """Place objects on the ground, off carriageways, and set their headings."""
     if not objects:
         return
     mapped = np.array([[o.x, o.y] for o in objects])
@@ -290,7 +290,7 @@ def _place(
     for found, foot, turn in zip(standing, feet, np.nan_to_num(usual).tolist(), strict=True):
         yaw = found.yaw if found.fixed else yaw_of_direction(found.direction)
         if yaw is None:
-            # Areas keep their own axis, to that of its two ends that is nearer to the road.
+            # Areas keep their own axis, in the direction closer to the road.
             flip = np.cos(found.yaw - turn) < 0 if np.isfinite(found.yaw) else False
             yaw = found.yaw + np.pi * flip if np.isfinite(found.yaw) else turn
         add_pieces(assembly, found.pieces, foot, float(yaw))
@@ -298,7 +298,7 @@ def _place(
 
 
 def _clear(found: _Object) -> float:
-    """Return how far an object reaches from its middle, metres."""
+    """Return the maximum distance of an object's parts from its middle, metres."""
     return max(
         float(np.abs(piece.solid.vertices[:, :2]).max(initial=0.0)) for piece in found.pieces
     )
@@ -307,7 +307,7 @@ def _clear(found: _Object) -> float:
 def _aside(
     mapped: NDArray[np.float64], reach: NDArray[np.float64], carriageway: Geometry
 ) -> NDArray[np.float64]:
-    """Move objects off carriageways: small ones and large ones by their own reach."""
+    """Move objects off carriageways, each by its own size."""
     placed = np.full(mapped.shape, np.nan)
     steps = np.clip(np.ceil(reach / 0.5) * 0.5, 0.5, 3.0)
     for step in np.unique(steps):

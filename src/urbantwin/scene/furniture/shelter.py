@@ -17,7 +17,7 @@ __all__ = ["HOUSED", "bicycle", "cycle_stands", "oriented", "shelter"]
 
 #: A wheel of 622 mm with a tyre of 37 mm (ISO 5775), the usual wheelbase of a city bicycle.
 WHEEL_M, TYRE_M, BASE_M = 0.34, 0.018, 1.08
-#: Corners of a wheel's rim; spokes hide little, few thick ones stand for them.
+#: Corners of a wheel's rim; a few thick spokes represent the real ones, which hide little.
 CORNERS, SPOKES = 10, 4
 #: Middles of the hubs, crank, top of the seat tube, head, and bars: along the bicycle, and up.
 HUB = [(-BASE_M / 2, WHEEL_M), (BASE_M / 2, WHEEL_M)]
@@ -62,7 +62,7 @@ HOUSED = ("shed", "lockers", "building", "two-tier")
 
 
 def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
-    """Return the tightest rectangle: middle (2,), yaw across its long side, short and long side."""
+    """Return the smallest rectangle: middle (2,), yaw across its long side, short and long side."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))[:4]
     first, second = corners[1] - corners[0], corners[2] - corners[1]
     long, short = (first, second) if np.hypot(*first) >= np.hypot(*second) else (second, first)
@@ -71,12 +71,12 @@ def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
 
 
 def shelter(tags: Mapping[str, str], deep: float, long: float) -> list[Piece]:
-    """Return a shelter that is open to where it faces: posts, a roof, three walls, a seat.
+    """Return a shelter with an open front: posts, a roof, three walls, a seat.
 
     Args:
-        tags: ``height``, ``shelter_type``: those for the public are glass, others wood.
-        deep: its size along where it faces, metres.
-        long: its size across, metres.
+        tags: ``height``, ``shelter_type``: shelters for public transport are glass, others wood.
+        deep: its depth in the direction of its heading, metres.
+        long: its width, metres.
     """
     high = min(max(length_m_of(tags.get("height")) or SHELTER_M[2], 2.0), 6.0)
     kind = tags.get("shelter_type", "public_transport")
@@ -112,17 +112,16 @@ def cycle_stands(
     long: float | None,
     free: Geometry | None = None,
 ) -> list[Piece]:
-    """Return cycle stands in rows with their bicycles, under a roof where they are covered.
+    """Return cycle stands in rows with their bicycles, under a roof if they are covered.
 
-    Lockers and sheds are a box.
+    Lockers and sheds are represented by a box.
 
     Args:
-        tags: ``bicycle_parking``, ``capacity``, ``covered``; ``parked``: share of places that
-            bicycles stand at.
-        deep: the size of the area along its stands, metres; ``None`` where a point is mapped.
+        tags: ``bicycle_parking``, ``capacity``, ``covered``; ``parked``: share of occupied places.
+        deep: the size of the area along its stands, metres; ``None`` if mapped as a point.
         long: its size across.
-        free: where stands may be, in their own frame: x along them, y across; ``None`` for
-            anywhere. A roof is built only where all of them may be.
+        free: area for stands, in their own frame: x along them, y across; ``None``: no limit. A
+            roof is built only if all stands are possible.
     """
     kind = tags.get("bicycle_parking", "stands")
     if kind in ("informal", "floor", "wall", "handlebar_holder"):
@@ -157,7 +156,7 @@ def cycle_stands(
     tubes = rods(ends[:, 0], ends[:, 1], TUBE_M, TUBE_M, 6)
     pieces = [Piece(tubes, "other-object", "metal-painted")]
     share = float(tags.get("parked", "0"))
-    # A step of the golden ratio spreads the taken places evenly, without a draw.
+    # A step of the golden ratio spreads the occupied places evenly, without a draw.
     taken = [p for k, p in enumerate(places[:MOST_BICYCLES]) if (0.382 + 0.618 * k) % 1 < share]
     for k, (x, y) in enumerate(taken):
         pieces += bicycle(x, y, 1 if k % 3 else -1)

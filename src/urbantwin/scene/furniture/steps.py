@@ -1,4 +1,4 @@
-"""Steps of footways: treads from where the ground is low to where it is high."""
+"""Steps of footways: treads from the lower to the higher end of the ground."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_steps", "is_flight"]
 
-#: A flight's usual width; a riser's usual height (2 r + g = 63 cm), and how high it can be, metres.
+#: Usual and maximum width of a flight; usual height of a riser (2 r + g = 63 cm), and its range,
+#: metres.
 WIDTH_M, WIDEST_M, RISER_M, RISERS_M = 2.0, 30.0, 0.16, (0.08, 0.25)
 #: Ground that rises by less from end to end needs no steps, metres.
 LEAST_RISE_M = 0.3
@@ -41,9 +42,10 @@ def add_steps(
     carriageway: Geometry,
     notes: Counter[str],
 ) -> None:
-    """Add the flights of the map, as high as the ground at their ends.
+    """Add the mapped flights, with the height of the ground at their ends.
 
-    The ground model has a slope there; each tread is as high as that slope's upper end.
+    The ground model has a slope there; each tread has the height of the upper end of its part of
+    the slope.
     """
     free = region.difference(carriageway.buffer(KERB_M))
     for feature in features:

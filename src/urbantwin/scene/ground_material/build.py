@@ -22,9 +22,9 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["GroundMaterials", "ground_materials", "paint_layers", "surface_materials"]
 
-#: Cells of lane paint, metres: a third of the width of a line.
+#: Size of cells of lane paint, metres: a third of the width of a line.
 PAINT_CELL_M = 0.05
-#: Paint this far beyond the region is kept: streets go on there for a while.
+#: Distance beyond the region within which paint is kept, because streets continue there, metres.
 BEYOND_M = 60.0
 
 #: Height (N,) of the roads of a level at points (N, 2).
@@ -40,7 +40,7 @@ def paint_layers(
         model: the lane model; without it only few markings are known.
         network: its lanes.
         region: region of interest, site frame.
-        height: of the roads' surface.
+        height: height of the roads' surface.
     """
     paint = painted(network, model)
     around = shapely.box(*region.buffer(BEYOND_M).bounds)
@@ -98,17 +98,18 @@ def ground_materials(
     mesh: LabelledMesh | None = None,
     photo: Orthophoto | None = None,
 ) -> GroundMaterials:
-    """Return the materials that lie on the ground's triangles.
+    """Return the materials on the ground's triangles.
 
-    Paint is the lane model's. Where a picture shows a carriageway clearly its paint is used
-    instead; under trees, vehicles and other things that hide the road the lane model's stays.
+    Paint is from the lane model. Where a picture clearly shows a carriageway, the paint of the
+    picture is used instead. Under trees, vehicles and other objects that hide the road, the lane
+    model's paint is kept.
 
     Args:
         model: the lane model; without it only few markings are known.
         network: its lanes.
         region: region of interest, site frame.
-        height: of the roads' surface on a level.
-        mesh: the static world; only a picture needs it.
+        height: height of the roads' surface on a level.
+        mesh: the static scene; only needed with a picture.
         photo: a picture of the ground.
     """
     paint = paint_layers(model, network, region, height)

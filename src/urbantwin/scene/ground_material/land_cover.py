@@ -1,10 +1,10 @@
 """Land cover from imagery: grass, soil, concrete, dark and light asphalt.
 
 Colours are classified by chroma (each colour's share of the light), relative to the asphalt of the
-same picture, so neither the camera's white balance nor a shadow changes them. Grey materials are
-classified by brightness, relative to the asphalt too, and only outside shadows: what is much
-darker, or darker and bluer (lit by the sky alone), keeps the material that it had. A dark piece of
-road is in a shadow if the ground beside it is dark too, and of dark asphalt if it is not.
+same picture, so neither the camera's white balance nor a shadow changes the result. Grey materials
+are classified by brightness, also relative to the asphalt, and only outside shadows. Areas that are
+much darker, or darker and bluer (lit only by the sky), keep their material. A dark piece of road is
+in a shadow if the ground beside it is dark too, and otherwise it is dark asphalt.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ __all__ = ["COVERS", "covers_in_picture", "means"]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-#: Classes of cover; all else keeps its own material.
+#: Classes of cover; other ground keeps its material.
 COVERS = ("grass", "soil", "concrete", "asphalt", "asphalt-dark", "asphalt-light")
 #: Green against red and blue, and red against blue, relative to asphalt's.
 GREEN, BROWN = 0.025, 0.06
-#: Brightness relative to asphalt: concrete from here, light asphalt from here, dark up to here.
+#: Limits of brightness relative to asphalt: minimum of concrete and light asphalt, maximum of dark.
 CONCRETE, LIGHT, DARK = 1.45, 1.3, 0.78
-#: Below the first it is in shadow; below the second where it is bluer by the third.
+#: Shadow: brightness below the first, or below the second and bluer by the third.
 SHADOW, BLUISH, BLUER = 0.5, 0.85, 0.015
-#: Ground within this of a dark piece of road tells whether it is in a shadow, metres: it is where
-#: this share of it is darker than so much of its usual brightness.
+#: Ground within this distance of a dark piece of road, metres, determines whether the piece is in a
+#: shadow: if this share of it is darker than this factor times its usual brightness.
 BESIDE_M, SHARE, DARKER = 2.0, 0.5, 0.6
-#: Dark pieces up to twice this apart are one, metres.
+#: Dark pieces at most twice this apart are joined, metres.
 JOINED_M = 0.6
-#: The most frequent cover within this counts, metres.
+#: Radius within which the most frequent cover is used, metres.
 AROUND_M = 1.25
-#: Which percentile of the brightness of carriageways is lit asphalt of the usual kind.
+#: Percentile of the brightness of carriageways that represents lit asphalt of the usual kind.
 LIT = 60.0
 
 
 def means(
     rgb: NDArray[np.uint8], good: NDArray[np.bool_], factor: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return linear light (ny, nx, 3) averaged over blocks of pixels, and where most are good."""
+    """Return linear light (ny, nx, 3), averaged over blocks of pixels, and where most are good."""
     ny, nx = (n // factor for n in good.shape)
     out = np.zeros((ny, nx, 3), np.float32)
     count = _blocks(good, factor).sum(axis=(1, 3))
@@ -70,8 +70,8 @@ def covers_in_picture(
 
     Args:
         light: (ny, nx, 3) linear light, without paint.
-        known: where there is a picture.
-        zone: what the ground is used for (``seen``), 0 where it is hidden.
+        known: True where there is a picture.
+        zone: use of the ground (``seen``), 0 where it is hidden.
         cell_m: side of a cell, metres.
     """
     known = known & (zone > 0)
@@ -128,9 +128,9 @@ def _shaded_pieces(
     kinds: list[NDArray[np.bool_]],
     cell_m: float,
 ) -> NDArray[np.bool_]:
-    """Return the connected pieces of dark road beside which other ground is dark too.
+    """Return the connected pieces of dark road next to which other ground is dark too.
 
-    Lane marks, which are not classified here, do not split them.
+    Lane markings, which are not classified here, do not split them.
     """
     if not dark.any():
         return dark
@@ -150,7 +150,7 @@ def _shaded_pieces(
 def _most_frequent(
     found: NDArray[np.uint8], zone: NDArray[np.uint8], cell_m: float
 ) -> NDArray[np.uint8]:
-    """Return the material that most of the neighbourhood of the same zone has."""
+    """Return the most frequent material in the neighbourhood within the same zone."""
     size = max(3, 2 * round(AROUND_M / cell_m / 2) + 1)
     best, most = np.zeros(found.shape, np.uint8), np.zeros(found.shape, np.float32)
     for kind in (CARRIAGEWAY, FOOTWAY, OPEN):

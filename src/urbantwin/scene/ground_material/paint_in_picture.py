@@ -21,21 +21,21 @@ _BYTE = np.arange(256) / 255
 LINEAR = np.where(_BYTE <= 0.04045, _BYTE / 12.92, ((_BYTE + 0.055) / 1.055) ** 2.4).astype("f4")
 #: Paint is thinner than this, and vehicles are between this and the other, metres.
 THIN_M, VEHICLE_M = 0.75, 4.0
-#: A vehicle is this much brighter than the road around it; so far around it there is no paint
-#: but bonnets and sills, metres.
+#: Ratio of a vehicle's brightness to the surrounding road's, and distance around it without paint
+#: but with bonnets and sills, metres.
 VEHICLE_RATIO, BESIDE_M = 2.0, 0.8
-#: Paint is at least this much brighter than its asphalt, and this many deviations of the noise.
+#: Minimum relative brightness of paint above its asphalt, also in deviations of the noise.
 LEAST_RATIO, DEVIATIONS = 0.35, 5.0
-#: Shares of paint's usual brightness above asphalt: a spot of paint has the first, its border the
-#: second.
+#: Shares of paint's usual brightness above asphalt: minimum for a spot of paint, and for its
+#: border.
 SPOT, BORDER = 0.45, 0.35
 #: Smaller spots are specks, square metres.
 SPECK_M2 = 0.1
-#: Chroma (share of red, green, blue) of white paint less asphalt's, from and to: in a shadow the
-#: sky's light makes it bluer than sunlit asphalt. And of yellow paint.
+#: Minimum and maximum chroma (share of red, green, blue) of white paint minus asphalt's: in a
+#: shadow the light of the sky makes it bluer than sunlit asphalt. Then of yellow paint.
 WHITE = (-0.08, -0.04, -0.04), (0.04, 0.04, 0.10)
 YELLOW = (-0.02, -0.03, -0.40), (0.22, 0.15, -0.025)
-#: Rows that are looked at together.
+#: Number of rows processed together.
 ROWS = 2048
 
 
@@ -44,8 +44,8 @@ class DetectedPaint:
     """Paint in a picture, (ny, nx) each.
 
     Attributes:
-        paint: where it is.
-        unclear: where it could not be seen: under vehicles and in what looks like one.
+        paint: True for paint.
+        unclear: True where paint is not visible: on vehicles and similar areas.
     """
 
     paint: NDArray[np.bool_]
@@ -59,7 +59,7 @@ def paint_in_picture(
 
     Args:
         rgb: (ny, nx, 3) sRGB.
-        road: (ny, nx) what is carriageway and visible.
+        road: (ny, nx) True for visible carriageway.
         cell_m: side of a pixel, metres.
     """
     ny, nx = road.shape
@@ -70,7 +70,7 @@ def paint_in_picture(
     ratio, colour = np.zeros((ny, nx), np.float32), np.zeros((ny, nx), bool)
     halo = 2 * round(VEHICLE_M / cell_m) + 2
     for rows, around, inner in _strips(ny, halo):
-        # Channel by channel: numpy adds up long rows many times as fast as rows of three.
+        # Channel by channel: numpy sums long rows much faster than rows of three.
         red, green, blue = (LINEAR[rgb[around][..., k]] for k in range(3))
         above, wide = _above_background((red + green) / 2, road[around], cell_m)
         ratio[rows], unclear[rows] = above[inner], wide[inner]
@@ -92,7 +92,7 @@ def paint_in_picture(
 
 
 def _strips(rows: int, halo: int) -> Iterator[tuple[slice, slice, slice]]:
-    """Yield a strip's rows, these rows with a margin, and the strip within those."""
+    """Yield a strip's rows, these rows with a margin, and the strip's rows within them."""
     for first in range(0, rows, ROWS):
         last = min(first + ROWS, rows)
         low, high = max(0, first - halo), min(rows, last + halo)
@@ -109,7 +109,7 @@ def _asphalt_chroma(rgb: NDArray[np.uint8], road: NDArray[np.bool_]) -> NDArray[
 def _above_background(
     light: NDArray[np.float32], road: NDArray[np.bool_], cell_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return by how much pixels exceed the road around them, as a share, and where vehicles are."""
+    """Return the relative brightness above the surrounding road, and where vehicles are."""
     thin = _opened(light, road, THIN_M, cell_m)
     wide = _opened(light, road, VEHICLE_M, cell_m)
     dark = np.float32(max(1e-4, 0.2 * float(np.median(light[road])) if road.any() else 1e-4))

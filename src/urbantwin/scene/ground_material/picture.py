@@ -27,8 +27,9 @@ __all__ = ["PictureMaterials", "picture_materials"]
 COVER_M = 0.25
 #: The coarsest picture in which a line 0.15 m wide can be seen, metres a pixel.
 PAINT_PIXEL_M = 0.25
-#: Less paint than this share of the lane model's means that the picture does not show it (worn,
-#: blurred, older than the marks); more than that share of the road, that it shows something else.
+#: Limits of paint in a usable picture: a smaller share of the lane model's paint means that paint
+#: is not visible (worn, blurred, or newer than the picture); a larger share of the road means that
+#: other objects were detected.
 LEAST_PAINT, MOST_PAINT = 0.25, 0.2
 
 #: Heights (N,) of a level's surface at points (N, 2), and the level of points (N, 3).
@@ -42,8 +43,8 @@ class PictureMaterials:
     Attributes:
         layers: paint first, then covers.
         photo: the picture.
-        clear: (ny, nx) where it would show paint on a carriageway if there were any.
-        uses_paint: whether its paint is to be used instead of the lane model's.
+        clear: (ny, nx) True where paint on a carriageway would be visible.
+        uses_paint: whether its paint is used instead of the lane model's.
         notes: counts, for the manifest.
     """
 
@@ -54,7 +55,7 @@ class PictureMaterials:
     notes: dict[str, object]
 
     def shows(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points (N, 2) lie where the picture decides whether there is paint."""
+        """Return for which points (N, 2) the paint of the picture is used."""
         if not self.uses_paint:
             return np.zeros(len(points), bool)
         photo = self.photo
@@ -77,10 +78,10 @@ def picture_materials(
 
     Args:
         photo: the picture.
-        mesh: the static world: what the picture shows of it.
-        levels: of the roads, from the ground up.
-        height: of the ground (level 0) and of the roads above it.
-        modelled: which points (N, 2) the lane model paints.
+        mesh: the static scene, to find the visible ground.
+        levels: levels of the roads, from the ground up.
+        height: height of the ground (level 0) and of the roads above it.
+        modelled: function that returns which points (N, 2) have paint in the lane model.
     """
     factor = max(1, round(COVER_M / photo.cell_m))
     photo = _aligned(photo, factor)
@@ -114,7 +115,7 @@ def picture_materials(
 
 
 def _aligned(photo: Orthophoto, factor: int) -> Orthophoto:
-    """Return the picture from where whole cells of ``factor`` pixels begin."""
+    """Return the picture cropped to start at whole cells of ``factor`` pixels."""
     first = np.rint(np.array([photo.x0, photo.y0]) / photo.cell_m).astype(np.int64)
     skip = -first % factor
     x0, y0 = (float(v) for v in (first + skip) * photo.cell_m)
@@ -123,7 +124,7 @@ def _aligned(photo: Orthophoto, factor: int) -> Orthophoto:
 
 
 def _finer(mask: NDArray[np.bool_], factor: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return a mask of coarse cells as one of pixels; what no coarse cell covers is false."""
+    """Return a mask of coarse cells as a mask of pixels; False outside the coarse cells."""
     out = np.zeros(shape, bool)
     fine = mask.repeat(factor, axis=0).repeat(factor, axis=1)
     out[: fine.shape[0], : fine.shape[1]] = fine
@@ -136,7 +137,7 @@ def _compared(
     clear: NDArray[np.bool_],
     modelled: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
 ) -> tuple[bool, dict[str, object]]:
-    """Return whether the picture's paint is plausible, and how it compares to the model's."""
+    """Return whether the picture's paint is plausible, and its comparison with the model's."""
     rows, columns = np.nonzero(clear)
     points = np.column_stack([columns, rows]) + 0.5
     model = int(modelled(points * photo.cell_m + [photo.x0, photo.y0]).sum())
@@ -167,9 +168,9 @@ class _Grid:
     def layers(
         self, mask: NDArray[np.bool_], name: str, cell_m: float, seen: VisibleGround, factor: int
     ) -> list[MaterialLayer]:
-        """Return one layer per level of the cells of a mask; ``factor`` of them are one of seen's.
+        """Return a layer per level of a mask's cells, ``factor`` of them per cell of ``seen``.
 
-        The grid begins at a whole cell, and layers count cells from the site's origin.
+        The grid starts at a whole cell, and layers count cells from the site's origin.
         """
         rows, columns = np.nonzero(mask)
         first = np.rint(np.array([self.x0, self.y0]) / cell_m).astype(np.int64)

@@ -16,22 +16,22 @@ __all__ = ["Cells", "cells_of_layer", "cells_of_quads", "layer_of_cells"]
 Cells = NDArray[np.int64]
 #: Heights (N,) of a surface at points (N, 2).
 Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-#: Cells looked at in one go.
+#: Number of cells processed in one batch.
 BATCH = 2_000_000
-#: Shapes are cut into pieces about so long, metres: the upright box around a slanted line as long
-#: as it is holds ten times its cells.
+#: Approximate length of the pieces into which shapes are cut, metres: the axis-aligned box of a
+#: long slanted line has ten times its cells.
 PIECE_M = 0.5
 
 
 def cells_of_quads(
     quads: NDArray[np.float64], cell_m: float, within: shapely.Geometry | None = None
 ) -> Cells:
-    """Return the cells whose middle lies in any of some convex quadrilaterals, each once.
+    """Return the cells whose centre is in any of some convex quadrilaterals, each once.
 
     Args:
-        quads: (N, 4, 2) corners, metres, either way around; a triangle has a corner twice.
+        quads: (N, 4, 2) corners, metres, in either order; a triangle has a corner twice.
         cell_m: side of a cell, metres.
-        within: what lies outside of it is left out.
+        within: area to which the cells are limited.
     """
     if within is not None:
         shapely.prepare(within)
@@ -93,7 +93,7 @@ def _pieces(quads: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _unique(parts: Iterator[Cells]) -> Cells:
     whole = np.concatenate([np.zeros((0, 2), np.int64), *parts])
-    # Sorted and not hashed, which ``np.unique`` does: several times as fast.
+    # Sorted and not hashed as in ``np.unique``, which is several times slower.
     keys = np.sort((whole[:, 1] << 32) + whole[:, 0] + (1 << 31))
     keys = keys[np.diff(keys, prepend=keys[:1] - 1) != 0]
     return np.column_stack([(keys & 0xFFFFFFFF) - (1 << 31), keys >> 32])
@@ -113,9 +113,9 @@ def layer_of_cells(
     Args:
         cells: columns and rows, each cell once.
         material: number of their material.
-        level: of the surface that they lie on.
+        level: level of their surface.
         cell_m: side of a cell, metres.
-        height: of that surface.
+        height: height of the surface.
     """
     tile = cells // TILE
     order = np.lexsort((tile[:, 0], tile[:, 1]))

@@ -22,7 +22,7 @@ _ZONE_OF = {
     "other-ground": OPEN,
     "terrain": OPEN,
 }
-#: Imagery is not vertical: this far around objects it shows their sides, metres.
+#: Imagery is not vertical: within this distance of objects it shows their sides, metres.
 LEAN_M = 0.5
 #: Rays cast at once.
 BATCH = 1_000_000
@@ -35,7 +35,7 @@ class VisibleGround:
     Attributes:
         zone: ``CARRIAGEWAY``, ``FOOTWAY``, ``OPEN`` or 0.
         material: number of the triangle's material.
-        z: its height, metres; nan where nothing is.
+        z: its height, metres; nan without a hit.
     """
 
     zone: NDArray[np.uint8]
@@ -46,10 +46,10 @@ class VisibleGround:
 def visible_ground(
     mesh: LabelledMesh, x0: float, y0: float, cell_m: float, shape: tuple[int, int]
 ) -> VisibleGround:
-    """Look down on the middles of a grid's cells.
+    """Cast rays down on the centres of a grid's cells.
 
     Args:
-        mesh: the static world.
+        mesh: the static scene.
         x0: west edge of the grid, metres.
         y0: its south edge.
         cell_m: side of a cell.
@@ -104,7 +104,7 @@ def _heights_on(
 def ground_heights(mesh: LabelledMesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the height (N,) of the lowest ground at points (N, 2), below all bridges.
 
-    Nan where there is no ground.
+    nan if there is no ground.
     """
     below = mesh.select(mesh.is_ground & (mesh.normals()[:, 2] > 0.1))
     if not len(below.faces):

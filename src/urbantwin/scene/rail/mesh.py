@@ -25,7 +25,7 @@ __all__ = ["rail_mesh"]
 
 #: Heights above the rails' ground: trains 0.55 m (TSI PRM: 0.55 or 0.76), trams 0.25 m.
 TRAIN_M, TRAM_M = 0.55, 0.25
-#: Width of platforms that are mapped as a line; and clearance beside a track, metres.
+#: Width of platforms mapped as a line; and clearances beside a track and a kerb, metres.
 WIDTH_M, TRACK_M, KERB_M = 3.0, 1.35, 0.05
 PLATFORM_BURIED_M, FINE_M = 0.3, 4.0
 NEAR_TRACK_M = 8.0
@@ -39,10 +39,10 @@ def add_platforms(
     carriageway: Geometry,
     buildings: Sequence[Polygon] = (),
 ) -> int:
-    """Add the raised platforms of trains and trams; return how many.
+    """Add the raised platforms of trains and trams; return their number.
 
-    Bus stops without a mapped height are the sidewalk itself and are not drawn; nor is what lies
-    in a building.
+    Bus stops without a mapped height are part of the sidewalk and are not drawn; nor are platforms
+    inside a building.
     """
     tracks: dict[str, list[Geometry]] = {"tram": [], "train": []}
     for feature in features:
@@ -102,7 +102,7 @@ def _is_platform(tags: Mapping[str, str]) -> bool:
 
 
 def _height(feature: OsmFeature, lines: Mapping[str, Geometry]) -> float | None:
-    """Return a platform's height; ``None`` for one that is not raised."""
+    """Return a platform's height; ``None`` if it is not raised."""
     tags = feature.tags
     said = length_m_of(tags.get("height") or tags.get("platform:height"))
     if said is not None:
@@ -124,7 +124,7 @@ def _height(feature: OsmFeature, lines: Mapping[str, Geometry]) -> float | None:
 GAUGE_M, HEAD_M = 1.435, 0.07
 #: Height of rails above the pavement, so that beams hit them, metres.
 PROUD_M = 0.004
-#: Height of the rails above the ground on ballast, reached over so many metres from a road.
+#: Height of rails on ballast above the ground, and distance from a road to reach it, metres.
 BALLASTED_M, RISE_M = 0.55, 12.0
 RAILWAYS = ("tram", "light_rail", "rail", "narrow_gauge", "subway", "preserved", "funicular")
 STEP_M = 2.5
@@ -135,9 +135,9 @@ class Track:
     """A piece of track.
 
     Attributes:
-        path: (N, 3) its middle, at the height of the rails' upper edges, site frame.
-        gauge: between the inner edges of the rails' heads, metres.
-        lift: (N,) how far that is above the ground.
+        path: (N, 3) its centre line, at the height of the rails' upper edges, site frame.
+        gauge: distance between the inner edges of the rail heads, metres.
+        lift: (N,) height of the path above the ground.
     """
 
     path: NDArray[np.float64]
@@ -154,15 +154,15 @@ def tracks_of(
 ) -> list[Track]:
     """Return the tracks inside a region.
 
-    Trams lie in the pavement unless the map says otherwise; other tracks lie on ballast and come
-    down where they cross a road.
+    Tram tracks are embedded in the pavement unless mapped otherwise; other tracks are on ballast,
+    and descend to the pavement where they cross a road.
 
     Args:
         features: the map's features.
-        region: where.
+        region: the region.
         ride_height: heights of the ground and of decks that carry rails.
-        carriageway: where tracks lie in the pavement.
-        paved: squares and the like, where they do, too.
+        carriageway: area in which tracks are embedded in the pavement.
+        paved: other paved areas, such as squares, in which tracks are embedded.
     """
     street = shapely.union(carriageway, paved)
     shapely.prepare(street)
@@ -220,7 +220,7 @@ def _gauges(tags: Mapping[str, str]) -> list[float]:
     return found[:2] or [GAUGE_M]
 
 
-#: How far down rails are drawn; on ballast they stand 0.17 m high on sleepers (EN 13674), metres.
+#: Depth of drawn rails; on ballast they are 0.17 m high on sleepers (EN 13674), metres.
 DEPTH_M, RAIL_M = 0.2, 0.17
 #: Concrete sleepers: 0.6 m apart, 2.6 m long on standard gauge, metres.
 SLEEPER_STEP_M, SLEEPER_M = 0.6, (0.26, 0.21)
@@ -228,7 +228,7 @@ SLEEPER_STEP_M, SLEEPER_M = 0.6, (0.26, 0.21)
 SHOULDER_M, SLOPE = 0.4, 1.5
 MOST_SLEEPERS = 4000
 BURIED_M = 0.3
-#: Track with its rails lower than this above the ground lies in the pavement, metres.
+#: Track with its rails lower than this above the ground is embedded in the pavement, metres.
 EMBEDDED_M = 0.25
 
 
@@ -243,18 +243,18 @@ def rail_mesh(
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build tracks and platforms.
 
-    Rails are class ``other-ground``, as SemanticKITTI has it, and so is ballast.
+    Rails and ballast have the class ``other-ground``, as in SemanticKITTI.
 
     Args:
         features: the map's features, site frame.
         region: tracks end at its border.
         ground_height: heights of the ground.
-        carriageway: where tracks lie in the pavement and no platform is.
+        carriageway: area with embedded tracks and without platforms.
         ride_height: heights of the ground and of decks that carry rails.
-        without: where imported geometry has them.
+        without: area in which imported geometry contains the tracks and platforms.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per track or platform, and counts of what was built.
+        The mesh, ``part`` 1, 2, ... per track or platform, and counts of objects built.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
@@ -284,7 +284,7 @@ def rail_mesh(
 
 
 def _rail(track: Track, side: float) -> Solid:
-    """Return one rail: its inner edge is half the gauge from the middle."""
+    """Return one rail: its inner edge is half the gauge from the centre line."""
     inner, outer = side * track.gauge / 2, side * (track.gauge / 2 + HEAD_M)
     left, right = max(inner, outer), min(inner, outer)
     profile = np.array([(left, -DEPTH_M), (right, -DEPTH_M), (right, 0.0), (left, 0.0)])
@@ -292,7 +292,7 @@ def _rail(track: Track, side: float) -> Solid:
 
 
 def _ballasted(track: Track) -> list[NDArray[np.int64]]:
-    """Return the runs of points of a track that lie on ballast."""
+    """Return the runs of points of a track on ballast."""
     high = track.lift > EMBEDDED_M
     runs = np.split(np.arange(len(high)), np.flatnonzero(np.diff(high)) + 1)
     return [run for run in runs if len(run) > 1 and high[run[0]]]
@@ -301,7 +301,7 @@ def _ballasted(track: Track) -> list[NDArray[np.int64]]:
 def _add_bed(
     assembly: Assembly, track: Track, run: NDArray[np.int64], part: int, with_sleepers: bool
 ) -> int:
-    """Add the ballast under a run of a track and its sleepers; return how many."""
+    """Add the ballast under a run of a track and its sleepers; return the number of sleepers."""
     path, lift = track.path[run], track.lift[run]
     long = track.gauge + 1.165
     half = long / 2 + SHOULDER_M

@@ -21,7 +21,7 @@ SPECK_M2 = 1e-4
 
 @dataclass(frozen=True)
 class Facet:
-    """A piece of a roof: where it is in plan, and the plane that it lies in."""
+    """A piece of a roof: its area in plan, and its plane."""
 
     area: Polygon
     plane: Plane
@@ -70,8 +70,8 @@ def profiled(facets: Sequence[Facet], profile: Sequence[tuple[float, float]]) ->
     """Bend a roof of heights 0..1: cut it along levels and map the heights between them.
 
     Args:
-        facets: a roof whose heights run from 0 to 1.
-        profile: (height of the roof, height that it becomes), rising in the first, from 0 to 1.
+        facets: a roof whose heights range from 0 to 1.
+        profile: (height of the roof, mapped height), the first ascending from 0 to 1.
     """
     if len(profile) == 2:
         (_, low), (_, high) = profile

@@ -25,10 +25,10 @@ Profile = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Axes:
-    """How a roof lies on its footprint.
+    """Orientation and extent of a roof on its footprint.
 
     Attributes:
-        down: unit vector (2,) across the ridge, the way the (main) slope faces.
+        down: unit vector (2,) perpendicular to the ridge, in the direction of the (main) slope.
         low, high: the footprint's extent along ``down``, metres.
         start, end: its extent along the ridge (``down`` turned left), metres.
     """
@@ -51,9 +51,9 @@ class Axes:
 
 
 def axes_of(footprint: Polygon, yaw: float) -> Axes:
-    """Return the axes of a roof whose slope faces ``yaw``, rad counter-clockwise from east."""
+    """Return the axes of a roof with its slope towards ``yaw``, rad counter-clockwise from east."""
     xy = shapely.get_coordinates(footprint)
-    # Whole multiples of a right angle are met exactly, so that rectangles stay rectangles.
+    # Rounded, so that multiples of a right angle are exact and rectangles stay rectangles.
     down = np.array([round(math.cos(yaw), 12), round(math.sin(yaw), 12)])
     across, along = xy @ down, xy @ np.array([-down[1], down[0]])
     return Axes(
@@ -62,7 +62,7 @@ def axes_of(footprint: Polygon, yaw: float) -> Axes:
 
 
 def ridged(footprint: Polygon, axes: Axes, profile: Profile) -> list[Facet]:
-    """Return a profile's facets, heights 0..1; it runs from the back to where the slope faces."""
+    """Return a profile's facets, heights 0..1; the profile ends at the side of the slope."""
     facets = []
     reach = 2 * float(footprint.length)
     near = shapely.get_coordinates(footprint.centroid)[0]
@@ -82,7 +82,7 @@ def ridged(footprint: Polygon, axes: Axes, profile: Profile) -> list[Facet]:
 def half_hipped(footprint: Polygon, axes: Axes, from_height: float) -> list[Facet]:
     """Return a gabled roof whose ends are hipped above a height (0..1), at the same pitch."""
     gabled = ridged(footprint, axes, ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0)))
-    # Steeper where the ridge is so short that the hips would meet below it.
+    # Steeper if the ridge is so short that the hips would intersect below it.
     slope = max(2 / axes.span, 2 * (1 - from_height) / (axes.end - axes.start))
     x, y = (axes.along * slope).tolist()
     hips: list[Plane] = [
@@ -114,12 +114,13 @@ def _pieces(area: shapely.Geometry, plane: Plane) -> list[Facet]:
     ]
 
 
-#: An apex nearer to the line of an edge than this would make a wall of the roof there, metres.
+#: Minimum distance of an apex from the lines of the edges, metres: closer, a roof would be
+#: vertical.
 _LEAST_RUN_M = 0.3
 
 
 def apex_of(footprint: Polygon) -> NDArray[np.float64] | None:
-    """Return a point (2,) well within the lines of all edges, the centroid if it is."""
+    """Return a point (2,) well within the lines of all edges, preferably the centroid."""
     if footprint.interiors:
         return None
     for point in (footprint.centroid, footprint.envelope.centroid):
@@ -135,9 +136,9 @@ def radial(
     """Return the facets from every edge up to the apex, heights 0..1.
 
     Args:
-        footprint: its outline sees the apex.
+        footprint: every point of its outline is visible from the apex.
         apex: (2,).
-        profile: (share of the way from the outline to the apex, height).
+        profile: (share of the distance from the outline to the apex, height).
     """
     xy = _ring(footprint)
     following = np.roll(xy, -1, axis=0)
@@ -177,9 +178,9 @@ GABLE: Profile = ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0))
 LEVEL: Profile = ((0.0, 0.0), (1.0, 1.0))
 #: Steep below, gentle above: share of the way in, share of the height.
 TWO_PITCHES: Profile = ((0.0, 0.0), (0.35, 0.65), (1.0, 1.0))
-#: Arcs are drawn with this many straight pieces on each side.
+#: Number of straight pieces of an arc on each side.
 ARC = 6
-#: Footprints that fill less of their tightest rectangle than this are wings, not one block.
+#: Footprints that fill less of their smallest bounding rectangle than this have wings.
 BLOCK = 0.8
 #: Domes over outlines with more corners are simplified.
 MOST_CORNERS = 73
@@ -202,13 +203,13 @@ def roof_facets(
 ) -> list[Facet]:
     """Return a roof's facets, heights in metres above the eaves, the highest at ``rise_m``.
 
-    Footprints with wings or courtyards get the roof over their straight skeleton; where the
-    asked shape cannot be built, a hipped or a gabled one is, and a note is counted.
+    Footprints with wings or courtyards get the roof of their straight skeleton. If the requested
+    shape is not possible, the roof is hipped or gabled, and a note is counted.
 
     Args:
         shape: one of ``SHAPES``.
         footprint: site frame.
-        tags: for direction and orientation.
+        tags: tags with the direction and orientation.
         rise_m: height of the roof.
         notes: counter of assumptions.
 
@@ -267,7 +268,7 @@ def _along_ridge(shape: str, footprint: Polygon, axes: Axes, rise_m: float) -> l
 
 
 def _skeletal(shape: str, footprint: Polygon) -> list[Facet] | None:
-    """Return the roof over the straight skeleton, heights 0..1, gables where the shape has them."""
+    """Return the straight-skeleton roof, heights 0..1, with gables if the shape has them."""
     outline = _simple(footprint)
     if outline is None:
         return None
@@ -305,7 +306,7 @@ def _simple(footprint: Polygon) -> Polygon | None:
 
 
 def _with_fewer_corners(footprint: Polygon) -> Polygon:
-    """Return an outline that a roof of many facets can stand on in reasonable time."""
+    """Return an outline with few enough corners for a roof of many facets."""
     for tolerance in (0.0, 0.05, 0.2, 0.5):
         outline = footprint.simplify(tolerance) if tolerance else footprint
         if len(shapely.get_coordinates(outline)) <= MOST_CORNERS:
@@ -359,6 +360,6 @@ def _onion() -> Profile:
 
 
 def _both_sides(profile: Profile) -> Profile:
-    """Return a profile from the eaves to the top as one from eaves to eaves."""
+    """Mirror a profile from the eaves to the top into one from eaves to eaves."""
     left = [(way / 2, height) for way, height in profile]
     return tuple(left + [(1 - way, height) for way, height in left[-2::-1]])

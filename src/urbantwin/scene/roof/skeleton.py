@@ -1,12 +1,12 @@
 """Straight-skeleton roofs: over any outline, all faces rise from the eaves at one pitch.
 
-The roof over a straight skeleton is the lower envelope of slabs: one plane over every edge of the
-outline, bounded at convex corners by the perpendicular there, and at reflex corners by the track
-of a "motorcycle" that starts in the corner and runs along the bisector until it meets the outline
-or an older track (S.-W. Cheng and A. Vigneron, "Motorcycle graphs and straight skeletons",
-Algorithmica 47, 2007, theorem 4; S. Huber and M. Held, "A fast straight-skeleton algorithm based
-on generalized motorcycle graphs", IJCGA 22, 2012). An envelope needs no order of events, so ties,
-which are the rule in buildings, do no harm.
+The roof over a straight skeleton is the lower envelope of slabs, with one plane per edge of the
+outline. At convex corners a slab ends at the perpendicular. At reflex corners it ends at the track
+of a "motorcycle", which starts at the corner and runs along the bisector to the outline or an older
+track. Sources: S.-W. Cheng and A. Vigneron, "Motorcycle graphs and straight skeletons",
+Algorithmica 47, 2007, theorem 4; S. Huber and M. Held, "A fast straight-skeleton algorithm based on
+generalized motorcycle graphs", IJCGA 22, 2012. An envelope needs no order of events, so ties, which
+are common in buildings, cause no errors.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Points = NDArray[np.float64]
 class _Edges:
     """Edges of an outline, solid on their left.
 
-    ``start``, ``end`` (N, 2); ``ahead`` unit directions; ``inward`` unit normals; ``before`` and
-    ``after``: the numbers of the neighbours; ``reflex``: whether the corner at the start is.
+    ``start``, ``end`` (N, 2); ``ahead``: unit directions; ``inward``: unit normals; ``before`` and
+    ``after``: indices of the neighbours; ``reflex``: whether the corner at the start is reflex.
     """
 
     start: Points
@@ -84,18 +84,18 @@ class _Edges:
 def skeleton_facets(
     outline: Polygon, raised: Mapping[int, float] | None = None
 ) -> list[Facet] | None:
-    """Return the facets whose heights are distances from the eaves, or ``None`` if they fail.
+    """Return facets with heights equal to distances from the eaves; ``None`` if this fails.
 
     Args:
         outline: simple polygon, holes allowed, without collinear corners.
-        raised: edges (numbers in the order of the outline's rings, solid on their left) that are
-            no eaves: gables, from which no facet rises (infinity), or half-hips, where one rises
-            from the given height.
+        raised: edges that are not eaves, by index in the order of the outline's rings, solid on
+            their left. The value is infinity for gables, which have no facet, or the height at
+            which the facet of a half-hip starts.
     """
     try:
         return _envelope(outline, raised or {})
     except (shapely.GEOSException, np.linalg.LinAlgError):
-        return None  # the caller has a simpler roof for such outlines
+        return None  # the caller uses a simpler roof for such outlines
 
 
 def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | None:
@@ -117,12 +117,12 @@ def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | No
         steep = np.hypot(rise[:, 0], rise[:, 1]) > 1e-9
         crossing = others[steep]
         lower = shapely.intersection(slabs[crossing], half_planes(rise[steep], reach, centre))
-        # Of planes that never cross one is lower everywhere.
+        # If two planes never cross, one of them is lower everywhere.
         lower = np.concatenate([lower, slabs[others[~steep & (rise[:, 2] > 1e-6)]]])
         shapely.prepare(area)
         lower = lower[(shapely.get_type_id(lower) == POLYGON) & shapely.intersects(area, lower)]
         if len(lower) and not area.is_empty:
-            # Snapped to a hundredth of a millimetre: no slits remain where planes meet.
+            # Snapped to a hundredth of a millimetre: no gaps remain between planes.
             area = shapely.difference(area, shapely.union_all(lower), grid_size=1e-5)
         plane = (float(planes[k, 0]), float(planes[k, 1]), float(planes[k, 2]))
         facets += [
@@ -136,11 +136,11 @@ def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | No
 def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
     """Return the edges whose hip is a triangle between convex corners, with the hip's height.
 
-    Of two neighbours only the shorter is one.
+    Of two adjacent edges only the shorter is returned.
 
     Args:
         outline: as for ``skeleton_facets``.
-        facets: what that returned for it.
+        facets: result of ``skeleton_facets`` for it.
     """
     edges = _Edges.of(outline)
     length = np.hypot(*(edges.end - edges.start).T)
@@ -153,7 +153,7 @@ def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
         beside = (edges.ahead[edges.before[k]] * edges.ahead[edges.after[k]]).sum()
         longer = min(length[edges.before[k]], length[edges.after[k]])
         if beside > -0.8 or longer < 0.5 * length[k]:
-            continue  # its neighbours do not run side by side: no ridge ends here
+            continue  # its neighbours are not parallel: no ridge ends here
         middle = shapely.Point((edges.start[k] + edges.end[k]) / 2 + 0.02 * edges.inward[k])
         own = [f for f in facets if f.area.intersects(middle)]
         if len(own) != 1:
@@ -166,7 +166,7 @@ def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
 
 
 def _covering(facets: list[Facet], outline: Polygon) -> list[Facet] | None:
-    """Return facets if they cover the outline; where two are nearly one, they may overlap."""
+    """Return facets if they cover the outline; a small overlap is allowed."""
     total = sum(facet.area.area for facet in facets)
     if abs(total - outline.area) <= UNCOVERED * outline.area:
         return facets
@@ -182,7 +182,7 @@ def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[
     whole = [(float(x), float(y)) for x, y in corners]
     for k in rising.tolist():
         ring = whole
-        # The neighbours first: they cut off most.
+        # Neighbouring edges first: they cut off the largest parts.
         for other in sorted(rising.tolist(), key=lambda n: min((n - k) % count, (k - n) % count)):
             a, b, c = (planes[other] - planes[k]).tolist()
             if other != k and abs(a) + abs(b) > 1e-9:
@@ -200,7 +200,7 @@ def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[
 def _cut(
     ring: list[tuple[float, float]], a: float, b: float, c: float
 ) -> list[tuple[float, float]]:
-    """Return the part of a convex ring where a x + b y + c >= 0."""
+    """Return the part of a convex ring with a x + b y + c >= 0."""
     side = [a * x + b * y + c for x, y in ring]
     if min(side) >= -1e-9:
         return ring
@@ -223,7 +223,7 @@ def _area(shape: shapely.Geometry) -> shapely.MultiPolygon:
 
 
 def _tracks(edges: _Edges, outline: Polygon) -> dict[int, Points]:
-    """Return how far (2,) the motorcycle of each reflex corner runs, by the edge that starts."""
+    """Return the motorcycle track (2,) of each reflex corner, by the edge that starts there."""
     corners = np.flatnonzero(edges.reflex)
     if not len(corners):
         return {}
@@ -231,7 +231,7 @@ def _tracks(edges: _Edges, outline: Polygon) -> dict[int, Points]:
     speed = np.linalg.solve(normals, np.ones((len(corners), 2, 1)))[..., 0]
     origin = edges.start[corners]
     until = np.array([_wall_time(edges, k, speed[n]) for n, k in enumerate(corners.tolist())])
-    # Where tracks cross, the one that arrives later ends: crossings in the order of arrival.
+    # At a crossing of tracks, the motorcycle that arrives later ends: crossings sorted by arrival.
     crossings = []
     for i in range(len(corners)):
         for j in range(len(corners)):
@@ -250,7 +250,7 @@ def _tracks(edges: _Edges, outline: Polygon) -> dict[int, Points]:
 
 
 def _wall_time(edges: _Edges, corner: int, speed: Points) -> float:
-    """Return when a motorcycle meets the outline."""
+    """Return the time at which a motorcycle reaches the outline."""
     origin = edges.start[corner]
     along = edges.end - edges.start
     gap = edges.start - origin
@@ -266,7 +266,7 @@ def _wall_time(edges: _Edges, corner: int, speed: Points) -> float:
 def _slabs(
     edges: _Edges, tracks: dict[int, Points], raised: Mapping[int, float], reach: float
 ) -> NDArray[np.object_]:
-    """Return where each edge's plane may count, as convex polygons in plan."""
+    """Return the area in which each edge's plane may apply, as convex polygons in plan."""
     slabs = []
     for k in range(len(edges.start)):
         far = edges.inward[k] * reach
@@ -292,7 +292,7 @@ def _slabs(
 
 
 def _beside(foot: Points, along: Points, side: Points) -> tuple[float, float, float]:
-    """Return the half plane (a, b, c) beside a line, on the side that a vector points to."""
+    """Return the half plane (a, b, c) beside a line, on the side of a given vector."""
     a, b = -float(along[1]), float(along[0])
     if a * side[0] + b * side[1] < 0:
         a, b = -a, -b
@@ -300,7 +300,7 @@ def _beside(foot: Points, along: Points, side: Points) -> tuple[float, float, fl
 
 
 def _border(beside: Points, far: Points, gable: bool) -> Points:
-    """Return where a slab's side leads: square to its edge, or along a gable beside it."""
+    """Return the direction of a slab's side: normal to its edge, or along an adjacent gable."""
     if not gable:
         return far
     rise = float(beside @ far)

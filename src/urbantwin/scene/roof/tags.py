@@ -1,7 +1,7 @@
 """Roof tags of Simple 3D Buildings: shape, height, pitch, direction.
 
 Simple 3D Buildings (https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings): ``roof:shape``,
-``roof:height``, ``roof:angle``, ``roof:levels``, ``roof:direction`` (where the slope faces) and
+``roof:height``, ``roof:angle``, ``roof:levels``, ``roof:direction`` (direction of the slope) and
 ``roof:orientation`` (the ridge along or across the longer side).
 """
 
@@ -26,7 +26,7 @@ SHAPES = (
     "side_hipped cone onion butterfly"
 ).split()
 
-#: What other values are built as. "many" and "complex" say that no shape fits.
+#: Shapes used for other values. "many" and "complex" mean that no shape fits.
 SYNONYMS = {
     **dict.fromkeys(("gable", "pitched", "cross_gabled", "crosspitched", "dormer"), "gabled"),
     **dict.fromkeys(("double_pitch", "gabled_row", "gabled_height_moved"), "gabled"),
@@ -45,32 +45,32 @@ SYNONYMS = {
     **dict.fromkeys(("terrace", "roof_terrace", "no", "yes", "horizontal"), "flat"),
 }
 
-#: Pitch where the map gives no height, degrees.
+#: Pitch of roofs without a mapped height, degrees.
 PITCH_DEG = {"skillion": 10.0, "butterfly": 10.0, "pyramidal": 35.0, "saltbox": 30.0}
 OTHER_PITCH_DEG = 33.0
-#: Wide roofs are flatter: none whose height is assumed is higher than this, metres; domes, twice.
+#: Maximum height of a roof of assumed height, metres, so that wide roofs are flatter; domes, twice.
 HIGHEST_M = 6.0
-#: Height over half the span where the map gives none: half-circles, and roofs with two pitches.
+#: Ratio of height to half the span if not mapped: half-circles, and roofs with two pitches.
 RISE = {"round": 0.6, "dome": 1.0, "onion": 2.0, "cone": 1.0, "gambrel": 0.9, "mansard": 0.9}
 #: No roof is higher than this, metres.
 STEEPEST_M = 150.0
 #: Roofs drawn with a slope over the whole span.
 ONE_SIDED = ("skillion",)
 STOREY_M = 3.2
-#: A direction that is this near to a wall's is meant to be the wall's: words and degrees.
+#: Maximum angle between a mapped direction and a wall's for use of the wall's: words and degrees.
 WORD_DEG, DEGREES_DEG = 23.0, 6.0
 
 
 @dataclass(frozen=True)
 class RoofTags:
-    """A roof's tags: its shape and, where it is mapped, height or pitch."""
+    """A roof's tags: its shape and, if mapped, height or pitch."""
 
     shape: str
     height_m: float | None
     pitch_deg: float | None
 
     def rise_m(self, span_m: float) -> float:
-        """Return the roof's height over a span; where none is mapped, from the usual pitch."""
+        """Return the roof's height over a span; if it is not mapped, from the usual pitch."""
         if self.shape == "flat":
             return 0.0
         if self.height_m is not None:
@@ -85,7 +85,7 @@ class RoofTags:
 
 
 def roof_tags(tags: Mapping[str, str], notes: Counter[str]) -> RoofTags:
-    """Read a building's roof; counts in ``notes`` what had to be assumed."""
+    """Read a building's roof; ``notes`` counts assumptions."""
     height = length_m_of(tags.get("roof:height"))
     pitch = angle_deg_of(tags.get("roof:angle"))
     levels = count_of(tags.get("roof:levels"))
@@ -115,16 +115,15 @@ def roof_tags(tags: Mapping[str, str], notes: Counter[str]) -> RoofTags:
 
 
 def roof_yaw(tags: Mapping[str, str], footprint: Polygon) -> tuple[float, bool]:
-    """Return where a roof's slope faces, and whether the map says so.
+    """Return the direction of a roof's slope, and whether it is mapped.
 
     Args:
-        tags: of the building.
+        tags: tags of the building.
         footprint: its outline, site frame.
 
     Returns:
-        Yaw in radians, counter-clockwise from east. Without ``roof:direction`` the ridge runs
-        along the longer side of the tightest rectangle, or across for
-        ``roof:orientation=across``.
+        Yaw in radians, counter-clockwise from east. Without ``roof:direction`` the ridge is along
+        the longer side of the smallest rectangle, or across for ``roof:orientation=across``.
     """
     text = tags.get("roof:direction", tags.get("roof:slope:direction"))
     yaw = yaw_of_direction(text)
@@ -142,7 +141,7 @@ def roof_yaw(tags: Mapping[str, str], footprint: Polygon) -> tuple[float, bool]:
 
 
 def _snapped(yaw: float, footprint: Polygon, within: float) -> float:
-    """Return the direction square to the wall that is nearest to square, if it is near enough."""
+    """Return a direction aligned to the nearest wall direction, if within a limit."""
     xy = shapely.get_coordinates(footprint.exterior)
     edge = np.diff(xy, axis=0)
     length = np.hypot(*edge.T)
@@ -154,11 +153,11 @@ def _snapped(yaw: float, footprint: Polygon, within: float) -> float:
     near = np.abs(off) <= within
     if not near.any():
         return yaw
-    # The longest of the walls that are near; of these the nearest.
+    # The longest of the walls within the limit; among equal lengths the nearest direction.
     best = np.lexsort((np.abs(off[near]), -np.round(length[near], 1)))[0]
     return float(yaw + off[near][best])
 
 
 def _plain(text: str) -> str:
-    """Return a tag's value as it may stand in a note."""
+    """Return a tag's value with only the characters allowed in a note."""
     return "".join(c for c in text[:24] if c.isalnum() or c in "_-.")

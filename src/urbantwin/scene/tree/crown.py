@@ -1,11 +1,12 @@
 """Crowns of trees: clumps of leaves with gaps that let some beams through.
 
 A crown is a cloud of triangles: several lobes inside an ellipsoid for broadleaved trees, whorls of
-drooping branches inside a cone for conifers, fronds for palms. Returns come from within the crown
-as well as from its surface. Of level beams through the middle of a crown in leaf 3 to 25 % pass
-(Konarska et al. 2014, Theoretical and Applied Climatology 117: 1 to 5 % of the direct light for
-single street trees, of beams that are much finer than their gaps; Zheng and Moskal 2009: gap
-fractions up to 0.3), whatever the number of triangles: fewer ones are larger.
+drooping branches inside a cone for conifers, fronds for palms. Returns come from inside the crown
+as well as from its surface. 3 to 25 % of horizontal beams pass through the middle of a crown in
+leaf. Konarska et al. 2014 (Theoretical and Applied Climatology 117) give 1 to 5 % of the direct
+light for single street trees, whose beams are much finer than the gaps. Zheng and Moskal 2009 give
+gap fractions up to 0.3. The share does not depend on the number of triangles: fewer triangles are
+larger.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from numpy.typing import NDArray
 
 __all__ = ["CLUMPS", "crown_clumps", "rounded"]
 
-#: Triangles of a crown for which sizes of clumps are given.
+#: Number of triangles of a crown for which the sizes of clumps are given.
 CLUMPS = 480
 LOBES = 9
 FRONDS, LEAFLETS = 18, 6
-#: Corners of leaves that are only assumed lie on a grid of so many metres: half of a file.
+#: Grid for corners of leaves of assumed trees, metres: it halves the file size.
 GRID_M = 1 / 32
 #: Size of a clump over the cube root of (diameter^2 height), at ``CLUMPS`` triangles.
 BROAD, NEEDLE = 0.068, 0.1
@@ -33,11 +34,11 @@ def crown_clumps(
 
     Args:
         form: round, ovoid, spreading, column, cone or palm.
-        diameter: its width both ways, metres.
+        diameter: its width in both directions, metres.
         low: height of its underside, metres.
         high: height of its top, metres.
-        rng: of the crown's random shape.
-        count: triangles to draw it with, about.
+        rng: generator of the crown's random shape.
+        count: approximate number of triangles.
     """
     if form == "palm":
         clumps = _palm(diameter, low, high, rng)
@@ -49,14 +50,14 @@ def crown_clumps(
 
 
 def rounded(clumps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return clumps (N, 3, 3) with their corners on a grid that files hold in fewer bytes."""
+    """Return clumps (N, 3, 3) with their corners on a grid, which reduces file sizes."""
     return np.asarray(np.round(clumps / GRID_M) * GRID_M)
 
 
 def _size(share: float, diameter: float, tall: float, count: int) -> float:
-    """Return how large clumps are so that as much is seen through few of them as through many.
+    """Return the size of clumps for which the visible share does not depend on their number.
 
-    Leaf area along a level beam goes with count * size^2 / (diameter * height).
+    The leaf area along a horizontal beam is proportional to count * size^2 / (diameter * height).
     """
     slender = (tall / diameter) ** (1 / 6)
     even = (diameter * diameter * tall) ** (1 / 3)
@@ -82,7 +83,7 @@ def _broad(
 
 
 def _profile(form: str, up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much wider than an ellipsoid a crown is at heights from -1 to 1."""
+    """Return the ratio of a crown's width to an ellipsoid's at heights from -1 to 1."""
     if form == "ovoid":
         return np.asarray(1.0 - 0.3 * up)
     if form == "spreading":
@@ -95,7 +96,7 @@ def _profile(form: str, up: NDArray[np.float64]) -> NDArray[np.float64]:
 def _conical(
     diameter: float, low: float, high: float, rng: Generator, count: int
 ) -> NDArray[np.float64]:
-    share = np.sqrt(rng.random(count))  # 0 at the top, 1 below: as many per area
+    share = np.sqrt(rng.random(count))  # 0 at the top, 1 below: uniform per area
     whorls = max(int((high - low) / 0.7), 4)
     share = (np.floor(share * whorls) + 0.35 + 0.3 * rng.random(count)) / whorls
     turn = rng.uniform(0, 2 * np.pi, count)
@@ -157,7 +158,7 @@ def _clumps(
 def _fitted(
     clumps: NDArray[np.float64], diameter: float, low: float, high: float
 ) -> NDArray[np.float64]:
-    """Stretch a crown to the bounds that it should have."""
+    """Scale a crown to the given bounds."""
     corners = clumps.reshape(-1, 3)
     least, most = corners.min(axis=0), corners.max(axis=0)
     want_least = np.array([-diameter / 2, -diameter / 2, low])

@@ -12,7 +12,7 @@ from importlib.resources import files
 __all__ = ["Genus", "genus_of"]
 
 _WORD = re.compile(r"[A-Za-z]+")
-#: Common names of what mappers write where the genus should be, in English and German.
+#: Common names used instead of the genus in the map, in English and German.
 _COMMON = {
     "ahorn": "Acer", "apple": "Malus", "ash": "Fraxinus", "beech": "Fagus", "birch": "Betula",
     "birke": "Betula", "buche": "Fagus", "cedar": "Cedrus", "cherry": "Prunus",
@@ -28,14 +28,14 @@ _COMMON = {
 
 @dataclass(frozen=True)
 class Genus:
-    """Usual proportions.
+    """Usual proportions of trees of a genus.
 
     Attributes:
-        name: in botany; empty for an unknown broadleaved tree.
-        height_m: of a full-grown tree.
+        name: botanical name; empty for an unknown broadleaved tree.
+        height_m: height of a full-grown tree.
         crown: width of the crown over the tree's height.
         clear: height of the clear trunk over the tree's height.
-        form: of the crown: round, ovoid, spreading, column, cone, palm.
+        form: form of the crown: round, ovoid, spreading, column, cone, palm.
         needles: whether its leaves are needles or scales.
     """
 
@@ -65,9 +65,9 @@ def _genera() -> dict[str, Genus]:
 
 
 def genus_of(tags: Mapping[str, str]) -> Genus:
-    """Return the genus that tags name (``genus``, ``species``, ``taxon``), else by leaf type.
+    """Return the genus named in tags (``genus``, ``species``, ``taxon``), or one by leaf type.
 
-    Also understands ``genus:en``, ``species:de`` and the like in English and German.
+    Also understands ``genus:en``, ``species:de`` and similar tags in English and German.
     """
     for key in ("genus", "species", "taxon", "genus:en", "species:en", "genus:de", "species:de"):
         words = _WORD.findall(tags.get(key, ""))

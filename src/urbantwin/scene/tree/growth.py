@@ -22,7 +22,7 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["GrownTree", "grow", "surveyed_tree_mesh"]
 
-#: Triangles of all crowns of a scene, about; and of each at least and at most.
+#: Approximate number of triangles of all crowns of a scene; minimum and maximum per crown.
 MOST_TRIANGLES, FEWEST_CLUMPS, MOST_CLUMPS = 300_000, 60, 900
 #: Crowns are cut back over carriageways to this height (RASt 06, AASHTO: 4.5 m), metres.
 CLEARANCE_M = 4.5
@@ -31,10 +31,10 @@ BURIED_M = 0.3
 
 @dataclass(frozen=True)
 class GrownTree:
-    """A tree to draw: where it stands, its size, the seed of its shape.
+    """A tree to draw: its position, its size, and the seed of its shape.
 
-    ``clumps`` is how many triangles its crown is drawn with, ``None`` for as many as the scene has
-    for each.
+    ``clumps`` is the number of triangles of its crown; ``None``: an equal share of the scene's
+    triangles.
     """
 
     x: float
@@ -79,7 +79,7 @@ def grow(
 
 
 def _crown(tree: GrownTree, foot: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the clumps (N, 3, 3) of a tree's crown where it stands."""
+    """Return the clumps (N, 3, 3) of a tree's crown at its position."""
     size, rng = tree.size, Generator(Philox(key=abs(tree.seed)))
     drawn = count if tree.clumps is None else tree.clumps
     crown = crown_clumps(size.form, size.crown, size.clear, size.height, rng, drawn) + foot
@@ -89,7 +89,7 @@ def _crown(tree: GrownTree, foot: NDArray[np.float64], count: int) -> NDArray[np
 def _clear_of_traffic(
     clumps: NDArray[np.float64], foot: NDArray[np.float64], carriageway: Geometry
 ) -> NDArray[np.bool_]:
-    """Return which clumps (N,) do not hang low over a carriageway."""
+    """Return which clumps (N,) are not low over a carriageway."""
     keep = np.ones(len(clumps), bool)
     low = np.flatnonzero(clumps[..., 2].min(axis=1) < foot + CLEARANCE_M)
     if not carriageway.is_empty and len(low):
@@ -107,16 +107,16 @@ def surveyed_tree_mesh(
     region: Polygon | None = None,
     carriageway: Geometry | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Grow trees that were found in a survey.
+    """Create trees that were found in a survey.
 
     Args:
-        trees: the trees; those with numbers that are not finite are left out.
+        trees: the trees; those with values that are not finite are left out.
         ground_height: heights of the ground.
-        region: trees outside it are left out; ``None``: none is.
+        region: trees outside it are left out; ``None``: no limit.
         carriageway: trunks on it are moved beside it, up to 3 m, and crowns leave it clear.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per tree, and counts of what was built and left out.
+        The mesh, ``part`` 1, 2, ... per tree, and counts of trees built and left out.
     """
     notes: Counter[str] = Counter()
     numbers = np.array(

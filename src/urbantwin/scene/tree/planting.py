@@ -1,4 +1,4 @@
-"""Planting trees, shrubs and woods: as mapped, and seeded where only an area is mapped."""
+"""Planting of trees, shrubs and woods: as mapped, or at random positions in mapped areas."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["tree_mesh"]
 
-#: Trunks stand this far from carriageways; a mapped tree is moved no farther than this, metres.
+#: Minimum distance of trunks from carriageways, and maximum shift of a mapped tree, metres.
 KERB_M = 0.6
 FARTHEST_M = 3.0
 #: Trees of a row, of a wood, of an orchard; bushes of a scrub: spacing, metres.
@@ -33,10 +33,10 @@ ROW_M = 8.0
 WOOD_M = 6.0
 ORCHARD_M = 5.0
 SCRUB_M = 1.6
-#: Most trees of woods and most bushes that are drawn: those nearest to carriageways.
+#: Maximum number of wood trees and of bushes: those nearest to carriageways are kept.
 MOST_WOOD_TREES = 400
 MOST_BUSHES = 1500
-#: Seeded trees keep this far from the middle of ways and tracks, metres.
+#: Minimum distance of random trees from the middle of ways and tracks, metres.
 WAY_M = 1.8
 SCRUBS = {
     "natural": {"scrub", "shrubbery", "heath"},
@@ -67,19 +67,19 @@ def tree_mesh(
     """Build mapped trees, rows of trees, woods, orchards, and shrubs.
 
     A tree's height, crown and trunk follow ``height``, ``diameter_crown`` and ``circumference``;
-    what is not mapped is derived from what is and from the genus. The same map gives the same
-    trees.
+    values that are not mapped are derived from the mapped ones and from the genus. The same map
+    gives the same trees.
 
     Args:
         features: the map's features, site frame.
         region: trees outside it are left out.
         ground_height: heights of the ground.
-        carriageway: where no trunk may stand; crowns leave 4.5 m clear above it.
-        without: where imported geometry has the trees.
-        decks: decks over the ground in plan, under which nothing is seeded.
+        carriageway: area without trunks; crowns leave 4.5 m clear above it.
+        without: area in which imported geometry contains the trees.
+        decks: decks over the ground in plan; no random trees are placed under them.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per tree or area of shrubs, and counts of what was built and
+        The mesh, ``part`` 1, 2, ... per tree or area of shrubs, and counts of objects built and
         left out.
     """
     notes: Counter[str] = Counter()
@@ -90,7 +90,7 @@ def tree_mesh(
     trees = _mapped_trees(mine, region, carriageway, notes)
     trees += _row_trees(mine, region, taken, trees, notes)
     trees += _wood_trees(mine, region, taken, carriageway, notes)
-    # A removed one has kept its place free of those of its row.
+    # A removed tree has kept its position free of other trees of its row.
     trees = [tree for tree in trees if REMOVED not in tree.tags]
     assembly = Assembly()
     grown = [
@@ -128,7 +128,7 @@ def _is_green(tags: dict[str, str]) -> bool:
 
 
 def _taken(features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry) -> Geometry:
-    """Return where nothing is planted that is not mapped there."""
+    """Return the area without random plants."""
     shapes = [p for p in building_footprints(features) if region.intersects(p)]
     lines, areas = [], []
     for feature in features:
@@ -148,7 +148,7 @@ def _taken(features: Sequence[OsmFeature], region: Polygon, carriageway: Geometr
 def _mapped_trees(
     features: Iterable[OsmFeature], region: Polygon, carriageway: Geometry, notes: Counter[str]
 ) -> list[_Tree]:
-    """Return the trees mapped one by one; trunks on a carriageway's border are moved beside it."""
+    """Return individually mapped trees; trunks on a carriageway's border are moved beside it."""
     found = [
         f
         for f in features
@@ -175,7 +175,7 @@ def _row_trees(
     mapped: Sequence[_Tree],
     notes: Counter[str],
 ) -> list[_Tree]:
-    """Return a tree every 8 m of a row, except where one is mapped already."""
+    """Return a tree every 8 m of a row, except near individually mapped trees."""
     near = shapely.STRtree([Point(tree.x, tree.y) for tree in mapped])
     trees = []
     for feature in features:
@@ -202,7 +202,7 @@ def _wood_trees(
     carriageway: Geometry,
     notes: Counter[str],
 ) -> list[_Tree]:
-    """Return trees of woods, those nearest to the carriageways first, up to a cap."""
+    """Return trees of woods, nearest to the carriageways first, up to a maximum number."""
     trees = []
     for feature in features:
         tags, shape = feature.tags, feature.geometry
@@ -224,7 +224,7 @@ def _wood_trees(
 
 
 def _wood_tags(tags: dict[str, str], orchard: bool, count: int, seed: int) -> list[dict[str, str]]:
-    """Return the tags of each tree of a wood: ``mixed`` ones are of both kinds."""
+    """Return the tags of each tree of a wood; a ``mixed`` wood has trees of both kinds."""
     if orchard:
         return [{"genus": "Malus", **tags}] * count
     if tags.get("leaf_type") != "mixed":
@@ -235,7 +235,7 @@ def _wood_tags(tags: dict[str, str], orchard: bool, count: int, seed: int) -> li
 
 
 def _scattered(area: Geometry, taken: Geometry, spacing: float, seed: int) -> NDArray[np.float64]:
-    """Return points (N, 2) over an area, one per square of a jittered grid, none where taken."""
+    """Return points (N, 2) in an area, one per square of a jittered grid, not where occupied."""
     if area.is_empty or area.area < spacing:
         return np.zeros((0, 2))
     west, south, east, north = area.bounds
@@ -255,7 +255,7 @@ def _nearest(xy: Sequence[tuple[float, float]], carriageway: Geometry) -> NDArra
 
 
 def _triangles(tags: dict[str, str]) -> int | None:
-    """Return with how many triangles what is assumed is drawn; mapped trees do not say."""
+    """Return the number of triangles of an assumed tree; ``None`` for mapped trees."""
     count = count_of(tags.get("triangles"))
     return None if count is None else int(np.clip(count, 12, 900))
 

@@ -1,4 +1,4 @@
-"""Hedges and bushes: low vegetation as lumpy closed bodies."""
+"""Hedges and bushes: low vegetation as uneven closed bodies."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from urbantwin.scene.tree.crown import crown_clumps, rounded
 __all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge", "loose"]
 
 BURIED_M = 0.2
-#: Leaves about a hedge's closed body: per metre of length, size and how far out they reach, metres.
+#: Leaves around a hedge's closed body: number per metre, size, and distance from the body, metres.
 LEAVES_PER_M, LEAF_M, OUT_M = 6, 0.18, 0.13
 
 
 def hedge(
     path: NDArray[np.float64], height: float, thickness: float, seed: int, *, closed: bool = False
 ) -> Solid:
-    """Return a hedge along (N, 3) points of the ground: a clipped box with an uneven surface."""
+    """Return a hedge along (N, 3) points on the ground: a box with an uneven surface."""
     rng = Generator(Philox(key=abs(seed)))
     half = thickness / 2
     profile = np.array(
@@ -44,7 +44,7 @@ def hedge(
 def leafy_hedge(
     path: NDArray[np.float64], height: float, thickness: float, seed: int
 ) -> list[Solid]:
-    """Return a hedge along (N, 3) points whose closed body has leaves about it that beams enter."""
+    """Return a hedge along (N, 3) points: a closed body with leaves around it."""
     body = hedge(path, height - OUT_M / 2, thickness - OUT_M, seed)
     step = np.diff(path, axis=0)
     length = np.hypot(step[:, 0], step[:, 1])
@@ -57,7 +57,7 @@ def leafy_hedge(
     foot = np.column_stack([np.interp(at, ends, path[:, k]) for k in range(3)])
     own = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(length) - 1)
     across = np.column_stack([-step[own, 1], step[own, 0]]) / np.maximum(length[own], 1e-9)[:, None]
-    # Along a hedge's two sides and its top, as far around as these are long.
+    # Along a hedge's two sides and its top, in proportion to their lengths.
     around = rng.uniform(-1, 1, count) * (height + thickness / 2)
     up = np.minimum(np.abs(around), height)
     half = thickness / 2 - OUT_M / 2
@@ -72,9 +72,9 @@ def leafy_hedge(
 def leafy_bush(
     foot: NDArray[np.float64], across: float, height: float, seed: int, count: int
 ) -> Solid:
-    """Return a bush of loose leaves in several lobes, down to the ground, at a point (3,).
+    """Return a bush of separate leaves in several lobes, down to the ground, at a point (3,).
 
-    Beams enter it, and some pass, as in crowns of trees.
+    Beams can enter it, and some pass, as in crowns of trees.
     """
     rng = Generator(Philox(key=abs(seed)))
     leaves = crown_clumps("round", across, -0.25 * height, height, rng, count) + foot
@@ -90,14 +90,14 @@ def loose(leaves: NDArray[np.float64]) -> Solid:
 def bushes(
     feet: NDArray[np.float64], radii: NDArray[np.float64], heights: NDArray[np.float64], seed: int
 ) -> tuple[Solid, int]:
-    """Return bushes: lumpy domes on (N, 3) points of the ground; and the faces of each."""
+    """Return bushes: uneven domes on (N, 3) points on the ground; and the faces of each."""
     rng = Generator(Philox(key=abs(seed)))
     ball, faces = _ball()
     count = len(feet)
     swell = rng.uniform(0.75, 1.1, (count, len(ball), 1))
     shape = ball[None] * swell
     shape[..., :2] *= radii[:, None, None]
-    # The dome's foot is below the ground: its middle stands at 40 % of its height.
+    # The lower end of the dome is below the ground: its middle is at 40 % of its height.
     shape[..., 2] *= (0.6 * heights)[:, None]
     shape[..., 2] += (0.4 * heights)[:, None]
     vertices = shape + feet[:, None]

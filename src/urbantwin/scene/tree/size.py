@@ -13,8 +13,8 @@ from urbantwin.scene.tree.genus import Genus, genus_of
 
 __all__ = ["TreeSize", "mapped_size", "surveyed_size"]
 
-#: Trees without a mapped size have this share of the full-grown height of their genus: most
-#: trees of a city are younger, and crowns are kept within the street's width.
+#: Share of the full-grown height of their genus for trees without a mapped size: most trees of a
+#: city are younger, and crowns are limited to the street's width.
 HALF_GROWN = 0.58
 
 
@@ -31,7 +31,7 @@ class TreeSize:
 
 
 def mapped_size(tags: Mapping[str, str], rng: Generator) -> TreeSize:
-    """Return a tree's size from its tags; what they lack is derived from genus and the rest."""
+    """Return a tree's size from its tags; missing values are derived from genus and the others."""
     genus = genus_of(tags)
     height = length_m_of(tags.get("height") or tags.get("est_height"))
     crown = length_m_of(tags.get("diameter_crown"))
@@ -56,7 +56,7 @@ def mapped_size(tags: Mapping[str, str], rng: Generator) -> TreeSize:
 
 
 def surveyed_size(height_m: float, crown_m: float, crown_base_m: float) -> TreeSize:
-    """Return the size of a tree that was measured; slender crowns are taken for conifers'."""
+    """Return the size of a measured tree; slender crowns are treated as conifers."""
     height = min(max(height_m, 1.5), 90.0)
     crown = min(max(crown_m, 0.8), 35.0)
     clear = min(max(crown_base_m, 0.05 * height), 0.8 * height)
@@ -71,7 +71,7 @@ def _girth(tags: Mapping[str, str]) -> float | None:
         across = length_m_of(tags.get("diameter") or tags.get("dbh"))
         if across is None:
             return None
-        # Diameters are often in centimetres or, as the wiki asks for, in millimetres.
+        # Diameters are often in centimetres or, as in the wiki, in millimetres.
         across /= 1000 if across > 250 else 100 if across > 4 else 1
         return float(np.pi * across)
     return girth / 100 if girth > 12 else girth

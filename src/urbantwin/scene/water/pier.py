@@ -37,11 +37,11 @@ def pier_mesh(
         features: the map's features, site frame.
         region: piers are cut at its border.
         ground_height: heights of the ground and the water.
-        carriageway: where no pier is built.
-        without: where imported geometry has them.
+        carriageway: area without piers.
+        without: area in which imported geometry contains the piers.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per pier, and counts of what was built.
+        The mesh, ``part`` 1, 2, ... per pier, and counts of objects built.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()

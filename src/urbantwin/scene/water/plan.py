@@ -19,26 +19,26 @@ __all__ = ["WaterBody", "water_bodies", "with_water"]
 
 #: Widths of waterways that are mapped as a line only, metres.
 WIDTHS_M = {"river": 15.0, "canal": 12.0, "stream": 2.0, "drain": 1.5, "ditch": 1.2}
-#: How far water lies below the land around it where no elevation model says so, metres.
+#: Depth of the water level below the surrounding land if no elevation model gives it, metres.
 BELOW_M = {"canal": 1.2, "dock": 1.5, "harbour": 1.5, "sea": 1.2, "river": 1.2, "pool": 0.15,
            "stream": 0.4, "drain": 0.4, "ditch": 0.4, "pond": 0.4}  # fmt: skip
 #: The wall of a quay is this thick, metres.
 QUAY_M = 0.4
 WALLED = ("canal", "dock", "harbour", "pool")
-#: How far around the region the sea is found, metres.
+#: Distance around the region within which the sea is included, metres.
 SEA_M = 150.0
 
 
 @dataclass(frozen=True)
 class WaterBody:
-    """Water.
+    """A body of water.
 
     Attributes:
         kind: river, canal, stream, drain, ditch, dock, harbour, pond, pool or sea.
         area: its surface in plan, site frame.
         wall: the wall around it; empty for natural banks.
-        below: how far it is assumed below the land around it, metres.
-        follows: whether it follows the ground instead of lying level: streams and ditches.
+        below: assumed depth of its level below the surrounding land, metres.
+        follows: whether it follows the slope of the ground: streams and ditches; others are level.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class WaterBody:
 def water_bodies(features: Sequence[OsmFeature], region: Polygon) -> list[WaterBody]:
     """Return the waters of the map that touch a region and its surroundings.
 
-    Areas first, then lines where no area has them; water in tunnels is left out.
+    Areas are used first, then lines outside these areas; water in tunnels is left out.
     """
     near = region.buffer(SEA_M, join_style="mitre")
     areas: dict[str, list[Geometry]] = {}
@@ -124,7 +124,7 @@ def _area_kind(tags: Mapping[str, str]) -> str | None:
 
 
 def _sea(features: Sequence[OsmFeature], near: Polygon) -> Geometry:
-    """Return the sea: coastlines have it on their right."""
+    """Return the sea, which is to the right of coastlines."""
     coast = [
         line
         for f in features
@@ -157,17 +157,18 @@ def _sea(features: Sequence[OsmFeature], near: Polygon) -> Geometry:
     return shapely.union_all([face for face, vote in zip(faces, votes, strict=True) if vote > 0])
 
 
-#: Points this near to a body's border are on it: the ground's vertices are snapped, metres.
+#: Distance from a body's border within which points are on it: the ground's vertices are snapped,
+#: m.
 SNAP_M = 0.03
-#: An elevation model shows water that lies this far below its shore, metres.
+#: Minimum depth of water below its shore in the elevation model for its use, metres.
 SHOWN_M = 0.3
 
 
 def water_level(body: WaterBody, region: Polygon, terrain_height: GroundHeight) -> float:
     """Return the height of a body's surface, metres.
 
-    Where the elevation model has the water below its shore: its median on the water. Else below
-    the lower parts of the shore by what is usual.
+    If the elevation model has the water below its shore, the height is the model's median on the
+    water. Otherwise it is the usual depth below the lower parts of the shore.
     """
     near = shapely.intersection(body.area, region.buffer(25.0))
     near = body.area if near.is_empty else near
@@ -194,12 +195,12 @@ def _sampled(line: Geometry, region: Polygon) -> NDArray[np.float64]:
 def with_water(
     terrain_height: GroundHeight, bodies: Sequence[WaterBody], region: Polygon
 ) -> GroundHeight:
-    """Return heights of the bare earth with water lying level in it.
+    """Return heights of the bare earth with level water surfaces.
 
     Args:
         terrain_height: heights of the bare earth at (N, 2) points.
         bodies: the waters.
-        region: where the shore counts.
+        region: region whose shores are used.
     """
     if not bodies:
         return terrain_height

@@ -34,10 +34,10 @@ def parameter_of_sag(span: ArrayLike, sag: ArrayLike) -> NDArray[np.float64]:
 def catenaries(
     starts: ArrayLike, ends: ArrayLike, sags: ArrayLike, steps: int = 12
 ) -> NDArray[np.float64]:
-    """Return points (N, steps + 1, 3) of wires that hang between points (N, 3) and (N, 3).
+    """Return points (N, steps + 1, 3) of wires between points (N, 3) and (N, 3).
 
-    ``sags`` (N,) metres are those that the wires would have between ends of equal height; with
-    ends of different height the same catenary is moved so that it goes through both.
+    ``sags`` (N,), metres, are the sags of the wires between ends of equal height. For ends of
+    different height the same catenary is shifted to pass through both.
     """
     a = np.asarray(starts, np.float64).reshape(-1, 3)
     b = np.asarray(ends, np.float64).reshape(-1, 3)

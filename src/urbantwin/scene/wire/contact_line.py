@@ -18,25 +18,25 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["CONTACT_M", "add_contact_lines"]
 
-#: Height of contact wires above the rails (EN 50119: nominally 5.0 to 5.75 m), and of the wires
-#: across the street that hold them, metres.
+#: Height of contact wires above the rails (EN 50119: nominally 5.0 to 5.75 m), and of the span
+#: wires across the street, metres.
 CONTACT_M, SPAN_M = 5.5, 6.6
-#: Distance between what holds the wire: streets, railways, metres.
+#: Distance between supports of the wire: streets, railways, metres.
 STREET_STEP_M, RAILWAY_STEP_M = 28.0, 55.0
 #: Height of a railway's messenger wire at its supports above the rails, and its sag, metres.
 MESSENGER_M, MESSENGER_SAG_M = 6.8, 0.9
 MAST_M, BURIED_M = 7.4, 0.3
-#: How far from the track a mast or a wall is looked for, metres.
+#: Range of the distance of a mast or wall from the track, metres.
 NEAREST_M, FARTHEST_M = {"tram": 1.9, "rail": 2.6, "trolley": 1.9}, 15.0
-#: A mapped mast this near holds the wire instead of a seeded one, metres.
+#: A mapped mast within this distance is used instead of an assumed one, metres.
 MAPPED_M = 9.0
-#: Spans of one track hold those of the next: none is seeded this near to another, metres.
+#: Minimum distance of an assumed span to another; spans are shared by adjacent tracks, metres.
 SHARED_M = 14.0
 
 
 @dataclass
 class _Works:
-    """Possible supports of wires, and the stations that have one."""
+    """Possible supports of wires, and the stations with a support."""
 
     region: Polygon
     blocked: Geometry
@@ -54,15 +54,15 @@ def add_contact_lines(
     carriageway: Geometry,
     notes: Counter[str],
 ) -> None:
-    """Add contact wires and what holds them: mapped masts, else seeded spans between poles.
+    """Add contact wires and their supports: mapped masts, otherwise assumed spans between poles.
 
     Args:
-        assembly: where to.
+        assembly: assembly to extend.
         features: the map's features, site frame.
-        region: where.
+        region: the region.
         ride_height: height of the rails or the road at (N, 2) points: ground and decks.
-        carriageway: where no mast may stand.
-        notes: counter of what was built.
+        carriageway: area without masts.
+        notes: counter of objects built.
     """
     tracks = {kind: _lines(features, kind) for kind in ("tram", "rail", "trolley")}
     everything = [line for lines in tracks.values() for line in lines]
@@ -201,7 +201,7 @@ def _add_span(
     part: int,
     notes: Counter[str],
 ) -> bool:
-    """Hold the wire at a station: a span between both sides, or a bracket from one."""
+    """Support the wire at a station: a span between both sides, or a bracket on one side."""
     at = np.array(line.interpolate(station).coords[0][:2])
     ends = [np.array(line.interpolate(station + d).coords[0][:2]) for d in (-0.5, 0.5)]
     way = ends[1] - ends[0]

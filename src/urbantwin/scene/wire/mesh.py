@@ -21,9 +21,9 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["wire_mesh"]
 
-#: Wires of the map hang this high with this sag over span; lamps hang this high, metres.
+#: Height of mapped wires, their sag over span, and height of lamps on wires, metres.
 WIRE_HIGH_M, SAG, LAMP_M = 7.5, 0.02, 6.5
-#: How far from a hung lamp a wall is looked for, metres.
+#: Maximum distance of a wall from a lamp on a wire, metres.
 FARTHEST_M = 30.0
 ON_WIRE_M, SHORTEST_M = 1.5, 0.3
 SUSPENDED = ("suspended", "catenary")
@@ -129,18 +129,18 @@ def wire_mesh(
     ride_height: GroundHeight | None = None,
     without: Geometry | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build power lines with their towers, contact wires with what holds them, hung lamps.
+    """Build power lines with towers, contact wires with their supports, and lamps on wires.
 
     Args:
         features: the map's features, site frame.
         region: wires end at its border.
         ground_height: heights of the ground.
-        carriageway: where no mast may stand.
-        ride_height: heights of rails and roads, decks included; without it the ground's.
-        without: where imported geometry has them.
+        carriageway: area without masts.
+        ride_height: heights of rails and roads, including decks; default: heights of the ground.
+        without: area in which imported geometry contains the wires.
 
     Returns:
-        The mesh, ``part`` 1, 2, ... per wire or support, and counts of what was built.
+        The mesh, ``part`` 1, 2, ... per wire or support, and counts of objects built.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()

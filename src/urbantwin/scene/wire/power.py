@@ -1,4 +1,4 @@
-"""Power lines: conductors that hang between towers and poles, and the towers."""
+"""Power lines: conductors between towers and poles, and the towers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["add_power_lines"]
 
 #: Sag over span at everyday temperature: 2 to 4 % on towers, 1 to 2 % on poles.
 TOWER_SAG, POLE_SAG = 0.03, 0.015
-#: Heights: of poles as ``pole_mesh`` draws them; of towers by voltage (kV), metres.
+#: Heights: of poles as in ``pole_mesh``; of towers by voltage (kV), metres.
 POLE_M = 9.0
 TOWERS_M = ((300, 50.0), (200, 42.0), (100, 30.0), (50, 25.0), (0, 20.0))
 BURIED_M = 0.5
@@ -37,10 +37,10 @@ def add_power_lines(
     ground_height: GroundHeight,
     notes: Counter[str],
 ) -> None:
-    """Add conductors and towers; poles that the map has are drawn by ``pole_mesh``.
+    """Add conductors and towers; mapped poles are drawn by ``pole_mesh``.
 
-    Every node of a line is a support, as the map's conventions want; where the map does not say
-    which, a pole or a tower is seeded. Conductors are class ``other-object``.
+    Every node of a line is a support, as in the map's conventions; if its kind is not mapped, a
+    pole or a tower is assumed. Conductors have the class ``other-object``.
     """
     nodes = {
         (f.geometry.x, f.geometry.y): f.tags
@@ -97,7 +97,7 @@ def _across(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _arms(tags: Mapping[str, str], *, on_towers: bool) -> NDArray[np.float64]:
-    """Return where conductors hang (K, 2): across, over the support's height; below its top."""
+    """Return the attachments of conductors (K, 2): across, over the height; height share."""
     cables = int(min(count_of(tags.get("cables")) or (6 if on_towers else 3), 12))
     if not on_towers:
         spread = np.linspace(-0.8, 0.8, max(cables, 1)) if cables > 1 else np.zeros(1)
@@ -123,7 +123,7 @@ def _hooks(
     across: NDArray[np.float64],
     arms: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return where conductors are held (K, N, 3)."""
+    """Return the attachment points of conductors (K, N, 3)."""
     out = arms[:, None, :1] * high[None, :, None] * across[None]
     up = feet[None, :, 2:] + (arms[:, 1:] * high)[..., None]
     return np.concatenate([feet[None, :, :2] + out, up], axis=2)

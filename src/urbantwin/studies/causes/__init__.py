@@ -1,4 +1,4 @@
-"""Causes: who is found in a recording and missed in one that differs in one factor, and why."""
+"""Causes: objects found in a recording but missed in one that differs in one factor, and why."""
 
 from typing import TYPE_CHECKING
 

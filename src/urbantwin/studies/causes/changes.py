@@ -1,4 +1,4 @@
-"""Which objects are found in one recording and missed in the other."""
+"""Objects that are found in only one of two recordings."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ LOST, WON = "found to missed", "missed to found"
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """One object in one frame that is found on one side only.
+    """One object in one frame that is found in one recording only.
 
     Attributes:
-        frame: its name.
-        time_s: of it, seconds; NaN where nothing says.
-        track: of the object.
-        actor: its class.
+        frame: name of the frame.
+        time_s: time of the frame, seconds; NaN if it is unknown.
+        track: track of the object.
+        actor: class of the object.
         way: `LOST` or `WON`.
-        reason: why it was missed, on the side where it was.
-        said: what the detector says of it there.
-        points: on it, base and variant.
-        alone: the points if nothing stood before it.
-        score: of the detection that found it.
+        reason: why it was missed, in the recording where it was missed.
+        said: output of the detector for the object in that recording.
+        points: number of points on it, base and variant.
+        alone: number of points without occlusion by other objects.
+        score: score of the detection that found it.
     """
 
     frame: str
@@ -52,12 +52,12 @@ class Comparison:
     """Two recordings compared.
 
     Attributes:
-        base: without the change.
-        variant: with it.
+        base: recording without the change.
+        variant: recording with the change.
         found: (L,) the detection that found each object of both sides, -1 for none.
-        changes: by frame, then track.
-        both, neither: how many objects are found or missed on both sides.
-        apart: how many that would count are on one side only.
+        changes: changes by frame, then track.
+        both, neither: number of objects found or missed on both sides.
+        apart: number of objects that would count but exist on one side only.
     """
 
     base: Side
@@ -77,13 +77,14 @@ def changes_between(
 ) -> Comparison:
     """Compare two recordings of the same objects.
 
-    An object counts if it does on either side: one that has lost its points is missed.
+    An object counts if it counts on either side, so an object that has lost all its points is
+    missed.
 
     Args:
-        base: without the change.
-        variant: with it.
-        criterion: by class, when a detection has found an object.
-        least: by class, the score of a detection that counts.
+        base: recording without the change.
+        variant: recording with the change.
+        criterion: by class, the condition for a detection to match an object.
+        least: by class, the minimum score of a detection that counts.
     """
     counted = counted_objects(base.seen.truth) | counted_objects(variant.seen.truth)
     there = {key for key in counted if key in base.rows and key in variant.rows}
@@ -99,7 +100,7 @@ def changes_between(
         if hits[0] == hits[1]:
             both, neither = both + hits[0], neither + (not hits[0])
             continue
-        at = 1 if hits[0] else 0  # where it was missed
+        at = 1 if hits[0] else 0  # side on which it was missed
         missed, other = sides[at], sides[1 - at]
         said = said_of(missed, rows[at], name, found[at], criterion[name], least)
         told = [side.fates[key] for side in sides]

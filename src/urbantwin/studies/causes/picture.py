@@ -1,4 +1,4 @@
-"""An object before and after: the points about it, who hides it, what is labelled and detected."""
+"""Picture of an object in both recordings: points, occluding object, labels and detections."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from urbantwin.studies.causes.side import Side
 __all__ = ["draw_change"]
 
 _FOUND, _HIDER = COLOURS["synthetic"], COLOURS["arbitrary"]
-#: Half the edge of a picture: at least this, or so many times the length, metres.
+#: Half the edge of a picture: at least this, metres, or this factor times the length.
 _LEAST_M, _TIMES = 7.0, 1.8
-#: Above the lowest points about it, so that what is on the ground stands out, metres.
+#: Height above the lowest points up to which points count as ground, metres.
 _GROUND_M = 0.2
 
 
@@ -33,9 +33,9 @@ def draw_change(
     """Draw one object in both recordings, from above.
 
     Args:
-        change: what became of it.
+        change: the change of the object.
         compared: both recordings.
-        least: by class, the score of a detection that counts.
+        least: by class, the minimum score of a detection that counts.
         path: the PNG to write.
     """
     figure = blank(9.6, 5.4)

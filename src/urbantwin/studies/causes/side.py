@@ -1,4 +1,4 @@
-"""One of two recordings that are compared: what was detected in it, and what became of objects."""
+"""A recording of a comparison: its detections, and the fate of each object."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["Side", "class_of", "read_side", "thresholds_of"]
 
-#: Classes that are judged, each on its own.
+#: Classes that are judged separately.
 _CLASSES = tuple(name for name in JUDGED if name != "large")
 _CLASS_OF = {actor: name for name in _CLASSES for actor in JUDGED[name]}
 
 
 def class_of(actor: str) -> str | None:
-    """Return the class that detectors have for an actor's, or ``None``."""
+    """Return the detector's class of an actor class, or ``None``."""
     return _CLASS_OF.get(actor)
 
 
@@ -38,14 +38,14 @@ class Side:
     """One recording.
 
     Attributes:
-        name: of the variant, or ``base``.
+        name: name of the variant, or ``base``.
         recording: its frames.
         seen: detections and labels.
-        pairs: which of them are near each other.
+        pairs: pairs of a detection and a label that are close to each other.
         rows: row of ``seen.truth`` of each frame and track.
-        fates: of each frame and track, its row of ``fates.parquet``.
-        weather: weather and visibility, of the rig's conditions.
-        lost: of each frame the sensors whose turns were all lost.
+        fates: row of ``fates.parquet`` of each frame and track.
+        weather: weather and visibility, from the conditions of the rig.
+        lost: for each frame, the sensors with no data because all their sweeps were lost.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Side:
     lost: Mapping[str, frozenset[str]]
 
     def counting(self, objects: Collection[tuple[str, int]]) -> Side:
-        """Return the same, with those objects to be found and no others."""
+        """Return a copy in which only the given objects count."""
         return replace(self, seen=replace(self.seen, truth=counting(self.seen.truth, objects)))
 
     def found(
@@ -67,8 +67,8 @@ class Side:
         """Return the detection (L,) that found each object; -1: it was missed, or does not count.
 
         Args:
-            criterion: by class, when a detection has found an object.
-            least: by class, the score of a detection that counts.
+            criterion: by class, the condition for a detection to match an object.
+            least: by class, the minimum score of a detection that counts.
         """
         truth, score = self.seen.truth, self.seen.detections.score
         result = np.full(len(truth), -1, np.int64)
@@ -92,11 +92,11 @@ def read_side(
     """Read one recording.
 
     Args:
-        name: of the variant.
+        name: name of the variant.
         recording: a dataset of ours.
-        detections: in it.
-        fates: of all variants, see `variation.fates_of`.
-        tell: how far it is.
+        detections: detections in the recording.
+        fates: fates of all variants, see `variation.fates_of`.
+        tell: called with the progress.
 
     Raises:
         InputError: a file is damaged, or no frame is in both.
@@ -125,14 +125,14 @@ def read_side(
 
 
 def thresholds_of(side: Side, score: float | None) -> dict[str, float]:
-    """Return by class the score from which on detections count: of the best F1, or one for all.
+    """Return the minimum score of detections by class: the score of the best F1, or a fixed one.
 
-    A class of which nobody is there has the greatest of the others: its unlikely boxes are no
-    reason for anything.
+    A class without objects in the recording gets the highest score of the other classes, so that
+    its false detections have no effect.
 
     Args:
-        side: the base: an operator sets the score there, and leaves it.
-        score: for all classes.
+        side: the base recording: a threshold is set on it and kept for the variants.
+        score: the same minimum score for all classes; ``None``: the score of the best F1.
     """
     if score is not None:
         return dict.fromkeys(_CLASSES, score)

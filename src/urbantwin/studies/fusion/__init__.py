@@ -1,4 +1,4 @@
-"""Fusion between nodes: what is sent, what it costs, and what it is worth to a detector."""
+"""Fusion between nodes: messages, their bit rate, and the gain for a detector."""
 
 from typing import TYPE_CHECKING
 

@@ -20,16 +20,17 @@ _LOSS, _POSE = 1, 2
 
 @dataclass(frozen=True)
 class Channel:
-    """How messages come to the receiver, beside what was recorded.
+    """Errors and delays of messages to the receiver, in addition to the recorded ones.
 
     Attributes:
-        latency_s: of every message, seconds.
-        clock_error_s: clocks of the nodes are ahead and behind by this much, by turns.
-        place_error_m: standard deviation of an error of each node's place, east and north.
-        yaw_error_deg: of an error of its heading. Errors are drawn anew for every frame.
+        latency_s: latency added to every message, seconds.
+        clock_error_s: error of the node clocks, seconds; positive and negative alternately.
+        place_error_m: standard deviation of the error of each node's position, east and north.
+        yaw_error_deg: standard deviation of the heading error. Errors are drawn anew for every
+            frame.
         loss: share of the packets that are lost.
         silent: number of a node that stops sending; -1 for none.
-        silent_from_s: from when on, seconds of the motion.
+        silent_from_s: time from which that node is silent, seconds of the motion.
     """
 
     latency_s: float = 0.0
@@ -41,21 +42,21 @@ class Channel:
     silent_from_s: float = 0.0
 
     def ahead_s(self, node: Node) -> float:
-        """Return how far ahead a node's clock is of what was recorded, seconds."""
+        """Return the offset of a node's clock from the recorded time, seconds."""
         return self.clock_error_s * (1.0 if node.number % 2 else -1.0)
 
 
 def latest(node: Node, ego: Node, moment: int, channel: Channel, every: int = 1) -> int | None:
-    """Return the moment of the node's frame that the receiver uses; None where there is none.
+    """Return the moment of the node's frame that the receiver uses; ``None`` if there is none.
 
-    Of the frames that have arrived when the receiver has its own, it is the one whose stamp is
-    nearest to the receiver's; none is older than `OLDEST_S`.
+    Among the frames that have arrived when the receiver's frame is complete, it is the frame with
+    the time stamp closest to the receiver's. Frames older than `OLDEST_S` are not used.
 
     Args:
         node: the sender.
         ego: the receiver.
-        moment: of the receiver's frame.
-        channel: between the two.
+        moment: moment of the receiver's frame.
+        channel: channel between the two.
         every: the node sends every n-th moment.
     """
     mine, ahead = ego.looks[moment], channel.ahead_s(node)
@@ -78,16 +79,16 @@ def latest(node: Node, ego: Node, moment: int, channel: Channel, every: int = 1)
 def received(
     message: Sent[Content], node: Node, moment: int, channel: Channel, seed: int
 ) -> Sent[Content] | None:
-    """Return a frame without lost packets, with errors of clock and pose; None if all are lost.
+    """Return a frame without lost packets, with clock and pose errors; ``None`` if all are lost.
 
-    Packets that are lost at some share are lost at every greater one, too.
+    Packets lost at a certain loss share are also lost at every greater share.
 
     Args:
-        message: of the node.
+        message: message of the node.
         node: the sender.
-        moment: of its frame.
-        channel: between the two.
-        seed: of all random numbers.
+        moment: moment of its frame.
+        channel: channel between the two.
+        seed: seed of all random numbers.
     """
     draw = np.random.default_rng((seed, _LOSS, node.number, moment))
     lost = draw.random(len(message.sizes)) < channel.loss

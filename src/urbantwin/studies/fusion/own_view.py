@@ -1,4 +1,4 @@
-"""What each node detects by itself, with the motion that its own tracks give."""
+"""Detections of each node alone, with velocities from the node's own tracks."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from urbantwin.tracking.road_user import RoadUser, group_of
 
 __all__ = ["detected_by", "local_pose", "with_motion"]
 
-#: Standard deviations of a speed, m/s, and of a rate of turn, rad/s, from the third detection on.
+#: Standard deviations of a speed, m/s, and of a yaw rate, rad/s, from the third detection on.
 _SPEED_M_S, _TURNS = 1.0, 0.3
 _KNOWN_FROM = 3
 
 
 def local_pose(frame: Frame, look: Look) -> tuple[Pose, Pose]:
-    """Return where the local frame of a node is: in its own frame, and in the site as it reports.
+    """Return the pose of a node's local frame: in the node's frame, and in the site as reported.
 
-    The local frame has the axes of the node's own and its origin in the middle of its sensors; a
-    node's messages are in it.
+    The local frame has the axes of the node's frame and its origin at the mean position of the
+    node's sensors. The node's messages use the local frame.
 
     Args:
-        frame: of the node.
-        look: when and where.
+        frame: frame of the node.
+        look: time and pose of the frame.
     """
     frame_SE3_local = Pose(np.eye(3), frame.sensor_places.mean(axis=0))
     return frame_SE3_local, look.reported @ frame_SE3_local
 
 
 def detected_by(model: Model, frame: Frame, least: float) -> Boxes:
-    """Return what a model detects in one node's frame alone: in the local frame, at rest.
+    """Return the detections of a model in one node's frame alone: in the local frame, at rest.
 
     Args:
         model: the detector.
-        frame: of the node.
-        least: least score of a box.
+        frame: frame of the node.
+        least: minimum score of a box.
     """
     found, _ = found_in(model, frame, least=least)
     names = [model.design.classes[one] for one in found.number]
@@ -65,12 +65,12 @@ def detected_by(model: Model, frame: Frame, least: float) -> Boxes:
 def with_motion(
     node: Node, seen: Mapping[int, Boxes], local: Mapping[int, Pose]
 ) -> dict[int, Boxes]:
-    """Return a node's detections with their motion, by tracks of its detections until then.
+    """Return a node's detections with velocities from tracks of its earlier detections.
 
     Args:
         node: the node.
         seen: its detections by moment, in the local frame.
-        local: reported poses of that frame.
+        local: reported poses of the local frame.
     """
     moments = sorted(seen)
     if len(moments) < 2:
@@ -114,7 +114,7 @@ def _follow(
 
 
 def _going(boxes: Boxes, velocity: NDArray[np.float64]) -> Boxes:
-    """Return boxes with velocities (N, 2) in the site; NaN where they are unknown."""
+    """Return boxes with velocities (N, 2) in the site frame; NaN where they are unknown."""
     known = np.isfinite(velocity[:, 0])
     ahead = np.column_stack([np.cos(boxes.box[:, 6]), np.sin(boxes.box[:, 6])])
     along = np.column_stack([(velocity * ahead).sum(axis=1), np.zeros(len(boxes))])

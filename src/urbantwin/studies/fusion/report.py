@@ -61,13 +61,13 @@ def write_report(
     """Write ``fusion.json``, the tables, the pictures and ``fusion.html`` into a folder.
 
     Args:
-        folder: where.
-        told: what was studied: inputs, nodes, numbers of frames and objects.
-        rows: of the settings, see `result.Result.row`.
-        over_time: rows of a node that falls silent.
+        folder: the output folder.
+        told: description of the study: inputs, nodes, numbers of frames and objects.
+        rows: rows of the settings, see `result.Result.row`.
+        over_time: rows of the study of a node that stops sending.
 
     Returns:
-        What ``fusion.json`` holds.
+        Contents of ``fusion.json``.
     """
     pictures = folder / "pictures"
     pictures.mkdir()
@@ -96,7 +96,7 @@ def write_report(
 
 
 def in_short(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the headline: the receiver alone, and the best of each way with its bits."""
+    """Return the headline: the score of the receiver alone and the best score of each way."""
     alone = next(row for row in rows if row["way"] == "alone")
     said = [f"alone {_value(alone, 'map')}"]
     for way in ("early", "middle", "late"):

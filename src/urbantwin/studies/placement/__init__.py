@@ -1,4 +1,4 @@
-"""Placement: which sensors, where, before the pole is bought."""
+"""Placement: choice of sensors and their positions before installation."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What layouts are judged by: the measures, ours and published ones, with their sources."""
+"""Measures of layouts, ours and published ones, with their sources."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Literal
 
 __all__ = ["LEVELS", "MEASURES", "SURROGATES", "Measure", "least_expected"]
 
-#: Least points in a frame with which an object counts as seen, at three levels.
+#: Minimum numbers of points in a frame for an object to count as seen, at three levels.
 LEVELS = (5, 20, 50)
 
 
 def least_expected(level: int) -> float:
-    """Return the expected number from which on the likeliest number of points is a level or more.
+    """Return the expected number of points at which the most likely number reaches a level.
 
-    Most beams return almost surely or hardly ever, so the number is near what is expected.
+    Most beams return with a probability near 0 or 1, so the number is close to the expected one.
     """
     return level - 0.5
 
@@ -24,9 +24,9 @@ class Measure:
     """A measure of a layout.
 
     Attributes:
-        more: whether more of it is better.
-        unit: of its values; empty for shares and numbers.
-        meaning: in words.
+        more: whether a higher value is better.
+        unit: unit of its values; empty for shares and numbers.
+        meaning: meaning in words.
         source: publication; empty for ours.
         sampled: whether it is a mean over actors, which has an interval.
     """
@@ -39,7 +39,7 @@ class Measure:
 
     @property
     def direction(self) -> Literal["maximize", "minimize"]:
-        """As optuna calls it."""
+        """Direction as named by optuna."""
         return "maximize" if self.more else "minimize"
 
 
@@ -85,7 +85,7 @@ MEASURES: dict[str, Measure] = {
         False, "", "normalised uniformity coefficient of these points", f"{_CAI}; {_YU}"
     ),
 }
-#: Measures that stand for the precision of a detector: published, then ours.
+#: Measures that represent the precision of a detector: published, then ours.
 SURROGATES = (
     "entropy_nats",
     "density_per_m2",

@@ -1,4 +1,4 @@
-"""The moments of a motion that layouts are judged by: where actors are, and which count."""
+"""Moments of a motion at which layouts are judged: the actors and the target actors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Moment", "Moments", "Squares", "Targets", "moments_of"]
 
 #: First track of parked vehicles: they hide others, and are no targets.
 _FIRST_PARKED = 30_001
-#: Maximum number of moments: a long motion is taken in wider steps.
+#: Maximum number of moments: a long motion is sampled in wider steps.
 _MOST_MOMENTS = 2000
 
 
@@ -30,8 +30,8 @@ class Moment:
 
     Attributes:
         index: number of the rig's frame at that time.
-        time_s: of the motion.
-        actors: everything that moves or is parked, sorted by track.
+        time_s: time of the motion, seconds.
+        actors: all moving and parked actors, sorted by track.
     """
 
     index: int
@@ -44,10 +44,10 @@ class Targets:
     """P rows, one for each actor that moves within the region at a moment.
 
     Attributes:
-        moment: (P,) int64, its number.
-        actor: (P,) int64, the actor's number among those of the moment.
+        moment: (P,) int64, number of the moment.
+        actor: (P,) int64, index of the actor among the actors of the moment.
         track: (P,) int64.
-        kind: (P,) class, as text.
+        kind: (P,) class as text.
         middle: (P, 3) float64, middle of its box, site frame.
         size: (P, 3) float64, length, width and height.
         yaw: (P,) float64.
@@ -66,7 +66,7 @@ class Targets:
         return len(self.track)
 
     def class_counts(self) -> dict[str, int]:
-        """Return how many actors there are of each class."""
+        """Return the number of different actors of each class."""
         _, first = np.unique(self.track, return_index=True)
         names, counts = np.unique(self.kind[first], return_counts=True)
         return dict(zip(names.tolist(), counts.tolist(), strict=True))
@@ -77,8 +77,8 @@ class Squares:
     """Lanes and crossings around the middle, in squares of `CELL_M`.
 
     Attributes:
-        ground: their middles, a little above the road.
-        crossing: (M,) which are a crossing's.
+        ground: centres of the squares, slightly above the road.
+        crossing: (M,) True for squares of a crossing.
     """
 
     ground: JunctionGround
@@ -90,9 +90,9 @@ class Moments:
     """The moments of a motion.
 
     Attributes:
-        every: in the order of time.
-        step_s: between them.
-        targets: the actors that are to be seen.
+        every: number of rig frames from one moment to the next.
+        step_s: time between two moments, seconds.
+        targets: the moving actors in the region.
     """
 
     every: tuple[Moment, ...]
@@ -101,13 +101,13 @@ class Moments:
 
 
 def moments_of(motion: Motion, where: shapely.Geometry, rate_hz: float, step_s: float) -> Moments:
-    """Take a motion apart into moments.
+    """Divide a motion into moments.
 
     Args:
         motion: the motion.
-        where: where actors count, site frame.
+        where: region in which actors count, site frame.
         rate_hz: frames per second of the rigs that are compared.
-        step_s: between moments, rounded to whole frames.
+        step_s: time between two moments, rounded to whole frames.
 
     Raises:
         InputError: no actor moves in the region.
