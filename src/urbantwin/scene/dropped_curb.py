@@ -16,18 +16,18 @@ __all__ = ["LIP_M", "DroppedCurbs"]
 
 #: Remaining height: detectable by a cane, low enough for wheels (DIN 32984: 3 cm).
 LIP_M = 0.03
-#: From the crossing the sidewalk climbs to its own height over this distance, metres: 8 %, the
-#: steepest that ADA 405.2 (1:12) and the UK's Inclusive Mobility 3.13 (8 %) allow.
+#: Distance over which the sidewalk rises from the crossing to its own height, metres: 8 %, the
+#: maximum of ADA 405.2 (1:12) and the UK's Inclusive Mobility 3.13 (8 %).
 RAMP_M = 1.5
-#: How far beyond the crossing's marks the curb is low, metres.
+#: Distance beyond the crossing's marks over which the curb is low, metres.
 BESIDE_M = 0.2
 
 
 class DroppedCurbs:
-    """How much of a curb's height remains at a point.
+    """Share of a curb's height that remains at a point.
 
     Args:
-        crossings: areas where people cross, site frame.
+        crossings: areas of pedestrian crossings, site frame.
     """
 
     def __init__(self, crossings: Iterable[shapely.Geometry] = ()) -> None:
@@ -57,7 +57,7 @@ class DroppedCurbs:
         return share
 
     def lines(self) -> list[shapely.Geometry]:
-        """Return where the slope of sidewalks changes, for triangles not to cross."""
+        """Return the lines where the slope of sidewalks changes; triangles do not cross them."""
         if not self._mouths:
             return []
         mouths = area_union(self._mouths)
