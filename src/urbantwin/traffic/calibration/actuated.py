@@ -62,10 +62,10 @@ class ActuatedCycle:
 
     def sampled(self, step_s: float) -> tuple[dict[str, NDArray[np.str_]], NDArray[np.int64]]:
         """Return the states of groups, and the phase, of a usual cycle at regular times."""
-        counts = [round(one / step_s) for one in self.seconds]
+        counts = [round(phase_s / step_s) for phase_s in self.seconds]
         phase = np.repeat(np.arange(len(counts)), counts)
         return {
-            group: np.array([one[k] for one in self.letters])[phase]
+            group: np.array([letters[k] for letters in self.letters])[phase]
             for k, group in enumerate(self.groups)
         }, phase
 
@@ -82,10 +82,14 @@ def actuated_cycle(letters: Mapping[str, NDArray[np.str_]], step_s: float) -> Ac
     cycles = _cycles(runs)
     if not cycles:
         return None
-    orders = Counter(tuple(shown for shown, _ in one) for one in cycles)
-    order = max(orders, key=lambda one: (orders[one], one))
+    orders = Counter(tuple(shown for shown, _ in cycle) for cycle in cycles)
+    order = max(orders, key=lambda phases: (orders[phases], phases))
     lasted = np.array(
-        [[seconds for _, seconds in one] for one in cycles if tuple(x for x, _ in one) == order]
+        [
+            [seconds for _, seconds in cycle]
+            for cycle in cycles
+            if tuple(x for x, _ in cycle) == order
+        ]
     )
     extended = np.array(
         [
@@ -97,7 +101,9 @@ def actuated_cycle(letters: Mapping[str, NDArray[np.str_]], step_s: float) -> Ac
         return None
     usual = np.median(lasted, axis=0)
     least, most = (np.where(extended, f(lasted, axis=0), usual) for f in (np.min, np.max))
-    seconds, at_least, at_most = (tuple(np.round(one, 1).tolist()) for one in (usual, least, most))
+    seconds, at_least, at_most = (
+        tuple(np.round(durations_s, 1).tolist()) for durations_s in (usual, least, most)
+    )
     return ActuatedCycle(
         groups, order, seconds, at_least, at_most, len(lasted), len(lasted) / len(cycles)
     )
@@ -142,7 +148,7 @@ def _cycles(runs: Sequence[_Run]) -> list[list[_Run]]:
                 begins.setdefault(group, []).append(k + 1)
     if not begins:
         return []
-    often = Counter(len(found) for found in begins.values())
+    often = Counter(len(starts_of_group) for starts_of_group in begins.values())
     usual = max(often, key=lambda count: (often[count], count))
     starts = next(begins[group] for group in sorted(begins) if len(begins[group]) == usual)
     return [list(runs[first:last]) for first, last in pairwise(starts)]

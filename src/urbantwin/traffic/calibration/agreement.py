@@ -53,12 +53,12 @@ def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | No
     """
     if len(spans) < _FEWEST:
         return None
-    rows = [agreement(one, whole) for one in spans]
-    told: dict[str, Any] = {}
+    rows = [agreement(span, whole) for span in spans]
+    summaries: dict[str, Any] = {}
     for name in _FIGURES:
         values = [row[name] for row in rows if row[name] is not None]
-        told[name] = _summed_up(values) if len(values) >= _FEWEST else None
-    return told
+        summaries[name] = _summed_up(values) if len(values) >= _FEWEST else None
+    return summaries
 
 
 def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[str, Any]:
@@ -76,7 +76,9 @@ def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[
         "turn_shares_points": _dealt_counts(both.turns, sum(held_out.turns.values()), random),
         "speed_ks": _dealt(list(both.speeds), len(held_out.speeds), random),
         "headway_ks": _dealt(
-            [np.array([one]) for one in both.all_headways], len(held_out.all_headways), random
+            [np.array([headway_s]) for headway_s in both.all_headways],
+            len(held_out.all_headways),
+            random,
         ),
     }
 
@@ -135,12 +137,14 @@ def _dealt(
     """Return distances of two random groups of vehicles; ``second`` is the size of the second."""
     if len(parts) < _FEWEST or not 0 < second < len(parts):
         return None
-    found = []
+    distances = []
     for _ in range(_HALVINGS):
         order = random.permutation(len(parts))
         groups = np.split(order, [len(parts) - second])
-        found.append(_furthest(*(np.concatenate([parts[k] for k in one]) for one in groups)))
-    return _summed_up(found)
+        distances.append(
+            _furthest(*(np.concatenate([parts[k] for k in group]) for group in groups))
+        )
+    return _summed_up(distances)
 
 
 def _joined(parts: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:

@@ -46,21 +46,21 @@ def arrivals_of(
 ) -> dict[str, NDArray[np.float64]]:
     """Return, by approach, the times at which unhindered vehicles would reach its end, seconds."""
     limits = {lane.road: lane.speed_limit for lane in roads.lanes}
-    found: dict[str, list[float]] = defaultdict(list)
-    for one in passages:
-        limit = limits.get(one.approach, 0.0)
-        before = one.seen.time_s <= one.passed_s
+    arrivals: dict[str, list[float]] = defaultdict(list)
+    for passage in passages:
+        limit = limits.get(passage.approach, 0.0)
+        before = passage.seen.time_s <= passage.passed_s
         if limit <= 0 or before.sum() < 2:
             continue
-        ahead = float(np.linalg.norm(np.diff(one.seen.xy[before], axis=0), axis=1).sum())
-        moves = float(np.abs(one.seen.speed[:10]).mean()) >= _SLOWEST_MS
+        ahead = float(np.linalg.norm(np.diff(passage.seen.xy[before], axis=0), axis=1).sum())
+        moves = float(np.abs(passage.seen.speed[:10]).mean()) >= _SLOWEST_MS
         if ahead < _BEFORE_M or not moves:
             continue
-        at = float(one.seen.time_s[0]) + ahead / (limit * speed_factor)
+        arrival_s = float(passage.seen.time_s[0]) + ahead / (limit * speed_factor)
         # Arrival times of vehicles present at the start of the recording are unknown.
-        if one.seen.time_s[0] > begin_s + 1.0 and at < end_s:
-            found[one.approach].append(at)
-    return {name: np.sort(times) for name, times in sorted(found.items())}
+        if passage.seen.time_s[0] > begin_s + 1.0 and arrival_s < end_s:
+            arrivals[passage.approach].append(arrival_s)
+    return {name: np.sort(times) for name, times in sorted(arrivals.items())}
 
 
 def platoons_of(
@@ -86,7 +86,7 @@ def platoons_of(
             {
                 "approach": name,
                 "cycle_s": round(cycle_s, 2),
-                "shares": [round(float(one), 4) for one in share],
+                "shares": [round(float(part), 4) for part in share],
             }
         )
     return rows

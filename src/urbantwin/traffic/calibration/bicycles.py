@@ -33,19 +33,23 @@ def bicycle_counts(
         links: the movements over the main junction.
     """
     came = part.new.get("bicycle", 0)
-    there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
+    mapped = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
     passages = [
-        one
-        for one in passages_of(tracks, roads, links, _BICYCLE)
-        if (one.approach, one.leaving) in there
+        passage
+        for passage in passages_of(tracks, roads, links, _BICYCLE)
+        if (passage.approach, passage.leaving) in mapped
     ]
     elsewhere = counted_elsewhere(tracks, roads, links.junction, _BICYCLE)
     turns = {
-        (one.approach, one.leaving)
-        for one in passages
-        if np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]) < part.seconds
+        (passage.approach, passage.leaving)
+        for passage in passages
+        if np.nan_to_num(passage.passed_s, nan=passage.seen.time_s[0]) < part.seconds
     }
-    begun = {one.seen.track.name for one in passages if 0.5 < one.seen.time_s[0] < part.seconds}
+    begun = {
+        passage.seen.track.name
+        for passage in passages
+        if 0.5 < passage.seen.time_s[0] < part.seconds
+    }
     counted = len(begun) + elsewhere.besides(passages, part.seconds)
     if came < _FEWEST or counted < _COUNTED * came:
         return []

@@ -117,8 +117,8 @@ def calibrate_traffic(
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
         # The places of counts, too, must not depend on the held-out part.
-        early = [one for one in seen if one.time_s[0] < fit_s]
-        passed_early = [one for one in passages if one.seen.time_s[0] < fit_s]
+        early = [track for track in seen if track.time_s[0] < fit_s]
+        passed_early = [passage for passage in passages if passage.seen.time_s[0] < fit_s]
         elsewhere = counted_elsewhere(early, twin.roads, links.junction)
         ways = ways_seen(passed_early, twin.roads, elsewhere.times)
         counted = replace(elsewhere, times={**elsewhere.times, **ways})
@@ -132,19 +132,19 @@ def calibrate_traffic(
             "drivers": {} if riding[0] is None else {"bicycle": {"lane_offset_m": riding[0]}},
             "approaches": [],
         }
-        asked = {**twin.site["traffic"], **traffic, "seed": seed}
-        asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
-        told: list[dict[str, Any]] = []
+        settings = {**twin.site["traffic"], **traffic, "seed": seed}
+        settings["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
+        driver_rows: list[dict[str, Any]] = []
         lanes = LaneUse(part, links)
         if seconds > 0:
             uncounted = UncountedFlows(part, {row["actor_class"] for row in traffic["counts"]})
-            drivers, told, untold = _fitted(
-                twin, asked, part, (uncounted, lanes), seen, scratch, between(progress, 0.4, 0.7)
+            drivers, driver_rows, untold = _fitted(
+                twin, settings, part, (uncounted, lanes), seen, scratch, between(progress, 0.4, 0.7)
             )
-            traffic["approaches"] = asked["approaches"] = approach_rows(
+            traffic["approaches"] = settings["approaches"] = approach_rows(
                 lanes, of_approaches(drivers)
             )
-            traffic["drivers"] = asked["drivers"] = _who_drives(traffic, drivers, part)
+            traffic["drivers"] = settings["drivers"] = _who_drives(traffic, drivers, part)
             traffic["per_hour"] |= uncounted.per_hour
             missing += untold + uncounted.untold()
         report: dict[str, Any] = {
@@ -161,13 +161,13 @@ def calibrate_traffic(
             "lanes": lanes.told(),
             "not_told": missing,
             "lane_offset_of_bicycles": {"metres": riding[0], "count": riding[1]},
-            "drivers": told,
+            "drivers": driver_rows,
         }
         if seconds > 0:
             report["simulated_s"] = seconds
             report |= judged(
                 twin,
-                asked,
+                settings,
                 (part, recorded, seen),
                 (fit_s + gap_s, end_s),
                 seconds,
@@ -211,7 +211,7 @@ def _arrivals(
     factor = float(np.median(part.all_free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
     platoons = platoons_of(came, part.seconds, cycle_s)
-    cycle_s = max([cycle_s, *(one["cycle_s"] for one in platoons)])
+    cycle_s = max([cycle_s, *(platoon["cycle_s"] for platoon in platoons)])
     evenly = come_evenly(came, part.seconds, cycle_s)
     return {"arrivals": platoons, "counted_set_out": "evenly" if evenly else "at_random"}
 
@@ -219,24 +219,32 @@ def _arrivals(
 def _sizes(seen: Sequence[SeenTrack], until_s: float) -> dict[str, np.ndarray[Any, Any]]:
     """Return class -> (N, 3) sizes of tracks that begin before a time, metres."""
     sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
-    for one in seen:
-        if one.time_s[0] < until_s:
-            sizes[one.track.actor_class].append(one.track.size)
-    return {name: np.array(found) for name, found in sizes.items()}
+    for track in seen:
+        if track.time_s[0] < until_s:
+            sizes[track.track.actor_class].append(track.track.size)
+    return {name: np.array(of_class) for name, of_class in sizes.items()}
 
 
 def _smoothed(tracks: Sequence[RecordedTrack]) -> list[SeenTrack]:
-    found = []
+    smoothed = []
     for track in tracks:
-        one = smooth_track(track, _STEP_S)
-        if one is not None:
-            found.append(SeenTrack(track, one.time_s, one.xy, one.yaw, one.speed))
-    return found
+        track_states = smooth_track(track, _STEP_S)
+        if track_states is not None:
+            smoothed.append(
+                SeenTrack(
+                    track,
+                    track_states.time_s,
+                    track_states.xy,
+                    track_states.yaw,
+                    track_states.speed,
+                )
+            )
+    return smoothed
 
 
 def _middle(seen: list[SeenTrack]) -> np.ndarray[Any, Any]:
     """Return the median position of all tracks."""
-    return np.asarray(np.median(np.concatenate([one.xy[::10] for one in seen]), axis=0))
+    return np.asarray(np.median(np.concatenate([track.xy[::10] for track in seen]), axis=0))
 
 
 def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
@@ -287,16 +295,16 @@ def _fitted(
             scratch=scratch,
             told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
         )
-        found = measuring(twin, tracks, *passed(twin, tracks))(0.0, trial_s)
-        uncounted.learn(asked["per_hour"], found)
-        lanes.learn(found)
+        trial = measuring(twin, tracks, *passed(twin, tracks))(0.0, trial_s)
+        uncounted.learn(asked["per_hour"], trial)
+        lanes.learn(trial)
         asked["per_hour"] = {**asked["per_hour"], **uncounted.per_hour}
-        return found
+        return trial
 
-    found = fitted_drivers(part, simulated)
-    if not found[1] and (uncounted.per_hour or lanes.recorded):  # no driver parameters to fit
+    fitted = fitted_drivers(part, simulated)
+    if not fitted[1] and (uncounted.per_hour or lanes.recorded):  # no driver parameters to fit
         simulated({}, 0)
-    return found
+    return fitted
 
 
 def _who_drives(
@@ -332,7 +340,7 @@ def _actuated_told(cycle: ActuatedCycle) -> dict[str, Any]:
         "phases": [
             {
                 "green": [
-                    name for name, one in zip(cycle.groups, shown, strict=True) if one in "Gg"
+                    name for name, letter in zip(cycle.groups, shown, strict=True) if letter in "Gg"
                 ],
                 "seconds": seconds,
                 "at_least": least,

@@ -76,8 +76,10 @@ class Parameter:
     @property
     def name(self) -> str:
         """The field with its classes and approach."""
-        whose = ["of", *self.classes] if self.classes else []
-        return " ".join([self.field, *whose, *(["on", self.approach] if self.approach else [])])
+        class_words = ["of", *self.classes] if self.classes else []
+        return " ".join(
+            [self.field, *class_words, *(["on", self.approach] if self.approach else [])]
+        )
 
 
 def _quartiles_apart(values: list[float]) -> float:
@@ -195,10 +197,10 @@ def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
     the simulation there would distort drivers everywhere.
     """
     places: dict[Any, list[float]] = getattr(recorded, one.where) if one.where else {}
-    told = {at: _median(x) for at, x in places.items() if len(x) >= max(one.fewest, _MANY)}
-    if not told:
+    medians = {place: _median(x) for place, x in places.items() if len(x) >= max(one.fewest, _MANY)}
+    if not medians:
         return one
-    place = max(sorted(told), key=told.__getitem__)
+    place = max(sorted(medians), key=medians.__getitem__)
     return replace(one, sample=lambda part: getattr(part, one.there or one.where).get(place, []))
 
 
@@ -210,7 +212,7 @@ def by_approach(recorded: Measured) -> list[Parameter]:
     def discharge(approach: str) -> Callable[[Measured], list[Any]]:
         return lambda part: part.discharge.get(approach, [])
 
-    (every,) = (one for one in PARAMETERS if one.name == QUEUES)
+    (every,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
     return [
         replace(every, sample=discharge(name), approach=name)
         for name, values in sorted(recorded.discharge.items())
@@ -220,8 +222,8 @@ def by_approach(recorded: Measured) -> list[Parameter]:
 
 def elsewhere(apart: Collection[Parameter]) -> Parameter:
     """Return the queue headway of all approaches without one of their own."""
-    names = {one.approach for one in apart}
-    (every,) = (one for one in PARAMETERS if one.name == QUEUES)
+    names = {parameter.approach for parameter in apart}
+    (every,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
     return replace(
         every,
         sample=lambda part: [

@@ -71,81 +71,99 @@ def fitted_drivers(
             fitted.
     """
     first: dict[str, Parameter] = {}
-    for one in PARAMETERS:
-        if len(one.sample(recorded)) >= one.fewest:
-            first.setdefault(one.name, one)
-    known = [where_it_shows(one, recorded) for one in first.values()]
+    for parameter in PARAMETERS:
+        if len(parameter.sample(recorded)) >= parameter.fewest:
+            first.setdefault(parameter.name, parameter)
+    fitted = [where_it_shows(parameter, recorded) for parameter in first.values()]
     apart = by_approach(recorded) if QUEUES in first else []
     untold = [
-        f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
-        + ("as the others" if one.classes else "the usual stays")
-        for one in {one.name: one for one in PARAMETERS}.values()
-        if one.name not in first and (not one.classes or one.sample(recorded))
+        f"{parameter.name}: {len(parameter.sample(recorded))} {parameter.what} are too few, "
+        + ("as the others" if parameter.classes else "the usual stays")
+        for parameter in {parameter.name: parameter for parameter in PARAMETERS}.values()
+        if parameter.name not in first and (not parameter.classes or parameter.sample(recorded))
     ]
-    wanted = {one.name: one.figure(one.sample(recorded)) for one in known}
-    for one in apart:
-        own = one.figure(one.sample(recorded))
-        wanted[one.name] = shrunk(own, wanted[QUEUES], len(one.sample(recorded)))
+    wanted = {parameter.name: parameter.figure(parameter.sample(recorded)) for parameter in fitted}
+    for parameter in apart:
+        own = parameter.figure(parameter.sample(recorded))
+        wanted[parameter.name] = shrunk(own, wanted[QUEUES], len(parameter.sample(recorded)))
     if apart:
         # If approaches are fitted separately, the common statistic covers only the others.
-        known = [one for one in known if one.name != QUEUES] + [
-            one for one in [elsewhere(apart)] if len(one.sample(recorded)) >= one.fewest
+        fitted = [parameter for parameter in fitted if parameter.name != QUEUES] + [
+            parameter
+            for parameter in [elsewhere(apart)]
+            if len(parameter.sample(recorded)) >= parameter.fewest
         ]
-        wanted |= {one.name: one.figure(one.sample(recorded)) for one in known}
-    known += apart
+        wanted |= {
+            parameter.name: parameter.figure(parameter.sample(recorded)) for parameter in fitted
+        }
+    fitted += apart
     # Together they weigh as much as any other statistic.
-    weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
-    error = {one.name: _error(one, recorded) for one in known}
-    counts = {one.name: len(one.sample(recorded)) for one in known}
-    drivers = {one.name: one.usual for one in known}
-    simulations: dict[str, list[tuple[float, float, int]]] = {one.name: [] for one in known}
+    weight = {parameter.name: 1 / len(apart) if parameter.approach else 1.0 for parameter in fitted}
+    error = {parameter.name: _error(parameter, recorded) for parameter in fitted}
+    counts = {parameter.name: len(parameter.sample(recorded)) for parameter in fitted}
+    drivers = {parameter.name: parameter.usual for parameter in fitted}
+    simulations: dict[str, list[tuple[float, float, int]]] = {
+        parameter.name: [] for parameter in fitted
+    }
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
-    for turn in range(rounds if known else 0):
+    for turn in range(rounds if fitted else 0):
         part = simulated(_with_queues(drivers, counts), turn)
-        values = {one.name: one.sample(part) for one in known}
+        values = {parameter.name: parameter.sample(part) for parameter in fitted}
         shown = {
-            one.name: one.figure(values[one.name])
-            for one in known
-            if len(values[one.name]) >= FEWEST_VALUES
+            parameter.name: parameter.figure(values[parameter.name])
+            for parameter in fitted
+            if len(values[parameter.name]) >= FEWEST_VALUES
         }
         # In standard errors of recording and simulation: statistics of few values weigh less.
         off = {
-            one.name: _off(one, shown[one.name], wanted[one.name], error[one.name], both)
-            if one.name in shown
+            parameter.name: _off(
+                parameter,
+                shown[parameter.name],
+                wanted[parameter.name],
+                error[parameter.name],
+                both,
+            )
+            if parameter.name in shown
             else _NONE_SHOWN
-            for one in known
-            for both in [(counts[one.name], len(values[one.name]))]
+            for parameter in fitted
+            for both in [(counts[parameter.name], len(values[parameter.name]))]
         }
-        mean = sum(weight[name] * one for name, one in off.items()) / sum(weight.values())
+        mean = sum(weight[name] * deviation for name, deviation in off.items()) / sum(
+            weight.values()
+        )
         speeds, headways = _distances(recorded, part)
         whole = mean + speeds + headways
         if whole < best[0]:
             best = whole, dict(drivers), shown
         if max(off.values()) <= _NEAR and max(mean, speeds, headways) <= 1:
             break
-        for one in known:
-            if one.name in shown:
-                figure = max(shown[one.name], 1e-3)
-                simulations[one.name].append((drivers[one.name], figure, len(values[one.name])))
-                moved = _moved(one, wanted[one.name], simulations[one.name])
-                drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
+        for parameter in fitted:
+            if parameter.name in shown:
+                figure = max(shown[parameter.name], 1e-3)
+                simulations[parameter.name].append(
+                    (drivers[parameter.name], figure, len(values[parameter.name]))
+                )
+                moved = _moved(parameter, wanted[parameter.name], simulations[parameter.name])
+                drivers[parameter.name] = round(
+                    float(np.clip(moved, parameter.least, parameter.most)), 3
+                )
         _keep_in_order(drivers)
     _, drivers, shown = best
-    told = [
+    rows = [
         {
-            "field": one.field,
-            **({"classes": list(one.classes)} if one.classes else {}),
-            **({"approach": one.approach} if one.approach else {}),
-            "value": drivers[one.name],
-            "of": one.what,
-            "recorded": round(wanted[one.name], 3),
-            "standard_error": round(error[one.name], 3),
-            "simulated": round(shown[one.name], 3) if one.name in shown else None,
-            "count": counts[one.name],
+            "field": parameter.field,
+            **({"classes": list(parameter.classes)} if parameter.classes else {}),
+            **({"approach": parameter.approach} if parameter.approach else {}),
+            "value": drivers[parameter.name],
+            "of": parameter.what,
+            "recorded": round(wanted[parameter.name], 3),
+            "standard_error": round(error[parameter.name], 3),
+            "simulated": round(shown[parameter.name], 3) if parameter.name in shown else None,
+            "count": counts[parameter.name],
         }
-        for one in known
+        for parameter in fitted
     ]
-    return _with_queues(drivers, counts), told, untold
+    return _with_queues(drivers, counts), rows, untold
 
 
 def _with_queues(drivers: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:
@@ -203,10 +221,10 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
 
 def _distances(recorded: Measured, part: Measured) -> tuple[float, float]:
     """Return the distances of speed and headway distributions, relative to the requirement."""
-    told = agreement(recorded, part)
+    distances = agreement(recorded, part)
     speeds, headways = (
-        1.0 if one is None else float(one) / _WANTED_KS
-        for one in (told["speed_ks"], told["headway_ks"])
+        1.0 if distance is None else float(distance) / _WANTED_KS
+        for distance in (distances["speed_ks"], distances["headway_ks"])
     )
     return speeds, headways
 
@@ -234,13 +252,18 @@ def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str,
         drivers: result of `fitted_drivers`.
         seen: the observed classes.
     """
-    found: dict[str, dict[str, float]] = {}
-    for name in (one for one in MOTORS if one in seen):
-        mine = {one.field: one for one in PARAMETERS if not one.classes}
-        mine |= {one.field: one for one in PARAMETERS if name in one.classes}
-        told = {field: drivers.get(one.name, drivers.get(field)) for field, one in mine.items()}
-        found[name] = {field: value for field, value in told.items() if value is not None}
-    return found
+    by_class: dict[str, dict[str, float]] = {}
+    for name in (actor_class for actor_class in MOTORS if actor_class in seen):
+        of_class = {parameter.field: parameter for parameter in PARAMETERS if not parameter.classes}
+        of_class |= {
+            parameter.field: parameter for parameter in PARAMETERS if name in parameter.classes
+        }
+        values = {
+            field: drivers.get(parameter.name, drivers.get(field))
+            for field, parameter in of_class.items()
+        }
+        by_class[name] = {field: value for field, value in values.items() if value is not None}
+    return by_class
 
 
 def of_approaches(drivers: Mapping[str, float]) -> dict[str, float]:

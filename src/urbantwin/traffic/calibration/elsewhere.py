@@ -48,8 +48,12 @@ class CountedElsewhere:
 
     def besides(self, passages: Sequence[Passage], until_s: float) -> int:
         """Return the number of tracks begun before a time, seconds, not over the main junction."""
-        over = {one.seen.track.name for one in passages if one.approach and one.leaving}
-        return sum(name not in over and 0.5 < at < until_s for name, at in self.tracks.items())
+        over = {
+            passage.seen.track.name for passage in passages if passage.approach and passage.leaving
+        }
+        return sum(
+            name not in over and 0.5 < time_s < until_s for name, time_s in self.tracks.items()
+        )
 
 
 def counted_elsewhere(
@@ -71,7 +75,9 @@ def counted_elsewhere(
     by_id = {road.id: road for road in roads.roads}
     turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
     stretches: dict[str, list[tuple[SeenTrack, NDArray[np.float64]]]] = defaultdict(list)
-    near = {road.id for road in roads.roads if junction in (road.from_junction, road.to_junction)}
+    main_roads = {
+        road.id for road in roads.roads if junction in (road.from_junction, road.to_junction)
+    }
     others: set[str] = set()
     touched: Counter[str] = Counter()
     for seen in tracks:
@@ -84,64 +90,71 @@ def counted_elsewhere(
             if lane is not None and lane.road in by_id
         ]
         runs = [
-            (road, [k for _, k in moments]) for road, moments in groupby(on, lambda one: one[0])
+            (road, [k for _, k in moments])
+            for road, moments in groupby(on, lambda lane_and_index: lane_and_index[0])
         ]
-        mine = {lane.junction for lane in lanes if lane is not None and not lane.road}
-        if near.isdisjoint(road for road, _ in runs):
+        junctions_passed = {lane.junction for lane in lanes if lane is not None and not lane.road}
+        if main_roads.isdisjoint(road for road, _ in runs):
             others.add(seen.track.name)
         for (first, _), (last, moments) in pairwise(runs):
             if (first, last) in ways:
                 turns[first, last].append((seen, float(seen.time_s[moments[0]])))
-                mine.add(by_id[first].to_junction)
-        touched.update(mine)
+                junctions_passed.add(by_id[first].to_junction)
+        touched.update(junctions_passed)
         for road, moments in runs:
             stretches[road].append((seen, np.array(moments)))
     at_junction: dict[str, list[tuple[SeenTrack, float]]] = defaultdict(list)
     for (first, _), passed in turns.items():
         at_junction[by_id[first].to_junction] += passed
     whole = {
-        one
-        for one, passed in at_junction.items()
-        if one != junction and len(passed) >= _WHOLE * touched[one] and _tells(passed, others)
+        junction_id
+        for junction_id, passed in at_junction.items()
+        if junction_id != junction
+        and len(passed) >= _WHOLE * touched[junction_id]
+        and _tells(passed, others)
     }
-    found: dict[Spot, list[tuple[SeenTrack, float]]] = {
+    counts: dict[Spot, list[tuple[SeenTrack, float]]] = {
         (("approach", first), ("turn", last)): passed
         for (first, last), passed in sorted(turns.items())
         if by_id[first].to_junction in whole
     }
-    told = whole | {junction}
+    covered = whole | {junction}
     for road, those in sorted(stretches.items()):
-        if not told & {by_id[road].from_junction, by_id[road].to_junction}:
+        if not covered & {by_id[road].from_junction, by_id[road].to_junction}:
             passed = _at_a_section(by_id[road], roads, those)
             if _tells(passed, others):
-                found[("road", road),] = passed
+                counts[("road", road),] = passed
     came = {first for first, _ in turns}
     return CountedElsewhere(
-        {spot: _by_class(passed) for spot, passed in found.items()},
+        {spot: _by_class(passed) for spot, passed in counts.items()},
         tuple(
             sorted(
-                one.id
-                for one in roads.roads
-                if one.to_junction in whole
-                and one.from_junction != junction
-                and one.id not in came
-                and any(user in roads.lane_by_id[lane].allowed for lane in one.lanes)
+                road.id
+                for road in roads.roads
+                if road.to_junction in whole
+                and road.from_junction != junction
+                and road.id not in came
+                and any(user in roads.lane_by_id[lane].allowed for lane in road.lanes)
             )
         ),
-        {one.track.name: float(one.time_s[0]) for passed in found.values() for one, _ in passed},
+        {
+            seen.track.name: float(seen.time_s[0])
+            for passed in counts.values()
+            for seen, _ in passed
+        },
     )
 
 
 def _tells(passed: Sequence[tuple[SeenTrack, float]], others: set[str]) -> bool:
     """Return whether enough vehicles pass a place that are counted nowhere else."""
-    count = sum(one.track.name in others for one, _ in passed)
+    count = sum(seen.track.name in others for seen, _ in passed)
     return count >= max(_FEWEST, _OTHERS * len(passed))
 
 
 def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float]]:
     times: dict[str, list[float]] = defaultdict(list)
-    for seen, at in passed:
-        times[seen.track.actor_class].append(at)
+    for seen, time_s in passed:
+        times[seen.track.actor_class].append(time_s)
     return dict(times)
 
 
@@ -160,10 +173,12 @@ def _at_a_section(
 ) -> list[tuple[SeenTrack, float]]:
     """Return the tracks that pass the middle of a road's visible part, with times, seconds."""
     line = shapely.LineString(roads.lane_by_id[road.lanes[-1]].centre[:, :2])
-    ways = [shapely.line_locate_point(line, shapely.points(one.xy[at])) for one, at in those]
-    section = float(np.median([(way.min() + way.max()) / 2 for way in ways]))
+    stations = [
+        shapely.line_locate_point(line, shapely.points(seen.xy[rows])) for seen, rows in those
+    ]
+    section = float(np.median([(station_m.min() + station_m.max()) / 2 for station_m in stations]))
     return [
-        (one, float(one.time_s[at[int(np.argmax(way >= section))]]))
-        for (one, at), way in zip(those, ways, strict=True)
-        if way[0] < section <= way.max()
+        (seen, float(seen.time_s[rows[int(np.argmax(station_m >= section))]]))
+        for (seen, rows), station_m in zip(those, stations, strict=True)
+        if station_m[0] < section <= station_m.max()
     ]

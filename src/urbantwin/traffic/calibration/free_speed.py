@@ -40,34 +40,40 @@ def free_speeds(
         begin_s: first time at which tracks may end.
         end_s: last time at which tracks may end.
     """
-    drive = [one for one in tracks if one.track.actor_class != "pedestrian"]
+    drive = [track for track in tracks if track.track.actor_class != "pedestrian"]
     leave = [
-        one
-        for one in passages
-        if one.leaving in limits
-        and begin_s <= one.seen.time_s[-1] < end_s
-        and np.linalg.norm(one.seen.xy[-1] - one.seen.xy[0]) > _CAME_M
-        and not _stood_behind(one)
+        passage
+        for passage in passages
+        if passage.leaving in limits
+        and begin_s <= passage.seen.time_s[-1] < end_s
+        and np.linalg.norm(passage.seen.xy[-1] - passage.seen.xy[0]) > _CAME_M
+        and not _stood_behind(passage)
     ]
     if not leave:
         return {}
-    where = np.concatenate([one.xy for one in drive])
-    when = np.concatenate([one.time_s for one in drive])
-    who = np.repeat(np.arange(len(drive)), [len(one.time_s) for one in drive])
-    number = {id(one.track): k for k, one in enumerate(drive)}
-    there = cKDTree(where).query_ball_point([one.seen.xy[-1] for one in leave], _SAME_PLACE_M)
-    found: dict[str, list[float]] = defaultdict(list)
-    for one, near in zip(leave, there, strict=True):
-        seen, at = one.seen, np.array(near, int)
-        before = float(seen.time_s[-1]) - when[at]
-        close = (before > 0) & (before < _CLOSE_S) & (who[at] != number.get(id(seen.track), -1))
+    where = np.concatenate([track.xy for track in drive])
+    when = np.concatenate([track.time_s for track in drive])
+    track_index = np.repeat(np.arange(len(drive)), [len(track.time_s) for track in drive])
+    number = {id(track.track): k for k, track in enumerate(drive)}
+    neighbours = cKDTree(where).query_ball_point(
+        [passage.seen.xy[-1] for passage in leave], _SAME_PLACE_M
+    )
+    speeds: dict[str, list[float]] = defaultdict(list)
+    for passage, rows_nearby in zip(leave, neighbours, strict=True):
+        seen, rows = passage.seen, np.array(rows_nearby, int)
+        before = float(seen.time_s[-1]) - when[rows]
+        close = (
+            (before > 0)
+            & (before < _CLOSE_S)
+            & (track_index[rows] != number.get(id(seen.track), -1))
+        )
         if not close.any():
             last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
-            found[one.leaving].append(float(last.max()) / limits[one.leaving])
-    return dict(found)
+            speeds[passage.leaving].append(float(last.max()) / limits[passage.leaving])
+    return dict(speeds)
 
 
 def _stood_behind(one: Passage) -> bool:
     """Return whether a vehicle stood after it had passed the stop line."""
-    behind = ~(one.seen.time_s <= one.passed_s)
-    return bool((np.abs(one.seen.speed[behind]) < STANDS_MS).any())
+    past_line = ~(one.seen.time_s <= one.passed_s)
+    return bool((np.abs(one.seen.speed[past_line]) < STANDS_MS).any())

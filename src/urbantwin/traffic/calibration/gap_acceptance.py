@@ -77,13 +77,13 @@ def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Co
         roads: the same network's lanes.
     """
     junctions = etree.parse(net).getroot().iterfind("junction")
-    (junction,) = (one for one in junctions if one.get("id") == links.junction)
+    (junction,) = (element for element in junctions if element.get("id") == links.junction)
     inner = (junction.get("intLanes") or "").split()
     lines: dict[tuple[str, str], list[NDArray[np.float64]]] = defaultdict(list)
-    for lane, way in links.ways.items():
+    for lane, movement in links.ways.items():
         if lane in roads.lane_by_id:
-            lines[way].append(roads.lane_by_id[lane].centre[:, :2])
-    found = []
+            lines[movement].append(roads.lane_by_id[lane].centre[:, :2])
+    conflicts = []
     for request in junction.iterfind("request"):
         minor = links.ways.get(inner[int(request.get("index", 0))])
         for number, bit in enumerate(reversed(request.get("response", ""))):
@@ -92,14 +92,14 @@ def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Co
                 continue
             if not links.together(minor, major):
                 continue
-            one, other = (
-                shapely.MultiLineString([part.tolist() for part in lines[way]])
-                for way in (minor, major)
+            minor_lines, major_lines = (
+                shapely.MultiLineString([part.tolist() for part in lines[movement]])
+                for movement in (minor, major)
             )
-            meet = shapely.get_coordinates(one.intersection(other))
+            meet = shapely.get_coordinates(minor_lines.intersection(major_lines))
             if len(meet):
-                found.append(Conflict(minor, major, meet[0]))
-    return found
+                conflicts.append(Conflict(minor, major, meet[0]))
+    return conflicts
 
 
 def decisions_of(
@@ -111,36 +111,38 @@ def decisions_of(
     enough to decide and has passed its signal. It ends with the next vehicle with priority.
     """
     by_way: dict[tuple[str, str], list[Passage]] = defaultdict(list)
-    for one in passages:
-        by_way[one.lane, one.leaving].append(one)
+    for passage in passages:
+        by_way[passage.lane, passage.leaving].append(passage)
     met = []  # conflict, and times of its traffic with priority
     for conflict in conflicts:
-        there = [_there_s(one, conflict.place) for one in by_way[conflict.major]]
-        met.append((conflict, np.array([at for at in there if at is not None])))
-    found = []
-    for one in passages:
+        passing_times_s = [_there_s(passage, conflict.place) for passage in by_way[conflict.major]]
+        met.append(
+            (conflict, np.array([passed_s for passed_s in passing_times_s if passed_s is not None]))
+        )
+    decisions = []
+    for passage in passages:
         across: list[float] = []  # times of other vehicles after the yielding one
         own: list[tuple[float, Conflict]] = []
         for conflict, times in met:
-            if conflict.minor == (one.lane, one.leaving):
-                at = _there_s(one, conflict.place)
-                if at is not None:
-                    across += (times - at).tolist()
-                    own.append((at, conflict))
+            if conflict.minor == (passage.lane, passage.leaving):
+                passed_s = _there_s(passage, conflict.place)
+                if passed_s is not None:
+                    across += (times - passed_s).tolist()
+                    own.append((passed_s, conflict))
         if not own:
             continue
-        at, first = min(own, key=lambda pair: pair[0])
-        near = np.linalg.norm(one.seen.xy - first.place, axis=1) < _DECIDES_M
-        ready = float(one.seen.time_s[np.argmax(near)])
+        passed_s, first = min(own, key=lambda pair: pair[0])
+        is_near = np.linalg.norm(passage.seen.xy - first.place, axis=1) < _DECIDES_M
+        ready = float(passage.seen.time_s[np.argmax(is_near)])
         if links.signals is not None:
-            ready = max(ready, float(np.nan_to_num(one.passed_s, nan=ready)))
-        begins = min(ready - at, 0.0)
+            ready = max(ready, float(np.nan_to_num(passage.passed_s, nan=ready)))
+        begins = min(ready - passed_s, 0.0)
         before = [begins, *sorted(k for k in across if begins < k <= 0)]
         refused = [b - a for a, b in pairwise(before) if b - a < _LONG_S]
         after = min((k for k in across if k > 0), default=np.inf) - before[-1]
         taken = float(after) if after < _LONG_S else np.inf
-        found.append(Decision(at, max(refused, default=0.0), taken))
-    return found
+        decisions.append(Decision(passed_s, max(refused, default=0.0), taken))
+    return decisions
 
 
 def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
@@ -150,7 +152,11 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
         decisions: (rejected, accepted) gaps, seconds; a rejected one of 0 and an infinite accepted
             one are none. Decisions with a rejected gap longer than the accepted one are excluded.
     """
-    telling = [one for one in decisions if one[0] < one[1] and one != (0.0, np.inf)]
+    telling = [
+        intervals_s
+        for intervals_s in decisions
+        if intervals_s[0] < intervals_s[1] and intervals_s != (0.0, np.inf)
+    ]
     pairs = np.array(telling, np.float64).reshape(-1, 2)
     if not len(pairs):
         return float("nan")

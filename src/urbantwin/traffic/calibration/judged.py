@@ -54,26 +54,26 @@ def judged(
     )
     between_moments = measuring(twin, tracks, *passed(twin, tracks))
     simulated = between_moments(0.0, seconds)
-    found: dict[str, Any] = {"simulated": told_of(simulated), "fitted": agreement(part, simulated)}
-    found["recording_with_itself_fitted"] = own_spread(part)
+    report: dict[str, Any] = {"simulated": told_of(simulated), "fitted": agreement(part, simulated)}
+    report["recording_with_itself_fitted"] = own_spread(part)
     if rest[1] - rest[0] > 1.0:
         other = recorded_between(*rest)
-        found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
-        found["held_out"] = agreement(other, simulated)
+        report["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
+        report["held_out"] = agreement(other, simulated)
         if cycle_s:
             # SUMO's clock, which starts with the warm-up, is that of the signals.
             first = (rest[0] - float(asked["warmup_s"])) % cycle_s
             begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
             begins = begins[:: max(1, len(begins) // _MOST_CYCLES)]  # they overlap
-            parts = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
-            found["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
-        found["recording_with_itself_held_out"] = own_spread(other)
+            parts = [between_moments(begin_s, begin_s + rest[1] - rest[0]) for begin_s in begins]
+            report["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
+        report["recording_with_itself_held_out"] = own_spread(other)
         begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MOST_SPANS]
-        spans = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
-        found["simulation_with_itself_held_out"] = spread_of(spans, simulated)
-        found["fitted_with_held_out"] = agreement(other, part)
-        found["by_chance_held_out"] = chance_between(part, other)
-    return found
+        spans = [between_moments(begin_s, begin_s + rest[1] - rest[0]) for begin_s in begins]
+        report["simulation_with_itself_held_out"] = spread_of(spans, simulated)
+        report["fitted_with_held_out"] = agreement(other, part)
+        report["by_chance_held_out"] = chance_between(part, other)
+    return report
 
 
 def told_of(part: Measured) -> dict[str, Any]:

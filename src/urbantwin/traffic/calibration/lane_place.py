@@ -33,12 +33,12 @@ def lane_offset(
     """
     below = LanesBelow(roads)
     inwards = -1.0 if roads.driving_side == "left" else 1.0
-    found = []
-    for one in tracks:
-        if one.track.actor_class != "bicycle" or one.time_s[0] >= until_s:
+    offsets_m = []
+    for seen in tracks:
+        if seen.track.actor_class != "bicycle" or seen.time_s[0] >= until_s:
             continue
-        rides = np.abs(one.speed) >= _RIDES_MS
-        xy, yaw = one.xy[rides], one.yaw[rides]
+        rides = np.abs(seen.speed) >= _RIDES_MS
+        xy, yaw = seen.xy[rides], seen.yaw[rides]
         names = below.at(xy, yaw, "bicycle")
         left: list[float] = []
         for name in sorted(set(names.tolist())):
@@ -47,12 +47,12 @@ def lane_offset(
                 continue
             on = names == name
             line = shapely.LineString(lane.centre[:, :2])
-            at = shapely.line_locate_point(line, shapely.points(xy[on]))
-            foot = shapely.get_coordinates(shapely.line_interpolate_point(line, at))
+            station_m = shapely.line_locate_point(line, shapely.points(xy[on]))
+            foot = shapely.get_coordinates(shapely.line_interpolate_point(line, station_m))
             beside = xy[on] - foot
             left += (np.cos(yaw[on]) * beside[:, 1] - np.sin(yaw[on]) * beside[:, 0]).tolist()
         if len(left) >= _MOMENTS:
-            found.append(inwards * float(np.median(left)))
-    if len(found) < _FEWEST:
-        return None, len(found)
-    return round(float(np.median(found)), 2), len(found)
+            offsets_m.append(inwards * float(np.median(left)))
+    if len(offsets_m) < _FEWEST:
+        return None, len(offsets_m)
+    return round(float(np.median(offsets_m)), 2), len(offsets_m)

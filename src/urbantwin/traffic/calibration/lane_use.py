@@ -39,10 +39,10 @@ class LaneUse:
         for lane, leaving in links.ways.values():
             leads[lane.rpartition("_")[0], leaving].add(lane)
         self.recorded: dict[_Way, dict[str, int]] = {}
-        for way, used in sorted(recorded.lane_use.items()):
-            known = {lane: used.get(lane, 0) for lane in sorted(leads[way])}
-            if len(known) > 1 and sum(known.values()) >= FEWEST:
-                self.recorded[way] = known
+        for movement, used in sorted(recorded.lane_use.items()):
+            counts = {lane: used.get(lane, 0) for lane in sorted(leads[movement])}
+            if len(counts) > 1 and sum(counts.values()) >= FEWEST:
+                self.recorded[movement] = counts
         self._usual: dict[_Way, dict[str, int]] = {}
         self._wanted: dict[_Way, dict[str, float]] = {}
         self._asked: dict[_Way, dict[str, float]] = {}
@@ -50,45 +50,49 @@ class LaneUse:
 
     def learn(self, simulated: Measured) -> None:
         """Update the requested shares by a simulation with `rows`."""
-        for way, used in self.recorded.items():
-            every = simulated.lane_use.get(way, {})
+        for movement, used in self.recorded.items():
+            every = simulated.lane_use.get(movement, {})
             shown = {lane: every.get(lane, 0) for lane in used}
             seen, count = sum(shown.values()), sum(used.values())
             if not seen:
                 continue
-            if way not in self._wanted:
-                self._usual[way] = shown
-                self._wanted[way] = self._asked[way] = {
+            if movement not in self._wanted:
+                self._usual[movement] = shown
+                self._wanted[movement] = self._asked[movement] = {
                     lane: shrunk(used[lane] / count, shown[lane] / seen, count) for lane in used
                 }
                 continue
-            self._shown[way] = shown
-            asked = {
-                lane: self._asked[way][lane]
+            self._shown[movement] = shown
+            requested = {
+                lane: self._asked[movement][lane]
                 * ((wanted * seen + 1) / (shown[lane] + 1)) ** (seen / (seen + _AS_MANY))
-                for lane, wanted in self._wanted[way].items()
+                for lane, wanted in self._wanted[movement].items()
             }
-            self._asked[way] = {lane: one / sum(asked.values()) for lane, one in asked.items()}
+            self._asked[movement] = {
+                lane: weight / sum(requested.values()) for lane, weight in requested.items()
+            }
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
         """Return ``lanes`` of ``traffic.approaches`` by road."""
-        found: dict[str, list[dict[str, Any]]] = defaultdict(list)
-        for (approach, leaving), asked in self._asked.items():
-            shares = {lane: round(one, 3) for lane, one in asked.items() if round(one, 3) > 0}
-            found[approach].append({"turn": leaving, "shares": shares})
-        return dict(found)
+        by_road: dict[str, list[dict[str, Any]]] = defaultdict(list)
+        for (approach, leaving), requested in self._asked.items():
+            shares = {
+                lane: round(share, 3) for lane, share in requested.items() if round(share, 3) > 0
+            }
+            by_road[approach].append({"turn": leaving, "shares": shares})
+        return dict(by_road)
 
     def told(self) -> list[dict[str, Any]]:
         """Return the lane use of each movement: recorded, simulated without and with requests."""
         return [
             {
-                "approach": way[0],
-                "turn": way[1],
-                "recorded": self.recorded[way],
-                "simulated_unled": self._usual[way],
-                "simulated": self._shown.get(way),
+                "approach": movement[0],
+                "turn": movement[1],
+                "recorded": self.recorded[movement],
+                "simulated_unled": self._usual[movement],
+                "simulated": self._shown.get(movement),
             }
-            for way in self._wanted
+            for movement in self._wanted
         ]
 
 

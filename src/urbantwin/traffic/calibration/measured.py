@@ -104,51 +104,57 @@ class Measured:
     @property
     def all_headways(self) -> NDArray[np.float64]:
         """Headways of all lanes up to 15 s."""
-        every = np.array([one for found in self.headways.values() for one in found])
+        every = np.array([headway_s for of_lane in self.headways.values() for headway_s in of_lane])
         return every[every <= _FOLLOWING_S]
 
     @property
     def all_free(self) -> list[float]:
         """Free-flow speeds of all exits, as shares of the limit."""
-        return [one for _, found in sorted(self.free.items()) for one in found]
+        return [share for _, of_exit in sorted(self.free.items()) for share in of_exit]
 
     @property
     def all_discharge(self) -> list[float]:
         """Discharge headways of all approaches, seconds."""
-        return [one for _, found in sorted(self.discharge.items()) for one in found]
+        return [
+            headway_s
+            for _, of_approach in sorted(self.discharge.items())
+            for headway_s in of_approach
+        ]
 
 
 def joined(parts: Sequence[Measured]) -> Measured:
     """Return the measurements of several spans as one."""
 
     def added(name: str) -> dict[Any, int]:
-        return dict(sum((Counter(getattr(one, name)) for one in parts), Counter()))
+        return dict(sum((Counter(getattr(part, name)) for part in parts), Counter()))
 
     def every(name: str) -> list[Any]:
-        return [value for one in parts for value in getattr(one, name)]
+        return [value for part in parts for value in getattr(part, name)]
 
     def by_place(name: str) -> dict[Any, list[float]]:
-        found: dict[Any, list[float]] = defaultdict(list)
-        for one in parts:
-            for place, values in getattr(one, name).items():
-                found[place] += values
-        return dict(found)
+        pooled: dict[Any, list[float]] = defaultdict(list)
+        for part in parts:
+            for place, values in getattr(part, name).items():
+                pooled[place] += values
+        return dict(pooled)
 
     lane_use: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
-    for one in parts:
-        for way, used in one.lane_use.items():
-            lane_use[way].update(used)
-    found: dict[str, Any] = {
-        "seconds": sum(one.seconds for one in parts),
+    for part in parts:
+        for movement, used in part.lane_use.items():
+            lane_use[movement].update(used)
+    values: dict[str, Any] = {
+        "seconds": sum(part.seconds for part in parts),
         "speeds": tuple(every("speeds")),
-        "lane_use": {way: dict(used) for way, used in lane_use.items()},
+        "lane_use": {movement: dict(used) for movement, used in lane_use.items()},
     }
-    found |= {name: added(name) for name in ("classes", "new", "turns")}
-    found |= {
+    values |= {name: added(name) for name in ("classes", "new", "turns")}
+    values |= {
         name: by_place(name) for name in ("headways", "discharge", "bends", "turning", "free")
     }
-    found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
-    return Measured(**found)
+    values |= {
+        field.name: every(field.name) for field in fields(Measured) if field.name not in values
+    }
+    return Measured(**values)
 
 
 def measured(
@@ -170,14 +176,14 @@ def measured(
         end_s: end of the span.
         decisions: decisions of yielding vehicles; those without information are excluded.
     """
-    there = [one for one in tracks if one.time_s[-1] >= begin_s and one.time_s[0] < end_s]
-    new = [one for one in there if one.time_s[0] > max(begin_s, 0.5)]
+    present = [seen for seen in tracks if seen.time_s[-1] >= begin_s and seen.time_s[0] < end_s]
+    new = [seen for seen in present if seen.time_s[0] > max(begin_s, 0.5)]
     turns: Counter[tuple[str, str]] = Counter()
     passed: dict[str, list[Passage]] = defaultdict(list)
     lane_use: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for crossing in passages:
-        at = float(np.nan_to_num(crossing.passed_s, nan=crossing.seen.time_s[0]))
-        if not begin_s <= at < end_s:
+        passed_s = float(np.nan_to_num(crossing.passed_s, nan=crossing.seen.time_s[0]))
+        if not begin_s <= passed_s < end_s:
             continue
         if crossing.approach and crossing.leaving:
             turns[crossing.approach, crossing.leaving] += 1
@@ -187,20 +193,24 @@ def measured(
             passed[crossing.lane].append(crossing)
     headways = {}
     for lane, ones in sorted(passed.items()):
-        ones.sort(key=lambda one: one.passed_s)
+        ones.sort(key=lambda crossing: crossing.passed_s)
         headways[lane] = [b.passed_s - a.passed_s for a, b in pairwise(ones)]
-    motors = [one for one in there if one.track.actor_class in MOTORS]
-    heavy = [one for one in motors if one.track.actor_class in HEAVY]
-    light = [one for one in motors if one.track.actor_class not in HEAVY]
-    first = [one for one in first_of_queues(passages) if one.seen.track.actor_class not in HEAVY]
+    motors = [seen for seen in present if seen.track.actor_class in MOTORS]
+    heavy = [seen for seen in motors if seen.track.actor_class in HEAVY]
+    light = [seen for seen in motors if seen.track.actor_class not in HEAVY]
+    first = [
+        passage
+        for passage in first_of_queues(passages)
+        if passage.seen.track.actor_class not in HEAVY
+    ]
     limits = {lane.road: lane.speed_limit for lane in roads.lanes if lane.speed_limit > 0}
     stand, follow, drive = _gaps(passages, begin_s, end_s)
     return Measured(
         end_s - begin_s,
-        _counts(there),
+        _counts(present),
         _counts(new),
         dict(turns),
-        tuple(s for one in motors if len(s := _speeds(one, begin_s, end_s))),
+        tuple(s for seen in motors if len(s := _speeds(seen, begin_s, end_s))),
         headways,
         stand,
         follow,
@@ -211,20 +221,21 @@ def measured(
         first_to_set_out(first, begin_s, end_s, FIRST_MS),
         setting_out(heavy, begin_s, end_s, FIRST_MS),
         setting_out(heavy, begin_s, end_s, FADES_MS),
-        free_speeds(there, passages, limits, begin_s, end_s),
-        [x for one in passages if (x := _top(one, limits, begin_s, end_s)) is not None],
+        free_speeds(present, passages, limits, begin_s, end_s),
+        [x for passage in passages if (x := _top(passage, limits, begin_s, end_s)) is not None],
         *turns_taken(passages, begin_s, end_s),
         [
-            (one.refused_s, one.taken_s)
-            for one in decisions
-            if begin_s <= one.at_s < end_s and (one.refused_s > 0 or np.isfinite(one.taken_s))
+            (decision.refused_s, decision.taken_s)
+            for decision in decisions
+            if begin_s <= decision.at_s < end_s
+            and (decision.refused_s > 0 or np.isfinite(decision.taken_s))
         ],
-        {way: dict(used) for way, used in lane_use.items()},
+        {movement: dict(used) for movement, used in lane_use.items()},
     )
 
 
 def _counts(tracks: Sequence[SeenTrack]) -> dict[str, int]:
-    counted = Counter(one.track.actor_class for one in tracks)
+    counted = Counter(seen.track.actor_class for seen in tracks)
     return {name: counted[name] for name in ACTOR_CLASSES if counted[name]}
 
 
@@ -239,8 +250,8 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
     steps[np.minimum(speed[1:], speed[:-1]) <= STANDS_MS] = 0.0
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     moves = np.concatenate([[True], steps > 0])
-    at = np.arange(_EVERY_M / 2, gone[-1], _EVERY_M)
-    return np.asarray(np.interp(at, gone[moves], speed[moves]))
+    station_m = np.arange(_EVERY_M / 2, gone[-1], _EVERY_M)
+    return np.asarray(np.interp(station_m, gone[moves], speed[moves]))
 
 
 def _top(one: Passage, limits: dict[str, float], begin_s: float, end_s: float) -> float | None:
@@ -262,26 +273,26 @@ def _gaps(
             the follower reaches the leader's rear, seconds; and the same of followers that have not
             stood yet.
     """
-    there: dict[tuple[float, str], list[tuple[Passage, int]]] = defaultdict(list)
-    for one in passages:
-        if not np.isfinite(one.seen.track.size[0]):
+    on_lanes: dict[tuple[float, str], list[tuple[Passage, int]]] = defaultdict(list)
+    for passage in passages:
+        if not np.isfinite(passage.seen.track.size[0]):
             continue
-        times = one.seen.time_s
+        times = passage.seen.time_s
         first = max(begin_s, float(times[0]) + SETTLES_S)
         whole = np.abs(times - np.round(times)) < _SAME_MOMENT_S
         for k in np.flatnonzero(whole & (times >= first) & (times < end_s)).tolist():
-            if one.lanes[k]:
-                there[round(float(times[k])), str(one.lanes[k])].append((one, k))
+            if passage.lanes[k]:
+                on_lanes[round(float(times[k])), str(passage.lanes[k])].append((passage, k))
     stand: dict[tuple[str, str], list[float]] = defaultdict(list)
     follow: dict[tuple[str, str], list[float]] = defaultdict(list)
     drive: dict[tuple[str, str], list[float]] = defaultdict(list)
-    stood_s = {id(one.seen): _first_stood(one.seen) for one in passages}
-    for ones in there.values():
+    stood_s = {id(passage.seen): _first_stood(passage.seen) for passage in passages}
+    for ones in on_lanes.values():
         yaw = ones[0][0].seen.yaw[ones[0][1]]
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        ones.sort(key=lambda one: float(one[0].seen.xy[one[1]] @ ahead))
-        for (behind, k), (before, j) in pairwise(ones):
-            a, b = behind.seen, before.seen
+        ones.sort(key=lambda entry: float(entry[0].seen.xy[entry[1]] @ ahead))
+        for (follower, k), (before, j) in pairwise(ones):
+            a, b = follower.seen, before.seen
             gap = float(np.linalg.norm(b.xy[j] - a.xy[k]))
             gap -= float(a.track.size[0] + b.track.size[0]) / 2
             slow, fast = sorted((abs(float(a.speed[k])), abs(float(b.speed[j]))))
@@ -297,7 +308,7 @@ def _gaps(
 
 
 def _medians(of_pairs: dict[tuple[str, str], list[float]]) -> list[float]:
-    return [float(np.median(found)) for found in of_pairs.values()]
+    return [float(np.median(gaps)) for gaps in of_pairs.values()]
 
 
 def _first_stood(seen: SeenTrack) -> float:

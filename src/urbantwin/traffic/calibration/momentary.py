@@ -91,34 +91,39 @@ def calibrate_observation(
         def simulated(
             per_hour: dict[str, float], of_arms: dict[str, float], turn: int
         ) -> list[SeenTrack]:
-            asked = {**twin.site["traffic"], "counts": _counts(of_arms), "seed": seed}
-            asked["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
+            settings = {**twin.site["traffic"], "counts": _counts(of_arms), "seed": seed}
+            settings["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
             begun = 0.2 + 0.8 * turn / _ROUNDS
             tell = between(progress, begun, begun + 0.8 / _ROUNDS)
             what = f"simulating who is present, {turn + 1} of {_ROUNDS}"
             return simulated_tracks(
-                twin, asked, _TRIAL_S, area, scratch=scratch, told=lambda share: tell(share, what)
+                twin,
+                settings,
+                _TRIAL_S,
+                area,
+                scratch=scratch,
+                told=lambda share: tell(share, what),
             )
 
         on_arms = sum(float(every.mean()) for every in recorded.arms.values())
         flows, of_arms, best = first_flows(recorded), dict[str, float](), None
         for turn in range(_ROUNDS):
-            found = simulated(flows, of_arms, turn)
-            moments = sampled(found, trial_s)
+            trial = simulated(flows, of_arms, turn)
+            moments = sampled(trial, trial_s)
             present = presence_of(moments, trial_s, area, arms)
             off = misfit(recorded, present)
             # The first round decides whether counts by arm are used, and is the result if they are
             # not.
             if best is None or (of_arms and not best.arms) or off < best.off:
-                passed = passed_per_hour(found, area, _TRIAL_S)
+                passed = passed_per_hour(trial, area, _TRIAL_S)
                 best = _Trial(flows, of_arms, present, passed, off, moments)
-            left = {name: passed_per_hour(found, arm, _TRIAL_S) for name, arm in arms.items()}
+            left = {name: passed_per_hour(trial, arm, _TRIAL_S) for name, arm in arms.items()}
             if of_arms:
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
-            elif turn == 0 and on_arms > _ON_ARMS and passes_an_arm(found, arms) > _BY_ARMS:
-                of_arms = {name: one for name, one in left.items() if one > 0}
+            elif turn == 0 and on_arms > _ON_ARMS and passes_an_arm(trial, arms) > _BY_ARMS:
+                of_arms = {name: flow for name, flow in left.items() if flow > 0}
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
-            limit = np.inf if of_arms else passed_per_hour(found, area, _TRIAL_S)
+            limit = np.inf if of_arms else passed_per_hour(trial, area, _TRIAL_S)
             flows = _rounded(corrected(flows, recorded, present, limit))
             if of_arms:  # classes share the flows of the arms
                 more = sum(of_arms.values()) / sum(q for name, q in flows.items() if name in MOTORS)
@@ -163,10 +168,10 @@ def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
 
 def _spans_s(times: FrameTimes) -> list[float]:
     """Return the duration of each span without a gap, seconds: as many steps as frames."""
-    group, at = times.group(), times.time_s
-    near = np.diff(at)[~times.gap]
-    step = float(np.median(near)) if len(near) else 1.0
-    return [float(np.ptp(at[group == k])) + step for k in range(int(group[-1]) + 1)]
+    group, time_s = times.group(), times.time_s
+    steps_s = np.diff(time_s)[~times.gap]
+    step = float(np.median(steps_s)) if len(steps_s) else 1.0
+    return [float(np.ptp(time_s[group == k])) + step for k in range(int(group[-1]) + 1)]
 
 
 @dataclass(frozen=True)
@@ -210,7 +215,7 @@ def _told(
     looks = len(spans_s)
     spread = last.spread(max(1, round(sum(spans_s) / looks)))
     rows: list[dict[str, Any]] = []
-    for of, every, here, there, kind in (
+    for of, every, present, present_simulated, kind in (
         ("class", flows, recorded.classes, last.classes, "classes"),
         ("road", of_arms or flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
     ):
@@ -221,8 +226,8 @@ def _told(
                     of: name,
                     "per_hour": round(q, 1),
                     "standard_error": None if share is None else round(q * share / looks**0.5, 1),
-                    "present": _mean(here.get(name)),
-                    "present_simulated": _mean(there.get(name)),
+                    "present": _mean(present.get(name)),
+                    "present_simulated": _mean(present_simulated.get(name)),
                 }
             )
     return rows

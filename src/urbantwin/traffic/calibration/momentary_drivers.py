@@ -72,8 +72,10 @@ class _Figure(NamedTuple):
 
     def row(self, what: str) -> dict[str, Any]:
         """Return the entry of ``calibration.json``."""
-        told = {one: round(getattr(self, one), 3) for one in ("recorded", "simulated", "error")}
-        return {"what": what, **told, "count": self.number}
+        values = {
+            name: round(getattr(self, name), 3) for name in ("recorded", "simulated", "error")
+        }
+        return {"what": what, **values, "count": self.number}
 
 
 def momentary_drivers(
@@ -99,44 +101,44 @@ def momentary_drivers(
     """
     here = _within(recorded, area)
     spans = _spans(_within(simulated, area), moments)
-    drivers = {name: dict(one) for name, one in (site.get("drivers") or {}).items()}
-    sizes = {name: dict(one) for name, one in (site.get("size") or {}).items()}
+    drivers = {name: dict(values) for name, values in (site.get("drivers") or {}).items()}
+    sizes = {name: dict(values) for name, values in (site.get("size") or {}).items()}
     rows = []
 
-    def told(what: str, of: Callable[[ObservedTracks], list[float]]) -> _Figure | None:
-        found = _figure(of(here), [of(one) for one in spans])
-        if found is not None:
-            rows.append(found.row(what))
-        return found
+    def add_figure(what: str, of: Callable[[ObservedTracks], list[float]]) -> _Figure | None:
+        figure = _figure(of(here), [of(span) for span in spans])
+        if figure is not None:
+            rows.append(figure.row(what))
+        return figure
 
-    gap = told("gap of who stands, m", _standing_gaps)
+    gap = add_figure("gap of who stands, m", _standing_gaps)
     if gap is not None:
         usual = float(drivers.get("car", {}).get("standing_gap_m", gap.simulated))
-        asked = {}
+        gap_fields = {}
         if gap.differs_beside():
-            asked["standing_gap_m"] = _limited(usual + gap.recorded - gap.simulated, _GAPS_M)
+            gap_fields["standing_gap_m"] = _limited(usual + gap.recorded - gap.simulated, _GAPS_M)
         if gap.number >= _LEAST_SPREAD:
             spread = max(gap.spread**2 - _GAP_NOISE_M**2, 0.0) ** 0.5
-            asked["standing_gap_spread_m"] = round(spread, 2)
-        for name in _ALIKE_CLASSES if asked else ():
-            drivers.setdefault(name, {}).update(asked)
-    speed = told("speed of whom nobody holds up, m/s", _free_speeds)
+            gap_fields["standing_gap_spread_m"] = round(spread, 2)
+        for name in _ALIKE_CLASSES if gap_fields else ():
+            drivers.setdefault(name, {}).update(gap_fields)
+    speed = add_figure("speed of whom nobody holds up, m/s", _free_speeds)
     if speed is not None and speed.differs_beside(_SPEED_SEEN * speed.simulated):
         for name in _ALIKE_CLASSES:
-            one = drivers.setdefault(name, {})
-            share = float(one.get("speed_factor", 1.0)) * speed.recorded / speed.simulated
-            one["speed_factor"] = _limited(share, _SPEEDS)
+            fields = drivers.setdefault(name, {})
+            share = float(fields.get("speed_factor", 1.0)) * speed.recorded / speed.simulated
+            fields["speed_factor"] = _limited(share, _SPEEDS)
     for name in _STATURES:
-        tall = told(f"height of {name}s, m", partial(_heights, actor_class=name))
+        tall = add_figure(f"height of {name}s, m", partial(_heights, actor_class=name))
         if (
             tall is not None
             and tall.differs_beside()
             and abs(tall.recorded / tall.simulated - 1) > _SEEN
         ):
-            one = sizes.setdefault(name, {})
-            one["height"] = round(one.get("height", 1.0) * tall.recorded / tall.simulated, 3)
+            fields = sizes.setdefault(name, {})
+            fields["height"] = round(fields.get("height", 1.0) * tall.recorded / tall.simulated, 3)
     changed = {"drivers": drivers, "size": sizes}
-    return {name: one for name, one in changed.items() if one}, rows
+    return {name: values for name, values in changed.items() if values}, rows
 
 
 def _spans(of: ObservedTracks, moments: int) -> list[ObservedTracks]:
@@ -144,7 +146,7 @@ def _spans(of: ObservedTracks, moments: int) -> list[ObservedTracks]:
     times = np.unique(of.time_s)
     cuts = times[:: max(moments, 1)]
     part = np.searchsorted(cuts, of.time_s, side="right")
-    return [of.only(part == one) for one in np.unique(part)]
+    return [of.only(part == number) for number in np.unique(part)]
 
 
 def _within(of: ObservedTracks, area: shapely.Geometry) -> ObservedTracks:
@@ -153,31 +155,32 @@ def _within(of: ObservedTracks, area: shapely.Geometry) -> ObservedTracks:
 
 def _standing_gaps(of: ObservedTracks) -> list[float]:
     """Return the gaps between cars and vans standing behind each other, by pair, metres."""
-    found: dict[tuple[int, int], list[float]] = defaultdict(list)
-    for behind, ahead, gap in _pairs(of, of.stands & np.isin(of.actor_class, MOTORS)):
-        if 0 < gap < _MOST_GAP_M and of.actor_class[behind] in _ALIKE_CLASSES:
-            found[int(of.track[behind]), int(of.track[ahead])].append(gap)
-    return [float(np.median(one)) for one in found.values()]
+    gaps: dict[tuple[int, int], list[float]] = defaultdict(list)
+    for follower, ahead, gap in _pairs(of, of.stands & np.isin(of.actor_class, MOTORS)):
+        if 0 < gap < _MOST_GAP_M and of.actor_class[follower] in _ALIKE_CLASSES:
+            gaps[int(of.track[follower]), int(of.track[ahead])].append(gap)
+    return [float(np.median(of_pair)) for of_pair in gaps.values()]
 
 
 def _free_speeds(of: ObservedTracks) -> list[float]:
     """Return the speeds of cars and vans without one close ahead, by track, m/s."""
-    known = np.isfinite(of.speed) & (of.speed > _DRIVES_MS)
-    free = known & np.isin(of.actor_class, _ALIKE_CLASSES)
-    for behind, _, gap in _pairs(of, of.actor_class != "pedestrian"):
-        if gap < max(_FREE_M, _FREE_S * of.speed[behind]):
-            free[behind] = False
+    drives = np.isfinite(of.speed) & (of.speed > _DRIVES_MS)
+    free = drives & np.isin(of.actor_class, _ALIKE_CLASSES)
+    for follower, _, gap in _pairs(of, of.actor_class != "pedestrian"):
+        if gap < max(_FREE_M, _FREE_S * of.speed[follower]):
+            free[follower] = False
     return [
-        float(np.median(of.speed[free & (of.track == one)])) for one in np.unique(of.track[free])
+        float(np.median(of.speed[free & (of.track == track)]))
+        for track in np.unique(of.track[free])
     ]
 
 
 def _heights(of: ObservedTracks, actor_class: str) -> list[float]:
     """Return the heights of a class, by track, metres."""
-    mine = of.only(of.actor_class == actor_class)
-    _, first = np.unique(mine.track, return_index=True)
-    heights = mine.size[first, 2]
-    return [float(one) for one in heights[np.isfinite(heights)]]
+    of_class = of.only(of.actor_class == actor_class)
+    _, first = np.unique(of_class.track, return_index=True)
+    heights = of_class.size[first, 2]
+    return [float(height) for height in heights[np.isfinite(heights)]]
 
 
 def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, int, float]]:
@@ -185,17 +188,17 @@ def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, i
     chosen = np.flatnonzero(rows)
     for moment in np.unique(of.time_s[chosen]):
         here = chosen[of.time_s[chosen] == moment]
-        for one in here.tolist():
-            c, s = np.cos(of.yaw[one]), np.sin(of.yaw[one])
-            away = of.xy[here] - of.xy[one]
-            along, aside = away @ (c, s), np.abs(away @ (-s, c))
-            alike = np.abs(wrapped(of.yaw[here] - of.yaw[one])) < _ALIKE
-            ahead = np.flatnonzero(alike & (aside < _ASIDE_M) & (along > 0))
+        for index in here.tolist():
+            c, s = np.cos(of.yaw[index]), np.sin(of.yaw[index])
+            away = of.xy[here] - of.xy[index]
+            along, lateral_m = away @ (c, s), np.abs(away @ (-s, c))
+            alike = np.abs(wrapped(of.yaw[here] - of.yaw[index])) < _ALIKE
+            ahead = np.flatnonzero(alike & (lateral_m < _ASIDE_M) & (along > 0))
             if len(ahead):
                 next_one = int(ahead[along[ahead].argmin()])
                 other = int(here[next_one])
-                half_m = float(of.size[one, 0] + of.size[other, 0]) / 2
-                yield one, other, float(along[next_one]) - half_m
+                half_m = float(of.size[index, 0] + of.size[other, 0]) / 2
+                yield index, other, float(along[next_one]) - half_m
 
 
 def _figure(here: list[float], spans: list[list[float]]) -> _Figure | None:
@@ -204,14 +207,14 @@ def _figure(here: list[float], spans: list[list[float]]) -> _Figure | None:
     A short observation covers one phase of the signals and few drivers: the spread among spans of
     the simulation is included in the standard error.
     """
-    there = [float(np.median(one)) for one in spans if len(one) >= _OF_A_SPAN]
-    if len(here) < _LEAST or len(there) < _SPANS:
+    medians = [float(np.median(span)) for span in spans if len(span) >= _OF_A_SPAN]
+    if len(here) < _LEAST or len(medians) < _SPANS:
         return None
     low, middle, high = np.quantile(here, [0.16, 0.5, 0.84])
     spread = float(high - low) / 2
-    chance = float(np.std(there, ddof=1)) * (1 + 1 / len(there)) ** 0.5
+    chance = float(np.std(medians, ddof=1)) * (1 + 1 / len(medians)) ** 0.5
     error = max(1.25 * spread / len(here) ** 0.5, chance)
-    every = [value for one in spans for value in one]
+    every = [value for span in spans for value in span]
     return _Figure(float(middle), float(np.median(every)), error, len(here), spread)
 
 

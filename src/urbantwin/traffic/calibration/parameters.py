@@ -47,11 +47,11 @@ def traffic_of(
     }
     size = {}
     for name, every in sizes.items():
-        found = _size(name, every)
-        if isinstance(found, str):
-            untold.append(found)
+        factors = _size(name, every)
+        if isinstance(factors, str):
+            untold.append(factors)
         else:
-            size[name] = found
+            size[name] = factors
     if size:
         traffic["size"] = size
     return traffic, untold
@@ -79,21 +79,27 @@ def count_rows(
     begin_s, seconds = span
     end_s = begin_s + seconds
     edges = _edges(begin_s, seconds) if _differ(passages, begin_s, seconds) else None
-    at: dict[Spot, dict[str, np.ndarray[Any, Any]]] = {}
+    times_of: dict[Spot, dict[str, np.ndarray[Any, Any]]] = {}
     for approach, leaving in sorted(turns):
-        mine = [one for one in passages if (one.approach, one.leaving) == (approach, leaving)]
-        at[("approach", approach), ("turn", leaving)] = {
-            name: _times([one for one in mine if one.seen.track.actor_class == name])
+        movement_passages = [
+            passage
+            for passage in passages
+            if (passage.approach, passage.leaving) == (approach, leaving)
+        ]
+        times_of[("approach", approach), ("turn", leaving)] = {
+            name: _times(
+                [passage for passage in movement_passages if passage.seen.track.actor_class == name]
+            )
             for name in classes
         }
     beside = {} if elsewhere is None else elsewhere.times
-    at |= {
+    times_of |= {
         spot: {name: np.array(times.get(name, [])) for name in classes}
         for spot, times in beside.items()
     }
     rows: list[dict[str, Any]] = []
     counted: set[str] = set()
-    for spot, times in at.items():
+    for spot, times in times_of.items():
         for name, passed in times.items():
             here = passed[(passed >= begin_s) & (passed < end_s)]
             if len(here):
@@ -117,7 +123,9 @@ def count_rows(
 
 def _times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:
     """Return the times of passing the stop line, or of first sight, seconds."""
-    return np.array([np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]) for one in passages])
+    return np.array(
+        [np.nan_to_num(passage.passed_s, nan=passage.seen.time_s[0]) for passage in passages]
+    )
 
 
 def _edges(begin_s: float, seconds: float) -> np.ndarray[Any, Any]:
@@ -133,10 +141,12 @@ def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool
     edges = _edges(begin_s, seconds)
     if len(edges) < 3:
         return False
-    approaches = sorted({one.approach for one in passages})
+    approaches = sorted({passage.approach for passage in passages})
     table = np.array(
         [
-            np.histogram(_times([one for one in passages if one.approach == name]), edges)[0]
+            np.histogram(
+                _times([passage for passage in passages if passage.approach == name]), edges
+            )[0]
             for name in approaches
         ]
     )
@@ -152,23 +162,25 @@ def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
         [[asset(x).length, asset(x).width, asset(x).height] for x in asset_names(name)]
     )
     usual = np.median(usual, axis=0)
-    known = np.isfinite(every).any(axis=0)
-    if not known.any():
+    is_known = np.isfinite(every).any(axis=0)
+    if not is_known.any():
         return f"sizes of {name}: not recorded"
     if (
         len(every) >= _FEWEST
         and (
-            np.nanmax(every[:, known], axis=0) - np.nanmin(every[:, known], axis=0) < _SAME_M
+            np.nanmax(every[:, is_known], axis=0) - np.nanmin(every[:, is_known], axis=0) < _SAME_M
         ).all()
     ):
-        told = " x ".join(f"{side:.2f}" for side in every[0, known])
-        return f"sizes of {name}: all {len(every)} are {told} m, a template and no measurement"
+        sides = " x ".join(f"{side:.2f}" for side in every[0, is_known])
+        return f"sizes of {name}: all {len(every)} are {sides} m, a template and no measurement"
     if len(every) < _FEWEST:
         return f"sizes of {name}: {len(every)} tracks are too few"
     factors = np.full(3, np.nan)
-    factors[known] = np.nanmedian(every[:, known], axis=0) / usual[known]
+    factors[is_known] = np.nanmedian(every[:, is_known], axis=0) / usual[is_known]
     return {
         side: round(float(np.clip(factor, *_SIZE)), 3)
-        for side, factor, told in zip(("length", "width", "height"), factors, known, strict=True)
-        if told
+        for side, factor, is_side_known in zip(
+            ("length", "width", "height"), factors, is_known, strict=True
+        )
+        if is_side_known
     }

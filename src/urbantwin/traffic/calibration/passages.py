@@ -64,7 +64,7 @@ class SeenTrack:
     def part(self, rows: slice) -> SeenTrack:
         """Return a part of the same track."""
         columns = (self.time_s, self.xy, self.yaw, self.speed)
-        return SeenTrack(self.track, *(one[rows] for one in columns))
+        return SeenTrack(self.track, *(column[rows] for column in columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,28 +124,36 @@ class JunctionLinks:
                 follow[before] = item.get("via")
             if item.get("from") not in into or not item.get("via"):
                 continue
-            way = (before, item.get("to"))
-            ways[item.get("via")] = way
+            movement = (before, item.get("to"))
+            ways[item.get("via")] = movement
             if item.get("tl"):
                 program = item.get("tl")
-                links[way].append(int(item.get("linkIndex")))
+                links[movement].append(int(item.get("linkIndex")))
         # A movement over a large junction has several lanes.
-        for first, way in list(ways.items()):
+        for first, movement in list(ways.items()):
             lane = first
             while (lane := follow.get(lane, "")) and lane not in ways:
-                ways[lane] = way
-        there = signalised_junctions(root) if program else []
-        signals = next((one for one in there if one.program == program), None)
+                ways[lane] = movement
+        junctions = signalised_junctions(root) if program else []
+        signals = next(
+            (
+                junction_signals
+                for junction_signals in junctions
+                if junction_signals.program == program
+            ),
+            None,
+        )
         beside: dict[tuple[str, str], list[int]] = defaultdict(list)
         for item in root.iterfind("connection") if program else ():
             road = str(item.get("from"))
             if item.get("tl") == program and road not in into and not road.startswith(":"):
-                way = (f"{road}_{item.get('fromLane')}", str(item.get("to")))
-                beside[way].append(int(item.get("linkIndex")))
-        found, others = (
-            {way: tuple(numbers) for way, numbers in one.items()} for one in (links, beside)
+                movement = (f"{road}_{item.get('fromLane')}", str(item.get("to")))
+                beside[movement].append(int(item.get("linkIndex")))
+        movements, others = (
+            {movement: tuple(numbers) for movement, numbers in links_of.items()}
+            for links_of in (links, beside)
         )
-        return cls(junction, ways, found, signals, _green(root, program), others)
+        return cls(junction, ways, movements, signals, _green(root, program), others)
 
     def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
         """Return whether two movements are ever green at once; always true without signals."""
@@ -160,9 +168,9 @@ def _green(root: etree._Element, program: str) -> NDArray[np.bool_]:
     """Return which links (phases, links) of a program are green."""
     states = [
         phase.get("state")
-        for one in root.iterfind("tlLogic")
-        if one.get("id") == program
-        for phase in one.iterfind("phase")
+        for program_element in root.iterfind("tlLogic")
+        if program_element.get("id") == program
+        for phase in program_element.iterfind("phase")
     ]
     if not states:
         return np.zeros((0, 0), np.bool_)
@@ -181,26 +189,26 @@ def passages_of(
     """
     below = LanesBelow(roads)
     road_of = {lane: road for road in roads.roads for lane in road.lanes}
-    found: list[Passage | None] = []
+    passages: list[Passage | None] = []
     for whole in tracks:
         name = whole.track.actor_class
         if name not in classes:
             continue
         # Lanes for cars on the map serve all motor traffic.
         every = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
-        found += [
+        passages += [
             _passage(whole.part(part), every[part], roads, road_of, links)
             for part in _rounds(every, road_of, links.junction)
         ]
-    return [one for one in found if one is not None]
+    return [passage for passage in passages if passage is not None]
 
 
 def _rounds(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str) -> list[slice]:
     """Return the parts of a track, split where it returns to a junction that it had left."""
-    comes = np.array([_to(road_of, one) == junction for one in lanes])
-    leaves = np.array([_from(road_of, one) == junction for one in lanes])
-    told = np.flatnonzero(comes | leaves)
-    before, then = told[:-1], told[1:]
+    comes = np.array([_to(road_of, lane) == junction for lane in lanes])
+    leaves = np.array([_from(road_of, lane) == junction for lane in lanes])
+    on_roads = np.flatnonzero(comes | leaves)
+    before, then = on_roads[:-1], on_roads[1:]
     again = then[comes[then] & ~leaves[then] & leaves[before] & ~comes[before]]
     cuts = [0]
     for cut, end in pairwise([*again, len(lanes)]):
@@ -217,7 +225,7 @@ def _passage(
     links: JunctionLinks,
 ) -> Passage | None:
     """Return the passage of a track over the main junction; ``None`` if it is not on it."""
-    came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
+    came = [k for k, lane_id in enumerate(lanes) if _to(road_of, lane_id) == links.junction]
     approach = lane = leaving = ""
     passed = np.nan
     if came:
@@ -226,7 +234,7 @@ def _passage(
         approach = road_of[lane].id
         if last + 1 < len(lanes):
             passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
-    left = [k for k, one in enumerate(lanes) if _from(road_of, one) == links.junction]
+    left = [k for k, lane_id in enumerate(lanes) if _from(road_of, lane_id) == links.junction]
     left = [k for k in left if not came or k > came[-1]]
     if left:
         leaving = road_of[str(lanes[left[0]])].id
@@ -260,13 +268,17 @@ def _by_ways(
 ) -> tuple[str, str]:
     """Return the lane before and the road after, from the junction's lanes that it was on."""
     votes: dict[tuple[str, str], int] = defaultdict(int)
-    for one in lanes:
-        way = links.ways.get(str(one))
-        if way and (not lane or way[0] == lane) and (not leaving or way[1] == leaving):
-            votes[way] += 1
+    for lane_id in lanes:
+        movement = links.ways.get(str(lane_id))
+        if (
+            movement
+            and (not lane or movement[0] == lane)
+            and (not leaving or movement[1] == leaving)
+        ):
+            votes[movement] += 1
     if not votes:
         return lane, leaving
-    return max(votes, key=lambda way: (votes[way], way))
+    return max(votes, key=lambda movement: (votes[movement], movement))
 
 
 def _to(road_of: dict[str, Road], lane: object) -> str:

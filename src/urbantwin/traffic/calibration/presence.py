@@ -68,14 +68,14 @@ class Presence:
 
     def spread(self, moments: int) -> dict[str, dict[str, float]]:
         """Return the relative standard deviations of means over spans of ``moments`` samples."""
-        found: dict[str, dict[str, float]] = {"classes": {}, "arms": {}}
+        spreads: dict[str, dict[str, float]] = {"classes": {}, "arms": {}}
         count = self.times // max(moments, 1)
         for kind, every in (("classes", self.classes), ("arms", self.arms)):
             for name, present in every.items():
                 means = present[: count * moments].reshape(count, -1).mean(axis=1)
                 if count > 1 and means.mean() > 0:
-                    found[kind][name] = float(means.std(ddof=1) / means.mean())
-        return found
+                    spreads[kind][name] = float(means.std(ddof=1) / means.mean())
+        return spreads
 
 
 def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geometry]:
@@ -102,18 +102,18 @@ def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geo
         )
         for road in roads.roads
     }
-    near = [road for road in roads.roads if seen[road.id] > 0]
-    beside = [road for road in near if road.to_junction != junction]
+    nearby = [road for road in roads.roads if seen[road.id] > 0]
+    beside = [road for road in nearby if road.to_junction != junction]
     away, reached = set[str](), {junction}
-    while more := {one.id for one in beside if one.from_junction in reached} - away:
+    while more := {road.id for road in beside if road.from_junction in reached} - away:
         away |= more
-        reached |= {one.to_junction for one in beside if one.id in more}
-    arms = [one for one in near if one.id not in away and seen[one.id] >= _SEEN_M]
-    from_here = {one.from_junction for one in arms}
+        reached |= {road.to_junction for road in beside if road.id in more}
+    arms = [road for road in nearby if road.id not in away and seen[road.id] >= _SEEN_M]
+    from_here = {road.from_junction for road in arms}
     return {
-        one.id: outline[one.id]
-        for one in arms
-        if one.to_junction == junction or one.to_junction not in from_here
+        road.id: outline[road.id]
+        for road in arms
+        if road.to_junction == junction or road.to_junction not in from_here
     }
 
 
@@ -138,16 +138,16 @@ def presence_of(
     inside &= ~(on_foot & of.stands)
     counts = np.ones(len(of.xy))
     if of.once is not None:
-        known = on_foot & ~of.once
-        if known.any():
-            counts[on_foot & of.once] = 1 - of.stands[known].mean()
+        identified = on_foot & ~of.once
+        if identified.any():
+            counts[on_foot & of.once] = 1 - of.stands[identified].mean()
     moment = np.searchsorted(moments_s, of.time_s - 1e-6)
     count = len(moments_s)
 
     def by_moment(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
         here = rows & inside
-        found = np.bincount(moment[here], counts[here], minlength=count)[:count]
-        return found.astype(np.float64)
+        present = np.bincount(moment[here], counts[here], minlength=count)[:count]
+        return present.astype(np.float64)
 
     motors = np.isin(of.actor_class, MOTORS)
     return Presence(
@@ -162,21 +162,23 @@ def presence_of(
 
 def sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> ObservedTracks:
     """Return the tracks sampled at times (T,), seconds, as frames would show them."""
-    there = [moments_s[(moments_s >= x.time_s[0]) & (moments_s <= x.time_s[-1])] for x in tracks]
-    counts = [len(one) for one in there]
-    pairs = list(zip(there, tracks, strict=True))
+    times_in_track = [
+        moments_s[(moments_s >= x.time_s[0]) & (moments_s <= x.time_s[-1])] for x in tracks
+    ]
+    counts = [len(times) for times in times_in_track]
+    pairs = list(zip(times_in_track, tracks, strict=True))
 
     def along(column: Callable[[SeenTrack], NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.concatenate([np.interp(t, x.time_s, column(x)) for t, x in pairs] or [_NOTHING])
 
-    speed = along(lambda one: one.speed)
+    speed = along(lambda seen: seen.speed)
     return ObservedTracks(
         np.repeat(np.arange(len(tracks)), counts),
-        np.repeat(np.array([one.track.actor_class for one in tracks], object), counts),
-        np.concatenate([*there, _NOTHING]),
-        np.column_stack([along(lambda one: one.xy[:, 0]), along(lambda one: one.xy[:, 1])]),
-        along(lambda one: np.unwrap(one.yaw)),
-        np.repeat(np.reshape([one.track.size for one in tracks], (-1, 3)), counts, axis=0),
+        np.repeat(np.array([seen.track.actor_class for seen in tracks], object), counts),
+        np.concatenate([*times_in_track, _NOTHING]),
+        np.column_stack([along(lambda seen: seen.xy[:, 0]), along(lambda seen: seen.xy[:, 1])]),
+        along(lambda seen: np.unwrap(seen.yaw)),
+        np.repeat(np.reshape([seen.track.size for seen in tracks], (-1, 3)), counts, axis=0),
         speed,
         speed < _WALKS_M_S,
     )
@@ -194,20 +196,20 @@ def passes_an_arm(tracks: Sequence[SeenTrack], arms: Mapping[str, shapely.Geomet
     """Return the share of motor vehicles that are on an arm at any time; 0 without vehicles."""
     every = shapely.union_all(list(arms.values()))
     shapely.prepare(every)
-    motors = [one for one in tracks if one.track.actor_class in MOTORS]
-    there = sum(bool(shapely.contains_xy(every, *one.xy.T).any()) for one in motors)
-    return there / max(len(motors), 1)
+    motors = [seen for seen in tracks if seen.track.actor_class in MOTORS]
+    on_arm = sum(bool(shapely.contains_xy(every, *seen.xy.T).any()) for seen in motors)
+    return on_arm / max(len(motors), 1)
 
 
 def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds: float) -> float:
     """Return the motor vehicles per hour that leave an area, from tracks over some seconds."""
     shapely.prepare(area)
     left = 0
-    for one in tracks:
-        if one.track.actor_class in MOTORS:
-            inside = shapely.contains_xy(area, one.xy[:, 0], one.xy[:, 1])
+    for seen in tracks:
+        if seen.track.actor_class in MOTORS:
+            inside = shapely.contains_xy(area, seen.xy[:, 0], seen.xy[:, 1])
             left += int((inside[:-1] & ~inside[1:]).sum())
-            left += int(inside[-1] and one.time_s[-1] < seconds - _STILL_THERE_S)
+            left += int(inside[-1] and seen.time_s[-1] < seconds - _STILL_THERE_S)
     return left * 3600 / seconds
 
 
@@ -264,14 +266,14 @@ def corrected_arms(
         passed: motor vehicles per hour that left each arm in the simulation.
     """
     beyond = _ratio(_beyond(recorded), _beyond(simulated))
-    found = {}
+    corrected = {}
     for name, value in per_hour.items():
         of_arm = _ratio(float(recorded.arms[name].mean()), float(simulated.arms[name].mean()))
         ratio = float(np.sqrt(of_arm * beyond))
         if passed[name] < _CARRIED * value:
             ratio = min(ratio, passed[name] / (_CARRIED * value))
-        found[name] = max(value * ratio, _LEAST)
-    return found
+        corrected[name] = max(value * ratio, _LEAST)
+    return corrected
 
 
 def misfit(recorded: Presence, simulated: Presence) -> float:
@@ -284,9 +286,9 @@ def misfit(recorded: Presence, simulated: Presence) -> float:
     off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _beyond)]
     off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
     on = {name: float(every.mean()) for name, every in recorded.arms.items()}
-    for name, one in on.items():
-        ratio = _ratio(one, float(simulated.arms[name].mean()))
-        off.append(abs(np.log(ratio)) * one / max(sum(on.values()), 1e-9))
+    for name, mean in on.items():
+        ratio = _ratio(mean, float(simulated.arms[name].mean()))
+        off.append(abs(np.log(ratio)) * mean / max(sum(on.values()), 1e-9))
     return float(sum(off))
 
 
@@ -304,8 +306,8 @@ def _beyond(of: Presence) -> float:
 
 
 def _ratio(here: float, there: float) -> float:
-    found = (here + _SUPPOSED) / (there + _SUPPOSED)
-    return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
+    ratio = (here + _SUPPOSED) / (there + _SUPPOSED)
+    return float(np.clip(ratio, 1 / _MOST_CHANGE, _MOST_CHANGE))
 
 
 def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:
@@ -313,4 +315,4 @@ def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
     present = {name: float(every.mean()) for name, every in recorded.arms.items()}
     every = sum(present.values()) or 1.0
-    return {name: motors * one / every for name, one in sorted(present.items())}
+    return {name: motors * presence / every for name, presence in sorted(present.items())}

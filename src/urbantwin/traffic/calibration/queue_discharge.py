@@ -36,32 +36,34 @@ def discharge_headways(
         end_s: last time at which the second vehicle passes.
     """
     by_lane: dict[str, list[Passage]] = defaultdict(list)
-    for one in passages:
-        if one.lane and begin_s <= one.passed_s < end_s:
-            by_lane[one.lane].append(one)
-    found: dict[str, list[float]] = defaultdict(list)
-    for _, ones in sorted(by_lane.items()):
-        ones.sort(key=lambda one: one.passed_s)
-        for ahead, behind in pairwise(ones):
-            headway = behind.passed_s - ahead.passed_s
-            heavy = {ahead.seen.track.actor_class, behind.seen.track.actor_class} & set(HEAVY)
+    for passage in passages:
+        if passage.lane and begin_s <= passage.passed_s < end_s:
+            by_lane[passage.lane].append(passage)
+    headways: dict[str, list[float]] = defaultdict(list)
+    for _, in_order in sorted(by_lane.items()):
+        in_order.sort(key=lambda passage: passage.passed_s)
+        for leader, follower in pairwise(in_order):
+            headway = follower.passed_s - leader.passed_s
+            heavy = {leader.seen.track.actor_class, follower.seen.track.actor_class} & set(HEAVY)
             # A vehicle that stood long after the leader had left was held up by something else.
-            last = _stood_last(behind)
-            queued = _queued(ahead) and _queued(behind) and last < ahead.passed_s + _SAME_QUEUE_S
+            last = _stood_last(follower)
+            queued = (
+                _queued(leader) and _queued(follower) and last < leader.passed_s + _SAME_QUEUE_S
+            )
             if headway <= _SAME_QUEUE_S and queued and not heavy:
-                found[behind.approach].append(headway)
-    return dict(found)
+                headways[follower.approach].append(headway)
+    return dict(headways)
 
 
 def first_of_queues(passages: Sequence[Passage]) -> list[Passage]:
     """Return the vehicles that still stood after the one ahead had passed the lane's end."""
-    found = []
+    firsts = []
     last: dict[str, float] = {}
-    for one in sorted((x for x in passages if x.lane), key=lambda x: x.passed_s):
-        if _queued(one) and last.get(one.lane, -np.inf) < _stood_last(one):
-            found.append(one)
-        last[one.lane] = one.passed_s
-    return found
+    for passage in sorted((x for x in passages if x.lane), key=lambda x: x.passed_s):
+        if _queued(passage) and last.get(passage.lane, -np.inf) < _stood_last(passage):
+            firsts.append(passage)
+        last[passage.lane] = passage.passed_s
+    return firsts
 
 
 def _queued(one: Passage) -> bool:

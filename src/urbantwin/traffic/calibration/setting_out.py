@@ -24,19 +24,19 @@ def setting_out(
 
     The last acceleration of each counts; from low speeds only after standing.
     """
-    found = (_sets_out(one, begin_s, end_s, *speeds_ms) for one in vehicles)
-    return [one for one in found if one is not None]
+    rates = (_sets_out(seen, begin_s, end_s, *speeds_ms) for seen in vehicles)
+    return [rate for rate in rates if rate is not None]
 
 
 def first_to_set_out(
     first: Iterable[Passage], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
 ) -> list[float]:
     """Return the mean acceleration of the first vehicles of queues near the stop line, m/s2."""
-    found = (
-        _sets_out(one.seen, begin_s, min(end_s, one.passed_s + _NOBODY_AHEAD_S), *speeds_ms)
-        for one in first
+    rates = (
+        _sets_out(passage.seen, begin_s, min(end_s, passage.passed_s + _NOBODY_AHEAD_S), *speeds_ms)
+        for passage in first
     )
-    return [one for one in found if one is not None]
+    return [rate for rate in rates if rate is not None]
 
 
 def _sets_out(

@@ -86,7 +86,7 @@ def timing_of(
     """
     shown = _of_vehicles(signals)
     periods = _periods([_starts(changes, until_s) for changes in shown.values()])
-    periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
+    periods = [period_s for period_s in periods if _CYCLE_S[0] <= period_s <= _CYCLE_S[1]]
     if links.signals is None or not periods:
         return None
     cycle_s = round(float(np.median(periods)), 1)
@@ -95,7 +95,7 @@ def timing_of(
         return None
     groups = set(group_of.values())
     times = np.arange(0.0, until_s - _STEP_S / 2, _STEP_S)
-    actuated = actuated_cycle({one: _letters(shown[one], times) for one in groups}, _STEP_S)
+    actuated = actuated_cycle({group: _letters(shown[group], times) for group in groups}, _STEP_S)
     if actuated is not None and actuated.driven:
         letters, phase = actuated.sampled(_STEP_S)
     else:
@@ -113,8 +113,8 @@ def timing_of(
         certain,
         tuple((seconds, state) for seconds, state, _ in states),
         {
-            group: round(float(np.isin(found, ["G", "g"]).sum() * _STEP_S), 1)
-            for group, found in sorted(letters.items())
+            group: round(float(np.isin(group_letters, ["G", "g"]).sum() * _STEP_S), 1)
+            for group, group_letters in sorted(letters.items())
         },
         tuple(lasts),
         actuated,
@@ -140,9 +140,9 @@ def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
 def _starts(changes: Shown, until_s: float) -> list[float]:
     """Return the begins of green; changes between protected and permitted green do not count."""
     return [
-        at
-        for (_, was), (at, letter) in pairwise(changes)
-        if letter in "Gg" and was not in "Gg" and at < until_s
+        time_s
+        for (_, was), (time_s, letter) in pairwise(changes)
+        if letter in "Gg" and was not in "Gg" and time_s < until_s
     ]
 
 
@@ -151,16 +151,16 @@ def _periods(starts: Sequence[Sequence[float]]) -> list[float]:
 
     Some groups have green twice in a cycle: those with twice as many begins as usual.
     """
-    usual = float(np.median([len(one) for one in starts if one] or [0]))
-    found: list[float] = []
+    usual = float(np.median([len(begins) for begins in starts if begins] or [0]))
+    periods: list[float] = []
     for begins in starts:
         times = max(round(len(begins) / usual), 1) if usual >= _OFTEN else 1
-        found += (np.array(begins[times:]) - np.array(begins[:-times])).tolist()
-    return found
+        periods += (np.array(begins[times:]) - np.array(begins[:-times])).tolist()
+    return periods
 
 
 def _letters(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.str_]:
-    begins = np.array([at for at, _ in changes])
+    begins = np.array([time_s for time_s, _ in changes])
     number = np.searchsorted(begins, times + 1e-9, side="right") - 1
     return np.asarray(np.array([letter for _, letter in changes])[number.clip(0)])
 
@@ -172,66 +172,66 @@ def _groups(
     until_s: float,
 ) -> tuple[dict[int, str], tuple[int, ...]]:
     passed: dict[tuple[str, str], list[float]] = defaultdict(list)
-    for one in passages:
-        way = (one.lane, one.leaving)
-        if way in links.links and np.isfinite(one.passed_s) and one.passed_s < until_s:
-            passed[way].append(one.passed_s)
-        for other, when in _beside(one) if links.beside else ():
+    for passage in passages:
+        movement = (passage.lane, passage.leaving)
+        if movement in links.links and np.isfinite(passage.passed_s) and passage.passed_s < until_s:
+            passed[movement].append(passage.passed_s)
+        for other, when in _beside(passage) if links.beside else ():
             if other in links.beside and when < until_s:
                 passed[other].append(when)
     chosen: dict[tuple[str, str], str] = {}
     every = np.arange(0.0, until_s, _STEP_S)
     share = {group: float(_open(changes, every).mean()) for group, changes in shown.items()}
-    for way, times in passed.items():
-        at = np.array(times)
+    for movement, times in passed.items():
+        times_s = np.array(times)
         score = {
             group: float(
                 np.where(
-                    _open(changes, at), np.log((1 - _MISSED) / max(share[group], 1e-3)), 0.0
+                    _open(changes, times_s), np.log((1 - _MISSED) / max(share[group], 1e-3)), 0.0
                 ).sum()
-                + np.where(_open(changes, at), 0.0, np.log(_MISSED)).sum()
+                + np.where(_open(changes, times_s), 0.0, np.log(_MISSED)).sum()
             )
             for group, changes in shown.items()
         }
         best = max(score, key=lambda group: (score[group], -len(group), group))
         if score[best] > 0:
-            chosen[way] = str(best)
+            chosen[movement] = str(best)
     group_of: dict[int, str] = {}
-    every_way = {**links.links, **links.beside}
-    for way, numbers in every_way.items():
-        near = [
-            *([chosen[way]] if way in chosen else []),
-            *(group for other, group in chosen.items() if other[0] == way[0]),
-            *(group for other, group in chosen.items() if _road(other) == _road(way)),
+    numbers_of = {**links.links, **links.beside}
+    for movement, numbers in numbers_of.items():
+        candidates = [
+            *([chosen[movement]] if movement in chosen else []),
+            *(group for other, group in chosen.items() if other[0] == movement[0]),
+            *(group for other, group in chosen.items() if _road(other) == _road(movement)),
         ]
-        for number in numbers if near else ():
-            group_of[number] = near[0]
-    certain = tuple(sorted(k for way in chosen for k in every_way[way]))
+        for number in numbers if candidates else ():
+            group_of[number] = candidates[0]
+    certain = tuple(sorted(k for movement in chosen for k in numbers_of[movement]))
     return group_of, certain
 
 
 def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
     """Return the movements of a vehicle from any road: (lane, road after), with times."""
     on = [
-        (str(lane), float(at))
-        for lane, at in zip(one.lanes, one.seen.time_s, strict=True)
+        (str(lane), float(time_s))
+        for lane, time_s in zip(one.lanes, one.seen.time_s, strict=True)
         if lane and not str(lane).startswith(":")
     ]
     return [
-        ((lane, following.rpartition("_")[0]), at)
-        for (lane, at), (following, _) in pairwise(on)
+        ((lane, following.rpartition("_")[0]), time_s)
+        for (lane, time_s), (following, _) in pairwise(on)
         if following.rpartition("_")[0] != lane.rpartition("_")[0]
     ]
 
 
 def _open(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return whether times are within green, or shortly before or after."""
-    found = np.zeros(len(times), np.bool_)
-    ends = [at for at, _ in changes[1:]] + [np.inf]
+    is_open = np.zeros(len(times), np.bool_)
+    ends = [time_s for time_s, _ in changes[1:]] + [np.inf]
     for (begin, letter), end in zip(changes, ends, strict=True):
         if letter in "Gg":
-            found |= (times >= begin - _BEFORE_S) & (times <= end + _AFTER_S)
-    return found
+            is_open |= (times >= begin - _BEFORE_S) & (times <= end + _AFTER_S)
+    return is_open
 
 
 def _road(way: tuple[str, str]) -> str:
@@ -272,7 +272,7 @@ def _extended(
     """
     lasts = [(seconds, seconds) for seconds, _, _ in states]
     for phase in range(len(cycle.letters)):
-        own = [k for k, (_, _, whose) in enumerate(states) if whose == phase]
+        own = [k for k, (_, _, phase_of_state) in enumerate(states) if phase_of_state == phase]
         longest = max(own, key=lambda k: states[k][0])
         seconds = states[longest][0]
         least = seconds - (cycle.seconds[phase] - cycle.at_least[phase])
@@ -302,8 +302,8 @@ def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
         met = np.zeros(len(rows), np.bool_)
         for walk in links:
             for other in signals.links:
-                known = rows[0, other.index] != "o" and other.movement != "walk"
-                if not known or not signals.are_foes(walk, other):
+                is_relevant = rows[0, other.index] != "o" and other.movement != "walk"
+                if not is_relevant or not signals.are_foes(walk, other):
                     continue
                 alone = ~through[other.road] if other.road in through else False
                 met |= moves[:, other.index] & (signals.meets_walkers(other, walk) | alone)
@@ -339,9 +339,9 @@ def _with_right_of_way(row: NDArray[np.str_], signals: Signalised) -> str:
     lit = [link for link in signals.links if row[link.index] in ("G", "g")]
     state = list(row)
     first: list[Link] = []
-    for link in sorted(lit, key=lambda one: (one.is_turn, one.index)):
+    for link in sorted(lit, key=lambda link: (link.is_turn, link.index)):
         waits = any(signals.gives_way(link, other) for other in lit)
-        meets = any(signals.are_foes(link, one) and link.road != one.road for one in first)
+        meets = any(signals.are_foes(link, other) and link.road != other.road for other in first)
         state[link.index] = "g" if waits or meets else "G"
         if not waits and not meets:
             first.append(link)

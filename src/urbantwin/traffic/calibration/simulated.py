@@ -28,7 +28,7 @@ _BESIDE_M, _COARSE_M = 3.0, 0.5
 
 def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
     """Return the area around recorded tracks."""
-    lines = [shapely.LineString(one.xy) for one in tracks if len(one.xy) > 1]
+    lines = [shapely.LineString(seen.xy) for seen in tracks if len(seen.xy) > 1]
     return shapely.union_all(
         [line.simplify(_COARSE_M, preserve_topology=False).buffer(_BESIDE_M) for line in lines]
     )
@@ -57,7 +57,7 @@ def simulated_tracks(
     demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed)
     steps = round(seconds / _STEP_S)
     net = driven_net(twin, asked, demand, seconds, scratch)
-    found = simulate(
+    simulated = simulate(
         net,
         demand,
         asset,
@@ -68,26 +68,26 @@ def simulated_tracks(
         scratch=scratch,
         progress=lambda share, _: told(share),
     )
-    found = with_parties(found, demand, twin.roads, _STEP_S)
-    kept = np.flatnonzero((found.step >= 0) & (found.step < steps))
-    order = kept[np.lexsort([found.step[kept], found.trip[kept]])]
-    cuts = np.flatnonzero(np.diff(found.trip[order])) + 1
+    simulated = with_parties(simulated, demand, twin.roads, _STEP_S)
+    in_span = np.flatnonzero((simulated.step >= 0) & (simulated.step < steps))
+    order = in_span[np.lexsort([simulated.step[in_span], simulated.trip[in_span]])]
+    cuts = np.flatnonzero(np.diff(simulated.trip[order])) + 1
     shapely.prepare(area)
     tracks = []
     for rows in np.split(order, cuts) if len(order) else []:
-        trip = demand.trips[int(found.trip[rows[0]])]
+        trip = demand.trips[int(simulated.trip[rows[0]])]
         mesh = asset(trip.asset)
-        yaw = np.pi / 2 - np.radians(found.angle_deg[rows])
+        yaw = np.pi / 2 - np.radians(simulated.angle_deg[rows])
         ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
-        xy = found.front[rows] - ahead * mesh.length / 2
+        xy = simulated.front[rows] - ahead * mesh.length / 2
         inside = np.flatnonzero(shapely.intersects_xy(area, *xy.T))
         if len(inside) < 3:
             continue
         part = slice(int(inside[0]), int(inside[-1]) + 1)
-        times = np.asarray(found.step[rows][part] * _STEP_S, np.float64)
+        times = np.asarray(simulated.step[rows][part] * _STEP_S, np.float64)
         size = np.array([mesh.length, mesh.width, mesh.height])
         nothing = np.full(len(times), np.nan)
-        name = str(found.trip[rows[0]])
+        name = str(simulated.trip[rows[0]])
         track = RecordedTrack(name, trip.actor_class, times, xy[part], yaw[part], nothing, size)
-        tracks.append(SeenTrack(track, times, xy[part], yaw[part], found.speed[rows][part]))
+        tracks.append(SeenTrack(track, times, xy[part], yaw[part], simulated.speed[rows][part]))
     return tracks

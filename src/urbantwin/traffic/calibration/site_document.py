@@ -44,8 +44,8 @@ def write_calibrated(
         files: the folder of the site, and the final folder of the results.
     """
     document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
-    here, there = files
-    _dump(folder / "site.yaml", _elsewhere(document, here.resolve(), there.resolve()))
+    source, target = files
+    _dump(folder / "site.yaml", _elsewhere(document, source.resolve(), target.resolve()))
     _dump(folder / "traffic.yaml", traffic)
     write_json(folder / "calibration.json", report)
 
@@ -53,9 +53,9 @@ def write_calibrated(
 def _elsewhere(value: Any, here: Path, there: Path | None, key: str = "") -> Any:  # noqa: ANN401
     """Return a document with file paths relative to another folder, or absolute."""
     if isinstance(value, dict):
-        return {name: _elsewhere(one, here, there, name) for name, one in value.items()}
+        return {name: _elsewhere(item, here, there, name) for name, item in value.items()}
     if isinstance(value, list):
-        return [_elsewhere(one, here, there, key) for one in value]
+        return [_elsewhere(item, here, there, key) for item in value]
     if isinstance(value, str) and value and "\n" not in value and len(value) < _LONGEST_NAME:
         file = here / value
         # Some entries name a folder of files: of tiles, of frames. Other values may equal a

@@ -29,14 +29,14 @@ def turns_taken(
     Returns:
         80 % quantiles of lateral acceleration in a turn, m/s2; and 20 % quantiles of speed, m/s.
     """
-    bends: dict[_Way, list[float]] = defaultdict(list)
+    accelerations: dict[_Way, list[float]] = defaultdict(list)
     speeds: dict[_Way, list[float]] = defaultdict(list)
-    for one in passages:
-        found = _in_a_turn(one, begin_s, end_s)
-        if found is not None:
-            bends[one.approach, one.leaving].append(found[0])
-            speeds[one.approach, one.leaving].append(found[1])
-    return dict(bends), dict(speeds)
+    for passage in passages:
+        turn = _in_a_turn(passage, begin_s, end_s)
+        if turn is not None:
+            accelerations[passage.approach, passage.leaving].append(turn[0])
+            speeds[passage.approach, passage.leaving].append(turn[1])
+    return dict(accelerations), dict(speeds)
 
 
 def _in_a_turn(one: Passage, begin_s: float, end_s: float) -> tuple[float, float] | None:
@@ -47,12 +47,12 @@ def _in_a_turn(one: Passage, begin_s: float, end_s: float) -> tuple[float, float
     if len(times) < 3:
         return None
     # Resampled, since headings of trackers and of SUMO change in steps.
-    at = np.arange(times[0], times[-1] + 1e-9, 0.5)
-    if len(at) < 4:
+    times_s = np.arange(times[0], times[-1] + 1e-9, 0.5)
+    if len(times_s) < 4:
         return None
-    yaw = np.interp(at, times, np.unwrap(seen.yaw[rows]))
-    pace = np.interp(at, times, speed)[1:-1]
-    rate = np.abs(yaw[2:] - yaw[:-2]) / (at[2:] - at[:-2])
+    yaw = np.interp(times_s, times, np.unwrap(seen.yaw[rows]))
+    pace = np.interp(times_s, times, speed)[1:-1]
+    rate = np.abs(yaw[2:] - yaw[:-2]) / (times_s[2:] - times_s[:-2])
     turns = rate > _TURNS_RAD / 10
     if np.ptp(yaw) < _TURNS_RAD or not turns.any() or pace[turns].min() < _ROLLS_MS:
         return None

@@ -71,18 +71,18 @@ def ways_missed(recorded: Measured, links: JunctionLinks, beside: int = 0) -> li
         links: the movements over the main junction.
         beside: number of other vehicles that were counted elsewhere.
     """
-    there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
-    told = [
-        f"{count} vehicles from road {way[0]} to {way[1]}: the map has no way there"
-        for way, count in sorted(recorded.turns.items())
-        if way not in there
+    mapped = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
+    notes = [
+        f"{count} vehicles from road {movement[0]} to {movement[1]}: the map has no way there"
+        for movement, count in sorted(recorded.turns.items())
+        if movement not in mapped
     ]
     came = sum(recorded.new.get(name, 0) for name in MOTORS)
     missed = came - sum(recorded.turns.values()) - beside
     if missed > _ELSEWHERE * came:
-        told.append(
+        notes.append(
             f"{missed} of {came} motor vehicles that come into view pass no junction or road "
             "where they could be counted: nobody is simulated in their place, and shares and "
             "speeds are without them"
         )
-    return told
+    return notes

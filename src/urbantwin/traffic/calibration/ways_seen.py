@@ -39,7 +39,7 @@ def ways_seen(
         Turn at another junction -> class -> times of passing the main junction, seconds. Turns
             without vehicles are included, if others are used.
     """
-    before, behind = defaultdict(set), defaultdict(set)
+    before, after_exit = defaultdict(set), defaultdict(set)
     driven = {
         road.id
         for road in roads.roads
@@ -48,27 +48,29 @@ def ways_seen(
     for first, last in sorted(ways_between(roads)):
         if {first, last} <= driven:
             before[last].add(first)
-            behind[first].add(last)
+            after_exit[first].add(last)
     came: dict[str, list[_Passed]] = defaultdict(list)
     left: dict[str, list[_Passed]] = defaultdict(list)
-    for one in passages:
-        if not one.approach or not one.leaving:
+    for passage in passages:
+        if not passage.approach or not passage.leaving:
             continue
-        lanes = (roads.lane_by_id.get(str(name)) for name in one.lanes)
-        way = [road for road, _ in groupby(lane.road for lane in lanes if lane and lane.road)]
-        ahead = way[: way.index(one.approach)] if one.approach in way else []
-        after = way[way.index(one.leaving) + 1 :] if one.leaving in way else []
-        came[one.approach].append((one, tuple(reversed(ahead))))
-        left[one.leaving].append((one, tuple(after)))
-    found: dict[Spot, list[Passage]] = {}
+        lanes = (roads.lane_by_id.get(str(name)) for name in passage.lanes)
+        road_ids = [road for road, _ in groupby(lane.road for lane in lanes if lane and lane.road)]
+        ahead = road_ids[: road_ids.index(passage.approach)] if passage.approach in road_ids else []
+        after = (
+            road_ids[road_ids.index(passage.leaving) + 1 :] if passage.leaving in road_ids else []
+        )
+        came[passage.approach].append((passage, tuple(reversed(ahead))))
+        left[passage.leaving].append((passage, tuple(after)))
+    counts: dict[Spot, list[Passage]] = {}
     for road, those in sorted(came.items()):
-        found |= _told(road, those, before, behind, backwards=True)
+        counts |= _told(road, those, before, after_exit, backwards=True)
     for road, those in sorted(left.items()):
-        found |= _told(road, those, behind, before, backwards=False)
+        counts |= _told(road, those, after_exit, before, backwards=False)
     ends_at = {road.id: road.to_junction for road in roads.roads}
     done = {ends_at[name] for spot in counted for field, name in spot if field == "approach"}
     return {
-        spot: _by_class(those) for spot, those in found.items() if ends_at[spot[0][1]] not in done
+        spot: _by_class(those) for spot, those in counts.items() if ends_at[spot[0][1]] not in done
     }
 
 
@@ -90,35 +92,37 @@ def _told(
         backwards: whether beyond means upstream.
     """
     beyond = sorted(onward.get(road, ()))
-    seen = Counter(way[0] for _, way in those if way and way[0] in beyond)
-    known = sum(seen.values())
-    if known < max(_FEWEST, _SHARE * len(those)):
+    seen = Counter(
+        roads_ahead[0] for _, roads_ahead in those if roads_ahead and roads_ahead[0] in beyond
+    )
+    total = sum(seen.values())
+    if total < max(_FEWEST, _SHARE * len(those)):
         return {}
-    given: Counter[str] = Counter()
+    assigned: Counter[str] = Counter()
     through: dict[str, list[_Passed]] = {name: [] for name in beyond}
-    for one, way in those:
-        if way and way[0] in beyond:
-            through[way[0]].append((one, way[1:]))
+    for passage, roads_ahead in those:
+        if roads_ahead and roads_ahead[0] in beyond:
+            through[roads_ahead[0]].append((passage, roads_ahead[1:]))
             continue
         # Assigned to the road with the largest deficit relative to the observed shares.
-        number = sum(given.values()) + 1
-        lacks = {name: seen[name] / known * number - given[name] for name in beyond}
+        number = sum(assigned.values()) + 1
+        lacks = {name: seen[name] / total * number - assigned[name] for name in beyond}
         name = max(beyond, key=lacks.__getitem__)
-        given[name] += 1
-        through[name].append((one, ()))
-    found: dict[Spot, list[Passage]] = {}
-    for name, mine in through.items():
+        assigned[name] += 1
+        through[name].append((passage, ()))
+    turns: dict[Spot, list[Passage]] = {}
+    for name, passages in through.items():
         if len(beyond) > 1:
             first, last = (name, road) if backwards else (road, name)
-            found[("approach", first), ("turn", last)] = [one for one, _ in mine]
+            turns[("approach", first), ("turn", last)] = [passage for passage, _ in passages]
         if back[name] == {road}:  # no other traffic on it
-            found |= _told(name, mine, onward, back, backwards=backwards)
-    return found
+            turns |= _told(name, passages, onward, back, backwards=backwards)
+    return turns
 
 
 def _by_class(those: Sequence[Passage]) -> dict[str, list[float]]:
     times: dict[str, list[float]] = defaultdict(list)
-    for one in those:
-        at = float(np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]))
-        times[one.seen.track.actor_class].append(at)
+    for passage in those:
+        passed_s = float(np.nan_to_num(passage.passed_s, nan=passage.seen.time_s[0]))
+        times[passage.seen.track.actor_class].append(passed_s)
     return dict(times)
