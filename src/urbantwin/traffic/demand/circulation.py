@@ -159,7 +159,7 @@ class Circulation:
         Args:
             at_once: share of the vehicles of metered classes; gates add the others.
         """
-        found = []
+        counts = []
         for name in self._circuits:
             seconds, metres = self._usual[name]
             rate = self.per_hour[name]
@@ -168,8 +168,8 @@ class Circulation:
             count = wanted
             if name == _ON_FOOT:
                 count = max(1, min(wanted, int(self._circuits[name].room_m / _FOOTWAY_M)))
-            found.append(Population(name, rate, count, seconds, metres, wanted - count))
-        return found
+            counts.append(Population(name, rate, count, seconds, metres, wanted - count))
+        return counts
 
     def demand(
         self,
@@ -239,12 +239,12 @@ class Circulation:
 
     def _planned(self) -> dict[tuple[str, str], float]:
         """Return the planned motor vehicles per hour by (edge, next edge)."""
-        found: dict[tuple[str, str], float] = defaultdict(float)
+        flows: dict[tuple[str, str], float] = defaultdict(float)
         for name in sorted(IN_CARS.keys() & self._circuits.keys()):
             edges = self._circuits[name].graph.edges
             for (a, b), share in self._circuits[name].flows().items():
-                found[edges[a], edges[b]] += share * self.per_hour[name]
-        return dict(found)
+                flows[edges[a], edges[b]] += share * self.per_hour[name]
+        return dict(flows)
 
     def _gate_plan(
         self,
@@ -307,8 +307,8 @@ class Circulation:
             metres = sum(
                 length for (edge, _), length in arcs[True].items() if part_of[True][edge] == number
             )
-            there = sum(room.get(edge, 0.0) for edge in own)
-            parts.append(NetworkPart(tuple(own), there, metres / rate if rate else 1.0))
+            room_m = sum(room.get(edge, 0.0) for edge in own)
+            parts.append(NetworkPart(tuple(own), room_m, metres / rate if rate else 1.0))
         return GatePlan(tuple(gates), tuple(parts)), trips
 
     def _random(self, actor_class: str, number: int) -> np.random.Generator:

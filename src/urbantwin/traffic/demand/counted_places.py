@@ -75,9 +75,9 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
     if leaving is None and turn in _TURNS:
         turned = [road for road in exits if turn_of(roads, approach, road) == turn]
         if not turned:
-            there = ", ".join(f"{road.id} ({turn_of(roads, approach, road)})" for road in exits)
+            turns = ", ".join(f"{road.id} ({turn_of(roads, approach, road)})" for road in exits)
             raise InputError(
-                f"nobody can go {turn} from {name}", place=place, expected=f"one of {there}"
+                f"nobody can go {turn} from {name}", place=place, expected=f"one of {turns}"
             )
         # Among several, the one nearest to a right angle, or to straight on.
         leaving = min(turned, key=lambda road: _off(roads, approach, road, turn))
@@ -91,32 +91,41 @@ def _one(
 ) -> Road:
     """Return the road of a junction with a given name or compass direction."""
     arms = {road.id: arm_of(roads, road, at_end=at_end) for road in among}
-    found = [road for road in among if name == road.name or _is_arm(name, arms[road.id])]
-    if len(found) == 1:
-        return found[0]
-    there = ", ".join(
+    matches = [road for road in among if name == road.name or _is_arm(name, arms[road.id])]
+    if len(matches) == 1:
+        return matches[0]
+    roads_there = ", ".join(
         f"{road.id} ({arms[road.id]}{', ' + road.name if road.name else ''})" for road in among
     )
-    problem = f"means {len(found)} roads" if found else "is not there"
+    problem = f"means {len(matches)} roads" if matches else "is not there"
     extra = f", or {', '.join(_TURNS)}" if what == "turn" else ""
     raise InputError(
-        f"the {what} {name!r} {problem}", place=place, expected=f"one of {there}{extra}"
+        f"the {what} {name!r} {problem}", place=place, expected=f"one of {roads_there}{extra}"
     )
 
 
 def main_junction(roads: RoadNetwork) -> str:
     """Return the default junction: many incoming lanes, and near the origin of the site."""
-    ways = {road.to_junction for road in roads.roads}
+    destinations = {road.to_junction for road in roads.roads}
     count = {
-        one.id: sum(len(road.lanes) for road in roads.roads if road.to_junction == one.id)
-        for one in roads.junctions
-        if one.id in ways
+        junction.id: sum(len(road.lanes) for road in roads.roads if road.to_junction == junction.id)
+        for junction in roads.junctions
+        if junction.id in destinations
     }
-    place = {one.id: one.polygon.centroid for one in roads.junctions if not one.polygon.is_empty}
+    place = {
+        junction.id: junction.polygon.centroid
+        for junction in roads.junctions
+        if not junction.polygon.is_empty
+    }
     return max(
         sorted(count),
-        key=lambda one: (
-            count[one] - (np.hypot(place[one].x, place[one].y) / 50 if one in place else 9)
+        key=lambda junction_id: (
+            count[junction_id]
+            - (
+                np.hypot(place[junction_id].x, place[junction_id].y) / 50
+                if junction_id in place
+                else 9
+            )
         ),
     )
 
@@ -125,10 +134,10 @@ def _direction(roads: RoadNetwork, road: Road, *, at_end: bool) -> float:
     """Return the direction of a road at the junction, rad from east."""
     centre = roads.lane_by_id[road.lanes[-1]].centre[:, :2]
     away_from = centre[::-1] if at_end else centre
-    near = away_from[0]
-    beyond = np.linalg.norm(away_from - near, axis=1) >= _DIRECTION_M
+    end_point = away_from[0]
+    beyond = np.linalg.norm(away_from - end_point, axis=1) >= _DIRECTION_M
     far = away_from[int(np.argmax(beyond)) if beyond.any() else -1]
-    step = near - far if at_end else far - near
+    step = end_point - far if at_end else far - end_point
     return float(np.arctan2(step[1], step[0]))
 
 
@@ -158,14 +167,16 @@ def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
     """
     lane = roads.lane_by_id.get(name)
     wanted = lane.road if lane is not None and lane.road else name
-    found = [road for road in roads.roads if road.id == wanted]
-    found = found or [road for road in roads.roads if road.name and road.name == name]
-    if len(found) == 1:
-        return found[0]
-    there = found or roads.roads
-    told = ", ".join(f"{one.id} ({one.name})" if one.name else one.id for one in there[:_TOLD])
-    problem = f"means {len(found)} roads" if found else "is not there"
-    raise InputError(f"the road {name[:60]!r} {problem}", place=place, expected=f"one of {told}")
+    matches = [road for road in roads.roads if road.id == wanted]
+    matches = matches or [road for road in roads.roads if road.name and road.name == name]
+    if len(matches) == 1:
+        return matches[0]
+    candidates = matches or roads.roads
+    listed = ", ".join(
+        f"{one.id} ({one.name})" if one.name else one.id for one in candidates[:_TOLD]
+    )
+    problem = f"means {len(matches)} roads" if matches else "is not there"
+    raise InputError(f"the road {name[:60]!r} {problem}", place=place, expected=f"one of {listed}")
 
 
 def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
@@ -195,14 +206,14 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
         middle = lane.centre[:, :2].mean(axis=0)
         _, road, at_end = min(arms, key=lambda arm: float(np.linalg.norm(arm[0] - middle)))
         arm[lane.id] = arm_of(roads, road, at_end=at_end)
-    found = [lane for lane in here if _is_arm(name, arm[lane.id])]
-    if found:
-        return max(found, key=lambda lane: lane.length)
-    told = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in here)
+    matches = [lane for lane in here if _is_arm(name, arm[lane.id])]
+    if matches:
+        return max(matches, key=lambda lane: lane.length)
+    listed = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in here)
     raise InputError(
         f"the crossing {name[:60]!r} is not there",
         place=place,
-        expected=f"one of {told}" if told else "the id of a crossing: this junction has none",
+        expected=f"one of {listed}" if listed else "the id of a crossing: this junction has none",
     )
 
 
@@ -222,7 +233,7 @@ def ridden_along(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
         road.id: [roads.lane_by_id[lane] for lane in road.lanes if _is_ridden(lane, roads)]
         for road in roads.roads
     }
-    found: list[tuple[float, Way]] = []
+    movements: list[tuple[float, Way]] = []
     for approach in roads.roads:
         if approach.to_junction != crossing.junction or not lane_of[approach.id]:
             continue
@@ -234,18 +245,21 @@ def ridden_along(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
             off = middle - begin
             length = float(np.hypot(*step))
             along = float(step @ off) / max(length, 1e-9)
-            aside = kerb * float(step[0] * off[1] - step[1] * off[0]) / max(length, 1e-9)
-            if not (0 < along < length and aside > 0):
+            lateral_m = kerb * float(step[0] * off[1] - step[1] * off[0]) / max(length, 1e-9)
+            if not (0 < along < length and lateral_m > 0):
                 continue
             if turn_of(roads, approach, leaving) == "through":
-                found.append((aside, Way(approach, leaving)))
-    if not found:
+                movements.append((lateral_m, Way(approach, leaving)))
+    if not movements:
         raise InputError(
             f"nobody rides along the crossing {str(row['crossing'])[:60]!r}",
             place=place,
             expected="a crossing that bicycles pass straight on, or approach and turn",
         )
-    return min(found, key=lambda one: (one[0], one[1].approach.id, one[1].exit.id))[1]
+    return min(
+        movements,
+        key=lambda candidate: (candidate[0], candidate[1].approach.id, candidate[1].exit.id),
+    )[1]
 
 
 def _is_ridden(lane: str, roads: RoadNetwork) -> bool:
@@ -269,16 +283,24 @@ def _junction(name: str, roads: RoadNetwork, place: str) -> str:
     if name in streets:
         return name
     wanted = {part.strip() for part in name.split("/")}
-    ids = {one.id for one in roads.junctions}
-    found = [one for one in sorted(streets) if one in ids and wanted <= streets[one]]
-    if len(found) == 1:
-        return found[0]
-    told = [
-        f"{one} ({' / '.join(sorted(streets[one]))})" for one in sorted(streets) if streets[one]
+    ids = {junction.id for junction in roads.junctions}
+    matches = [
+        junction_id
+        for junction_id in sorted(streets)
+        if junction_id in ids and wanted <= streets[junction_id]
     ]
-    problem = f"means {len(found)} junctions ({', '.join(found)})" if found else "is not there"
+    if len(matches) == 1:
+        return matches[0]
+    listed = [
+        f"{junction_id} ({' / '.join(sorted(streets[junction_id]))})"
+        for junction_id in sorted(streets)
+        if streets[junction_id]
+    ]
+    problem = (
+        f"means {len(matches)} junctions ({', '.join(matches)})" if matches else "is not there"
+    )
     raise InputError(
         f"the junction {name[:60]!r} {problem}",
         place=place,
-        expected="one of " + ", ".join(told[:_TOLD]),
+        expected="one of " + ", ".join(listed[:_TOLD]),
     )

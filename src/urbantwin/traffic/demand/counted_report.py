@@ -45,25 +45,27 @@ def counted_report(
     """
     duration_s = steps * step_s
     edge_of_lane = np.array([lane.rpartition("_")[0] for lane in simulated.lanes], object)
-    told = []
+    rows = []
     for row, planned in zip(counts, demand.counted, strict=True):
         rates = rates_of(row, per_hour, "").values()
-        asked = sum(count for one in rates for _, _, count in wanted_of(one, 0.0, duration_s))
+        requested = sum(
+            count for quarters in rates for _, _, count in wanted_of(quarters, 0.0, duration_s)
+        )
         came = _came(simulated, np.flatnonzero(edge_of_lane == planned.leaving), planned)
         driven = int(((came >= 0) & (came < steps)).sum())
         where = {name: row[name] for name in _WHERE if row.get(name)}
         kind = "pedestrian" if row.get("crossing") else "motor traffic"
-        found = {
+        entry = {
             **where,
             "class": row.get("actor_class") or kind,
-            "has_way": bool(planned.trips) or asked < 1,
-            "asked_per_hour": round(asked * 3600 / duration_s, 1),
+            "has_way": bool(planned.trips) or requested < 1,
+            "asked_per_hour": round(requested * 3600 / duration_s, 1),
             "driven_per_hour": round(driven * 3600 / duration_s, 1),
         }
-        if planned.trips and driven < (1 - SHORT) * asked:
-            found["held_up"] = _held_up(planned, simulated, roads)
-        told.append(found)
-    return told
+        if planned.trips and driven < (1 - SHORT) * requested:
+            entry["held_up"] = _held_up(planned, simulated, roads)
+        rows.append(entry)
+    return rows
 
 
 #: Fields that give the place of a count.
@@ -85,11 +87,11 @@ def _came(
     simulated: Simulated, lanes: NDArray[np.integer], planned: CountedRow
 ) -> NDArray[np.int32]:
     """Return the first step of each planned trip on some lanes."""
-    there = np.isin(simulated.lane, lanes) & np.isin(simulated.trip, planned.trips)
+    is_counted = np.isin(simulated.lane, lanes) & np.isin(simulated.trip, planned.trips)
     # The first step may precede the motion.
-    order = np.lexsort([simulated.step[there], simulated.trip[there]])
-    _, first = np.unique(simulated.trip[there][order], return_index=True)
-    return np.asarray(simulated.step[there][order][first])
+    order = np.lexsort([simulated.step[is_counted], simulated.trip[is_counted]])
+    _, first = np.unique(simulated.trip[is_counted][order], return_index=True)
+    return np.asarray(simulated.step[is_counted][order][first])
 
 
 def _held_up(planned: CountedRow, simulated: Simulated, roads: RoadNetwork) -> str:

@@ -80,15 +80,15 @@ def wanted_of(
     rates: Sequence[float], warmup_s: float, duration_s: float
 ) -> list[tuple[float, float, float]]:
     """Return (begin, end, number of actors); times in seconds from the start of the warm-up."""
-    found, end = [], warmup_s + duration_s
+    intervals, end = [], warmup_s + duration_s
     begin = 0.0
     for number, rate in enumerate(rates):
         last = number == len(rates) - 1
         until = end if last else min(warmup_s + (number + 1) * QUARTER_S, end)
         if until > begin:
-            found.append((begin, until, rate * (until - begin) / 3600.0))
+            intervals.append((begin, until, rate * (until - begin) / 3600.0))
             begin = until
-    return found
+    return intervals
 
 
 def departures_of(
@@ -145,8 +145,8 @@ class _Place:
         """Return whether a route passes the place."""
         if self.first not in edges or self.last not in edges:
             return False
-        at = len(edges) - 1 - edges[::-1].index(self.last)
-        return edges.index(self.first) <= at
+        last_index = len(edges) - 1 - edges[::-1].index(self.last)
+        return edges.index(self.first) <= last_index
 
 
 @dataclass(frozen=True)
@@ -191,32 +191,38 @@ def fitted_demand(  # noqa: PLR0913 - all inputs of counts
         rows = by_class[name]
         ways = _ways(name, {number: places[number] for number in rows}, network)
         for number in rows:
-            asked = round(sum(n for _, _, n in wanted_of(rows[number], 0.0, duration_s)))
-            if asked and not any(number in passed for passed in ways.passed):
+            expected = round(sum(n for _, _, n in wanted_of(rows[number], 0.0, duration_s)))
+            if expected and not any(number in passed for passed in ways.passed):
                 nowhere.add(number)
                 why = f"no way for it where was counted ({spots[number]})"
-                left_out.append(LeftOut(name, asked, why))
+                left_out.append(LeftOut(name, expected, why))
         owed = 0.5
         volumes = _volumes(name, ways, rows, per_hour)
         # Sorted so that fractions of vehicles add up among routes that pass the same places.
-        for way in sorted(range(len(ways.edges)), key=lambda way: ways.passed[way]):
-            if volumes[way].max() < _SELDOM:
+        for route in sorted(range(len(ways.edges)), key=lambda route: ways.passed[route]):
+            if volumes[route].max() < _SELDOM:
                 continue
-            key = _STREAM + kind * _CLASS + way
+            key = _STREAM + kind * _CLASS + route
             random = np.random.Generator(np.random.Philox(key=[seed, key]))
-            flow = wanted_of(volumes[way].tolist(), warmup_s, duration_s)
-            at = departures_of(flow, owed, random, evenly=evenly)
+            flow = wanted_of(volumes[route].tolist(), warmup_s, duration_s)
+            departures_s = departures_of(flow, owed, random, evenly=evenly)
             owed = (owed + sum(count for _, _, count in flow)) % 1.0
-            for k, time_s in enumerate(np.round(at, 2).tolist()):
-                one = body(name, way * _MOST_OF_A_WAY + k)
-                trip = _trip(name, one, time_s, ways, way, warmup_s, random)
-                trips.append((trip, ways.passed[way]))
-    trips.sort(key=lambda one: (one[0].depart_s, one[1], one[0].edges))
+            for k, time_s in enumerate(np.round(departures_s, 2).tolist()):
+                body_class = body(name, route * _MOST_OF_A_WAY + k)
+                trip = _trip(name, body_class, time_s, ways, route, warmup_s, random)
+                trips.append((trip, ways.passed[route]))
+    trips.sort(
+        key=lambda numbered_trip: (
+            numbered_trip[0].depart_s,
+            numbered_trip[1],
+            numbered_trip[0].edges,
+        )
+    )
     numbers: list[list[int]] = [[] for _ in counts]
-    for number, (trip, whose) in enumerate(trips):
+    for number, (trip, passed_places) in enumerate(trips):
         # SUMO's pedestrians cross where it is shortest: any of them may be counted there.
         on_foot = trip.actor_class == _ON_FOOT
-        for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else whose:
+        for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else passed_places:
             numbers[where].append(number)
     counted = (
         CountedRow(place.first, place.last, tuple(row))
@@ -235,35 +241,39 @@ def fitted_volumes(
         passes: (W, R) whether a route passes the place of a row.
         counted: (R,) actors per hour.
     """
-    found = usual.astype(np.float64)
+    volumes = usual.astype(np.float64)
     if not passes.any():
-        return found
-    found[passes[:, counted <= 0].any(axis=1)] = 0.0
+        return volumes
+    volumes[passes[:, counted <= 0].any(axis=1)] = 0.0
     most = int(passes.sum(axis=1).max())
     touched = passes.any(axis=1)
-    whole = found[touched].sum()
+    whole = volumes[touched].sum()
     if whole > 0:  # initial scale
-        found[touched] *= counted.sum() / whole
+        volumes[touched] *= counted.sum() / whole
     for _ in range(_ROUNDS):
-        there = found @ passes
-        ratio = np.where((there > _LITTLE) & (counted > 0), counted / np.maximum(there, _LITTLE), 1)
-        found[touched] *= np.exp(passes[touched] @ np.log(ratio) / most)
-    return found
+        fitted_counts = volumes @ passes
+        ratio = np.where(
+            (fitted_counts > _LITTLE) & (counted > 0),
+            counted / np.maximum(fitted_counts, _LITTLE),
+            1,
+        )
+        volumes[touched] *= np.exp(passes[touched] @ np.log(ratio) / most)
+    return volumes
 
 
 def _place(row: Mapping[str, Any], roads: RoadNetwork, spot: str) -> _Place:
     if row.get("crossing") and row.get("actor_class") == "bicycle":
-        way = ridden_along(row, roads, spot)
-        return _Place(way.approach.id, way.exit.id)
+        movement = ridden_along(row, roads, spot)
+        return _Place(movement.approach.id, movement.exit.id)
     if row.get("crossing"):
         edge = crossing_of(row, roads, spot).id.rpartition("_")[0]
         return _Place(edge, edge)
     if row.get("road"):
         road = road_of(str(row["road"]), roads, spot).id
         return _Place(road, road)
-    way = way_of(row, roads, spot)
-    turn = way.approach.to_junction == way.exit.from_junction
-    return _Place(way.approach.id, way.exit.id, turn=turn)
+    movement = way_of(row, roads, spot)
+    turn = movement.approach.to_junction == movement.exit.from_junction
+    return _Place(movement.approach.id, movement.exit.id, turn=turn)
 
 
 def _volumes(
@@ -285,8 +295,8 @@ def _volumes(
     else:
         usual[~passes.any(axis=1)] = 0.0
     quarters = max(len(rates) for rates in rows.values())
-    wanted = [[one[min(k, len(one) - 1)] for one in rows.values()] for k in range(quarters)]
-    return np.array([fitted_volumes(usual, passes, np.array(one)) for one in wanted]).T
+    wanted = [[rates[min(k, len(rates) - 1)] for rates in rows.values()] for k in range(quarters)]
+    return np.array([fitted_volumes(usual, passes, np.array(counted)) for counted in wanted]).T
 
 
 def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _Ways:
@@ -299,27 +309,29 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
     edges = [routes.drive(number) for number in range(len(routes.pairs))]
     weight = routes.weight.astype(np.float64)
     for place in places.values() if not on_foot else ():
-        if any(place.passed_by(one) for one in edges if one):
+        if any(place.passed_by(route) for route in edges if route):
             continue
         through = way_through(streets, place.first, place.last)
         if through is not None:
             edges.append(through)
             weight = np.append(weight, max(float(weight.max()), _LITTLE))
     if on_foot:
-        sure = np.array([not _may_cross_elsewhere(streets, way) for way in edges])
+        sure = np.array([not _may_cross_elsewhere(streets, route) for route in edges])
         for place in places.values():  # If no certain route crosses there, uncertain ones are used.
-            there = np.array([place.passed_by(way) for way in edges])
-            sure |= there & ~(sure & there).any()
+            crosses = np.array([place.passed_by(route) for route in edges])
+            sure |= crosses & ~(sure & crosses).any()
         weight = np.where(sure, weight, 0.0)
     turns: dict[str, set[str]] = {}
     for place in places.values():
         if place.turn:
             turns.setdefault(place.first, set()).add(place.last)
     # Where turns of an approach were counted, routes with other turns are not used.
-    for number, way in enumerate(edges):
-        if any(there not in turns.get(here, {there}) for here, there in pairwise(way)):
+    for number, route in enumerate(edges):
+        if any(
+            following not in turns.get(edge, {following}) for edge, following in pairwise(route)
+        ):
             weight[number] = 0.0
-    passed = [tuple(k for k, one in places.items() if one.passed_by(way)) for way in edges]
+    passed = [tuple(k for k, place in places.items() if place.passed_by(route)) for route in edges]
     return _Ways(edges, passed, weight, routes)
 
 
@@ -329,10 +341,10 @@ def _may_cross_elsewhere(streets: Streets, way: tuple[str, ...]) -> bool:
     SUMO's pedestrians take it if the first signal is red, and are then counted elsewhere.
     """
     number = {name: k for k, name in enumerate(streets.edges)}
-    at = [number[name] for name in way]
-    outside = [k for k, edge in enumerate(at) if edge < streets.street_count]
+    edge_numbers = [number[name] for name in way]
+    outside = [k for k, edge in enumerate(edge_numbers) if edge < streets.street_count]
     for first, last in pairwise(outside):
-        inside = at[first : last + 1]
+        inside = edge_numbers[first : last + 1]
         crossed = [edge for edge in inside if _CROSSING.search(streets.edges[edge])]
         if not crossed:
             continue
@@ -449,25 +461,31 @@ def counted_demand(  # noqa: PLR0913 - all inputs of counts
     left_out: list[LeftOut] = []
     streets: dict[str, Streets | None] = {}
     owed: dict[str, float] = {}
-    ways: list[tuple[str, str]] = []
+    roads_of_rows: list[tuple[str, str]] = []
     for number, row in enumerate(counts):
         place = row.get("row") or f"traffic.counts[{number}]"
-        way = way_of(row, roads, place)
-        ways.append((way.approach.id, way.exit.id))
+        movement = way_of(row, roads, place)
+        roads_of_rows.append((movement.approach.id, movement.exit.id))
         for name, rates in rates_of(row, per_hour, place).items():
             vclass = ACTOR_KINDS[name].vclass
             if vclass not in streets:
                 streets[vclass] = network.driven_by(vclass)
-            found = streets[vclass]
-            edges = None if found is None else way_through(found, way.approach.id, way.exit.id)
+            class_streets = streets[vclass]
+            edges = (
+                None
+                if class_streets is None
+                else way_through(class_streets, movement.approach.id, movement.exit.id)
+            )
             random = np.random.Generator(np.random.Philox(key=[seed, _ROW_STREAM + number]))
             wanted = wanted_of(rates, warmup_s, duration_s)
-            at = departures_of(wanted, owed.get(name, 0.5), random, evenly=evenly)
+            departures_s = departures_of(wanted, owed.get(name, 0.5), random, evenly=evenly)
             owed[name] = (owed.get(name, 0.5) + sum(count for _, _, count in wanted)) % 1.0
             if edges is None:
-                if len(at):
-                    why = f"no way from {way.approach.id} to {way.exit.id} for it ({place})"
-                    left_out.append(LeftOut(name, len(at), why))
+                if len(departures_s):
+                    why = (
+                        f"no way from {movement.approach.id} to {movement.exit.id} for it ({place})"
+                    )
+                    left_out.append(LeftOut(name, len(departures_s), why))
                 continue
             trips += [
                 (
@@ -479,13 +497,15 @@ def counted_demand(  # noqa: PLR0913 - all inputs of counts
                     ),
                     number,
                 )
-                for k, time_s in enumerate(at)
+                for k, time_s in enumerate(departures_s)
             ]
-    trips.sort(key=lambda one: (one[0].depart_s, one[1]))
+    trips.sort(key=lambda numbered_trip: (numbered_trip[0].depart_s, numbered_trip[1]))
     rows: list[list[int]] = [[] for _ in counts]
     for number, (_, row_number) in enumerate(trips):
         rows[row_number].append(number)
-    counted = tuple(CountedRow(*way, tuple(row)) for way, row in zip(ways, rows, strict=True))
+    counted = tuple(
+        CountedRow(*road_ids, tuple(row)) for road_ids, row in zip(roads_of_rows, rows, strict=True)
+    )
     return Demand(tuple(trip for trip, _ in trips), tuple(left_out), counted=counted)
 
 
@@ -494,6 +514,10 @@ def _overlap(counts: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> bool:
     places = [row.get("row") or f"traffic.counts[{number}]" for number, row in enumerate(counts)]
     if any(row.get("road") or row.get("crossing") for row in counts):
         return True
-    ways = [way_of(row, roads, place) for row, place in zip(counts, places, strict=True)]
-    turns = [way for way in ways if way.approach.to_junction == way.exit.from_junction]
-    return len({way.approach.to_junction for way in turns}) > 1
+    movements = [way_of(row, roads, place) for row, place in zip(counts, places, strict=True)]
+    turns = [
+        movement
+        for movement in movements
+        if movement.approach.to_junction == movement.exit.from_junction
+    ]
+    return len({movement.approach.to_junction for movement in turns}) > 1

@@ -60,15 +60,15 @@ def read_detectors(path: Path) -> dict[str, str]:
     """
     expected = 'detectors such as <inductionLoop id="north" lane="12_0" pos="-10" .../>'
     root = _parsed(path, expected)
-    found = {
-        str(one.get("id")): str(one.get("lane"))
+    lane_of = {
+        str(element.get("id")): str(element.get("lane"))
         for name in _LOOPS
-        for one in root.iter(name)
-        if one.get("id") and one.get("lane")
+        for element in root.iter(name)
+        if element.get("id") and element.get("lane")
     }
-    if not found:
+    if not lane_of:
         raise InputError("has no detectors", file=path, expected=expected)
-    return found
+    return lane_of
 
 
 def read_sumo_counts(path: Path) -> list[Counted] | None:
@@ -97,7 +97,7 @@ def by_road(
     Raises:
         InputError: the lane of a detector is unknown.
     """
-    found: dict[tuple[str, str, float], dict[str, list[Counted]]] = defaultdict(dict)
+    groups: dict[tuple[str, str, float], dict[str, list[Counted]]] = defaultdict(dict)
     for row in rows:
         lane = row.where.get("lane", "")
         if name := row.where.get("detector"):
@@ -112,11 +112,13 @@ def by_road(
         if not lane:
             yield row
             continue
-        lanes = found[lane.rpartition("_")[0] or lane, row.actor_class, row.begin_s]
+        lanes = groups[lane.rpartition("_")[0] or lane, row.actor_class, row.begin_s]
         lanes.setdefault(lane, []).append(row)
-    for (road, kind, begin_s), lanes in found.items():
+    for (road, kind, begin_s), lanes in groups.items():
         first = next(iter(lanes.values()))[0]
-        count = sum(float(np.mean([one.count for one in ones])) for ones in lanes.values())
+        count = sum(
+            float(np.mean([row.count for row in rows_of_lane])) for rows_of_lane in lanes.values()
+        )
         yield Counted({"road": road}, kind, begin_s, first.length_s, count, first.line)
 
 
@@ -129,7 +131,7 @@ def _of_xml(path: Path) -> Iterator[Counted]:
                 where = {"approach": str(item.get("from")), "turn": str(item.get("to"))}
             elif item is interval:
                 where, counts = {"detector": name}, ["nVehContrib"]
-            field = next((one for one in counts if item.get(one) is not None), None)
+            field = next((key for key in counts if item.get(key) is not None), None)
             if field is None and item is not interval:
                 raise InputError(
                     f"has no {' or '.join(counts)}",
@@ -138,7 +140,7 @@ def _of_xml(path: Path) -> Iterator[Counted]:
                     expected=_SUMO_FILES,
                 )
             if field is not None:
-                begin, end = (_number(interval, one, path) for one in ("begin", "end"))
+                begin, end = (_number(interval, key, path) for key in ("begin", "end"))
                 count = _number(item, field, path)
                 yield Counted(where, "", begin, end - begin, count, _line(item))
 
@@ -251,7 +253,7 @@ def _rows(path: Path) -> Iterator[Counted]:
     table = read_csv(path, _EXPECTED)
     plain = {name.strip().lower(): name for name in table.column_names}
     column = {
-        what: next((plain[one] for one in names if one in plain), None)
+        what: next((plain[name] for name in names if name in plain), None)
         for what, names in _NAMES.items()
     }
     by_class = {name: plain[name] for name in ACTOR_CLASSES if name in plain}
@@ -275,7 +277,7 @@ def _rows(path: Path) -> Iterator[Counted]:
         for k, number in enumerate(count.tolist()):
             line = f"line {k + 2}"
             where = {what: str(texts[what][k]) for what in _WHERE}
-            where = {what: found for what, found in where.items() if found}
+            where = {what: value for what, value in where.items() if value}
             if not where.keys() & set(_ALONE) and not {"approach", "turn"} <= where.keys():
                 problem = "names no approach or turn"
                 raise InputError(problem, file=path, place=line, expected=_EXPECTED)
@@ -291,12 +293,12 @@ class _Row:
 
 def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
     """Return rows of ``traffic.counts``, one for each place and class."""
-    begins = np.unique([one.begin_s for one in counted])
-    told = {one.length_s for one in counted if one.length_s}
+    begins = np.unique([row.begin_s for row in counted])
+    lengths_s = {row.length_s for row in counted if row.length_s}
     length = int(np.diff(begins).min()) if len(begins) > 1 else 4 * _QUARTER_S
-    length = int(min(told)) if told else length
+    length = int(min(lengths_s)) if lengths_s else length
     fits = length % _QUARTER_S == 0 or (length >= _SHORTEST_S and _QUARTER_S % length == 0)
-    if not fits or ((begins - begins[0]) % length).any() or len(told) > 1:
+    if not fits or ((begins - begins[0]) % length).any() or len(lengths_s) > 1:
         raise InputError(
             f"has intervals of {length} s, and not all of them",
             file=path,
@@ -305,17 +307,17 @@ def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
         )
     slots = int((begins[-1] - begins[0]) // length) + 1
     rows: dict[tuple[tuple[tuple[str, str], ...], str], _Row] = {}
-    for one in counted:
-        if one.actor_class and one.actor_class not in ACTOR_CLASSES:
+    for row in counted:
+        if row.actor_class and row.actor_class not in ACTOR_CLASSES:
             raise InputError(
-                f"unknown class {one.actor_class[:40]!r}",
+                f"unknown class {row.actor_class[:40]!r}",
                 file=path,
-                place=one.line,
+                place=row.line,
                 expected=f"one of {', '.join(ACTOR_CLASSES)}",
             )
-        key = (tuple(one.where.items()), one.actor_class)
-        row = rows.setdefault(key, _Row(np.zeros(slots), one.line))
-        row.counts[int((one.begin_s - begins[0]) // length)] += one.count
+        key = (tuple(row.where.items()), row.actor_class)
+        counts_row = rows.setdefault(key, _Row(np.zeros(slots), row.line))
+        counts_row.counts[int((row.begin_s - begins[0]) // length)] += row.count
     first = int(begins[0]) % _DAY_S // 60
     return [
         {
@@ -334,28 +336,28 @@ def _quarters(counts: np.ndarray[Any, Any], length_s: int) -> list[float]:
     """Return counts resampled to quarters of an hour."""
     if length_s >= _QUARTER_S:
         times = length_s // _QUARTER_S
-        return [float(one) for one in np.repeat(counts / times, times)]
+        return [float(rate) for rate in np.repeat(counts / times, times)]
     parts = _QUARTER_S // length_s
     padded = np.pad(counts, (0, -len(counts) % parts))
-    return [float(one) for one in padded.reshape(-1, parts).sum(axis=1)]
+    return [float(rate) for rate in padded.reshape(-1, parts).sum(axis=1)]
 
 
 def _seconds(text: object, path: Path, line: str) -> int:
     """Return a time of day in seconds; 0 for an empty text."""
-    said = str(text)
-    if not said:
+    time_text = str(text)
+    if not time_text:
         return 0
-    found = re.fullmatch(r"(\d{1,2}):(\d{2})(?::(\d{2}))?", said)
-    if found:
-        hours, minutes, seconds = (int(one or 0) for one in found.groups())
+    match = re.fullmatch(r"(\d{1,2}):(\d{2})(?::(\d{2}))?", time_text)
+    if match:
+        hours, minutes, seconds = (int(group or 0) for group in match.groups())
         whole = 3600 * hours + 60 * minutes + seconds
-    elif re.fullmatch(r"\d{1,6}(\.0*)?", said):
-        whole = int(float(said))
+    elif re.fullmatch(r"\d{1,6}(\.0*)?", time_text):
+        whole = int(float(time_text))
     else:
         whole = -1
     if not 0 <= whole <= _DAY_S:
         raise InputError(
-            f"begins at {said[:40]!r}",
+            f"begins at {time_text[:40]!r}",
             file=path,
             place=line,
             expected="07:15, or seconds",

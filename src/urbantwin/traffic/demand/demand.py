@@ -315,7 +315,7 @@ def plan_demand(
         place, lead_m = random.random(count), WALKING_MS * (warmup_s - depart_s)
         company = party_places(count, in_groups if walks else 0.0, seed)
         for k in range(count):
-            asset, at = body(actor_class, k), round(float(depart_s[k]), 2)
+            asset, departs_s = body(actor_class, k), round(float(depart_s[k]), 2)
             if company[k]:
                 trips.append(replace(trips[-company[k]], asset=asset, beside=company[k]))
             elif walks:
@@ -324,9 +324,9 @@ def plan_demand(
                 spread = float(place[k]) if lead_m[k] > 0 else 0.0
                 lead = max(float(lead_m[k]), 0.0)
                 edges, begin, end = routes.walk(int(pairs[k]), spread, lead)
-                trips.append(Trip(actor_class, asset, at, edges, begin, end))
+                trips.append(Trip(actor_class, asset, departs_s, edges, begin, end))
             else:
-                trips.append(Trip(actor_class, asset, at, routes.drive(int(pairs[k]))))
+                trips.append(Trip(actor_class, asset, departs_s, routes.drive(int(pairs[k]))))
     trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
     return Demand(tuple(trips), tuple(left_out))
 
@@ -467,8 +467,8 @@ def systematic(
 ) -> NDArray[np.int64]:
     """Draw ``count`` indices in proportion to their weights, stratified, in random order."""
     total = np.cumsum(weight)
-    at = (np.arange(count) + random.random(count)) / count * total[-1]
-    drawn = np.searchsorted(total, at, side="right").clip(0, len(weight) - 1)
+    draws = (np.arange(count) + random.random(count)) / count * total[-1]
+    drawn = np.searchsorted(total, draws, side="right").clip(0, len(weight) - 1)
     return np.asarray(random.permutation(drawn), np.int64)
 
 

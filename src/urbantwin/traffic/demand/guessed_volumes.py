@@ -62,7 +62,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
 def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
     """Return the motor vehicles per hour of a circulation as a share of those guessed."""
     come, all_of_them = (
-        sum(one.per_hour[name] for name in sorted(IN_CARS)) for one in (circulation, guessed)
+        sum(demand.per_hour[name] for name in sorted(IN_CARS)) for demand in (circulation, guessed)
     )
     return come / all_of_them if all_of_them else 1.0
 

@@ -150,9 +150,11 @@ class _Ways:
         self._walks, self._states, self._out, self._back = walks, states, out, back
         graph = walks.graph
         own = {graph.edges[state] for state in states}
-        at = [s for s in walks.starts.tolist() if graph.edges[s] not in own]
-        both = np.array([out[0][:, s].min() + back[0][:, s].min() for s in at])
-        self._gates = [s for s, cost in zip(at, both.tolist(), strict=True) if np.isfinite(cost)]
+        gate_states = [s for s in walks.starts.tolist() if graph.edges[s] not in own]
+        both = np.array([out[0][:, s].min() + back[0][:, s].min() for s in gate_states])
+        self._gates = [
+            s for s, cost in zip(gate_states, both.tolist(), strict=True) if np.isfinite(cost)
+        ]
         gate = graph.gate[self._gates]
         times = np.bincount(gate, minlength=len(graph.weight)) if len(gate) else np.ones(1)
         load = graph.weight[gate] / times[gate] if len(gate) else np.zeros(0)
@@ -168,16 +170,16 @@ class _Ways:
         cost = graph.seconds.copy()
         cost.data[np.asarray(graph.shunned[graph.seconds.nonzero()]).ravel() > 0] = np.inf
         out, back = (
-            scipy.sparse.csgraph.dijkstra(one, indices=states, return_predecessors=True)
-            for one in (cost, cost.T.tocsr())
+            scipy.sparse.csgraph.dijkstra(costs, indices=states, return_predecessors=True)
+            for costs in (cost, cost.T.tocsr())
         )
-        found = cls(walks, states, out, back)
-        return found if found._gates else None
+        paths = cls(walks, states, out, back)
+        return paths if paths._gates else None
 
     def gate(self, random: np.random.Generator) -> int:
         """Draw a gate in proportion to its traffic."""
-        at = np.searchsorted(self._load, random.random() * self._load[-1], side="right")
-        return int(self._gates[min(int(at), len(self._gates) - 1)])
+        load_index = np.searchsorted(self._load, random.random() * self._load[-1], side="right")
+        return int(self._gates[min(int(load_index), len(self._gates) - 1)])
 
     def outward(self, gate: int) -> list[int]:
         """Return the states of the path from the stop to a gate."""
@@ -215,9 +217,9 @@ class _Ways:
         """Return the edges of a path beyond a share of its length, and the start on the first."""
         length = np.array([self._walks.graph.length_m[state] for state in states])
         total = np.cumsum(length)
-        at = share * total[-1]
-        first = min(int(np.searchsorted(total, at, side="right")), len(states) - 1)
-        within = (at - (total[first] - length[first])) / length[first]
+        start_m = share * total[-1]
+        first = min(int(np.searchsorted(total, start_m, side="right")), len(states) - 1)
+        within = (start_m - (total[first] - length[first])) / length[first]
         # Odd states run against the direction of their edge.
         within = 1.0 - within if states[first] % 2 else within
         return self.names(states[first:]), float(np.floor(within * length[first] * 100) / 100)
@@ -226,7 +228,7 @@ class _Ways:
 def boarding_job(passengers: Passengers) -> dict[str, Any]:
     """Return the passengers in the form that ``boarding.Boarding`` takes."""
     return {
-        "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
+        "stops": {str(place.stop): [place.end_m, place.leaves_s] for place in passengers.places},
         "alight": {str(stop): many for stop, many in passengers.alight.items()},
         "people": {
             str(trip): [str(stop), passengers.begins[trip]]

@@ -30,8 +30,8 @@ def moved_into(
     """Return even times (N,) redistributed within their cycles by shares of the cycle, seconds."""
     whole, part = np.divmod(times_s, cycle_s)
     reached = np.concatenate([[0.0], np.cumsum(np.asarray(shares, np.float64))])
-    at = np.linspace(0.0, cycle_s, len(reached))
-    return np.asarray(whole * cycle_s + np.interp(part / cycle_s, reached / reached[-1], at))
+    target_s = np.linspace(0.0, cycle_s, len(reached))
+    return np.asarray(whole * cycle_s + np.interp(part / cycle_s, reached / reached[-1], target_s))
 
 
 def in_platoons(
@@ -53,17 +53,17 @@ def in_platoons(
     """
     if not arrivals:
         return demand
-    of_approach = {one["approach"]: one for one in arrivals}
+    of_approach = {row["approach"]: row for row in arrivals}
     seconds = {
         str(edge.getID()): float(edge.getLength()) / max(float(edge.getSpeed()), 1.0)
         for edge in network.streets
     }
-    for number, one in enumerate(arrivals):
-        if one["approach"] not in seconds:
+    for number, row in enumerate(arrivals):
+        if row["approach"] not in seconds:
             raise InputError(
-                f"there is no road {one['approach']!r:.60}",
+                f"there is no road {row['approach']!r:.60}",
                 place=f"traffic.arrivals[{number}].approach",
-                expected=f"a road's id: {nearest(one['approach'], list(seconds))}",
+                expected=f"a road's id: {nearest(row['approach'], list(seconds))}",
             )
     trips = [_moved(trip, of_approach, seconds, drivers) for trip in demand.trips]
     order = sorted(range(len(trips)), key=lambda k: (trips[k].depart_s, k))
@@ -91,10 +91,12 @@ def _moved(
         return trip
     factor = float(drivers.get(trip.actor_class, {}).get("speed_factor") or 1.0)
     takes_s = sum(seconds.get(edge, 0.0) for edge in trip.edges[: met + 1]) / factor
-    one = of_approach[trip.edges[met]]
+    platoon = of_approach[trip.edges[met]]
     # Even times stay even when shifted by the travel time.
-    at = moved_into(np.array([trip.depart_s]), float(one["cycle_s"]), one["shares"])[0]
-    depart = at - takes_s
+    arrival_s = moved_into(np.array([trip.depart_s]), float(platoon["cycle_s"]), platoon["shares"])[
+        0
+    ]
+    depart = arrival_s - takes_s
     while depart < 0:
-        depart += float(one["cycle_s"])
+        depart += float(platoon["cycle_s"])
     return replace(trip, depart_s=round(float(depart), 2))

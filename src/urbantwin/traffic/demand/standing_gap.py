@@ -24,7 +24,7 @@ def standing_gap_of(trip: Trip, mean_m: float, spread_m: float) -> float:
         mean_m: mean of all drivers, metres.
         spread_m: standard deviation, metres.
     """
-    told = f"{trip.asset} {trip.depart_s:.2f} {' '.join(trip.edges)}"
-    drawn = int.from_bytes(blake2b(told.encode(), digest_size=8).digest(), "little")
+    identity = f"{trip.asset} {trip.depart_s:.2f} {' '.join(trip.edges)}"
+    drawn = int.from_bytes(blake2b(identity.encode(), digest_size=8).digest(), "little")
     off = NormalDist().inv_cdf((drawn + 0.5) / _OF_64_BITS)
     return max(mean_m + spread_m * min(max(off, -_CUT), _CUT), min(_LEAST_M, mean_m))

@@ -77,7 +77,9 @@ def stop_place(
         seed: random seed of the order of waiting positions.
     """
     edge = stop.lane.rpartition("_")[0]
-    track = next((one for one in roads.tracks if one.id == edge), None)
+    track = next(
+        (track_of_line for track_of_line in roads.tracks if track_of_line.id == edge), None
+    )
     kind = "bus" if track is None else "tram"
     if track is None and stop.lane not in roads.lane_by_id:
         return None
@@ -85,8 +87,8 @@ def stop_place(
     door = _at(line, stop.end_m - DOORS_M[kind][1])
     ahead = _at(line, stop.end_m) - _at(line, stop.end_m - 4.0)
     ahead /= max(float(np.hypot(*ahead)), 1e-9)
-    aside = np.array([ahead[1], -ahead[0]]) * (1.0 if roads.driving_side == "right" else -1.0)
-    found = []
+    to_kerb = np.array([ahead[1], -ahead[0]]) * (1.0 if roads.driving_side == "right" else -1.0)
+    candidates = []
     for lane in roads.lanes:
         if lane.kind != "sidewalk" or lane.level or lane.road not in edges:
             continue
@@ -94,15 +96,17 @@ def stop_place(
         along = float(middle.project(shapely.Point(door)))
         point = _at(middle, along)
         away = point - door
-        if np.hypot(*away) <= _REACH_M and away @ aside > 0.7 * np.hypot(*away):
-            found.append((lane.road != edge, float(np.hypot(*away)), lane.id, along, point, lane))
-    if not found:
+        if np.hypot(*away) <= _REACH_M and away @ to_kerb > 0.7 * np.hypot(*away):
+            candidates.append(
+                (lane.road != edge, float(np.hypot(*away)), lane.id, along, point, lane)
+            )
+    if not candidates:
         return None
-    *_, along, point, lane = min(found, key=lambda one: one[:3])
-    slots = _slots(roads, line, stop, kind, ahead, aside, seed + 1000 * number)
+    *_, along, point, lane = min(candidates, key=lambda candidate: candidate[:3])
+    slots = _slots(roads, line, stop, kind, ahead, to_kerb, seed + 1000 * number)
     if not len(slots):
         return None
-    outside = aside * (_HALF_M[kind] + _GAP_M)
+    outside = to_kerb * (_HALF_M[kind] + _GAP_M)
     doors = np.array([_at(line, stop.end_m - back) + outside for back in DOORS_M[kind]])
     return StopPlace(
         number,
@@ -113,7 +117,7 @@ def stop_place(
         point,
         doors,
         slots,
-        float(np.arctan2(*-aside[::-1])),
+        float(np.arctan2(*-to_kerb[::-1])),
         max(float(np.hypot(*(point - doors[1]))) / WALKING_MS, 1.0),
         stop.end_m,
     )
@@ -134,7 +138,7 @@ def _slots(
     shapely.prepare(room)
     random = np.random.Generator(np.random.Philox(key=[seed, 7_300_000]))
     deep = np.arange(_HALF_M[kind] + 0.2, _REACH_M, 0.1)
-    found = []
+    slots = []
     for along in np.arange(stop.end_m - 0.5, max(stop.start_m, stop.end_m - 14.0), -_SPACING_M):
         kerb = _at(line, float(along))
         inside = shapely.contains_xy(room, kerb + deep[:, None] * aside)
@@ -146,8 +150,8 @@ def _slots(
             passage = place + (_PASSAGE_M if row else 0.0) * aside
             if shapely.contains_xy(room, *place) and shapely.contains_xy(room, *passage):
                 away = abs(float(along) - stop.end_m + DOORS_M[kind][0]) + 1.5 * row
-                found.append((away + _SPREAD_M * float(random.random()), *place))
-    return np.array(sorted(found)).reshape(-1, 3)[:, 1:]
+                slots.append((away + _SPREAD_M * float(random.random()), *place))
+    return np.array(sorted(slots)).reshape(-1, 3)[:, 1:]
 
 
 def _at(line: shapely.LineString, along_m: float) -> NDArray[np.float64]:

@@ -31,17 +31,17 @@ def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: counts end before this time, or begin later.
     """
-    found = dict(asked)
+    settings = dict(asked)
     time = asked.get("time_of_day")
     if not time:
-        return found
-    found["time_of_day"] = None
-    found["counts"] = counts_from(asked.get("counts", ()), time)
+        return settings
+    settings["time_of_day"] = None
+    settings["counts"] = counts_from(asked.get("counts", ()), time)
     if asked.get("guessed"):
-        found["per_hour"] = {
+        settings["per_hour"] = {
             name: n * hour_factor(time, name) for name, n in asked["per_hour"].items()
         }
-    return found
+    return settings
 
 
 def hour_factor(time: str, actor_class: str = "car") -> float:
@@ -57,9 +57,9 @@ def counts_from(counts: Sequence[Mapping[str, Any]], time: str) -> list[dict[str
     Raises:
         InputError: there are none at that time.
     """
-    found = []
+    rows = []
     for number, row in enumerate(counts):
-        one = dict(row)
+        changed = dict(row)
         if row.get("begin") and row.get("per_quarter"):
             skipped = (_minutes(time) - _minutes(row["begin"])) * 60 // QUARTER_S
             if not 0 <= skipped < len(row["per_quarter"]):
@@ -69,10 +69,10 @@ def counts_from(counts: Sequence[Mapping[str, Any]], time: str) -> list[dict[str
                     place=row.get("row") or f"traffic.counts[{number}]",
                     expected=f"a time from {row['begin']} to {last // 60:02}:{last % 60:02}",
                 )
-            one["per_quarter"] = list(row["per_quarter"])[int(skipped) :]
-            one["begin"] = time
-        found.append(one)
-    return found
+            changed["per_quarter"] = list(row["per_quarter"])[int(skipped) :]
+            changed["begin"] = time
+        rows.append(changed)
+    return rows
 
 
 def _minutes(time: str) -> int:

@@ -133,30 +133,30 @@ def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, 
     Args:
         drivers: ``traffic.drivers`` of the site.
     """
-    found: dict[str, dict[str, str]] = {}
-    for name, one in drivers.items():
+    attributes: dict[str, dict[str, str]] = {}
+    for name, driver in drivers.items():
         values = {
-            attribute: f"{one[field]:g}"
+            attribute: f"{driver[field]:g}"
             for field, attribute in _ATTRIBUTES.items()
-            if one.get(field) is not None
+            if driver.get(field) is not None
         }
-        if one.get("speed_factor") is not None or one.get("speed_spread") is not None:
+        if driver.get("speed_factor") is not None or driver.get("speed_spread") is not None:
             mean, spread = _usual(name)
-            mean = mean if one.get("speed_factor") is None else one["speed_factor"]
-            spread = spread if one.get("speed_spread") is None else one["speed_spread"]
+            mean = mean if driver.get("speed_factor") is None else driver["speed_factor"]
+            spread = spread if driver.get("speed_spread") is None else driver["speed_spread"]
             low, high = max(mean - _CUT * spread, 0.1), mean + _CUT * spread
             values["speedFactor"] = f"normc({mean:.3f},{spread:.3f},{low:.3f},{high:.3f})"
-        if one.get("acceleration_at_10") is not None:
-            most = one.get("acceleration")
+        if driver.get("acceleration_at_10") is not None:
+            most = driver.get("acceleration")
             most = float(_parameter(name, "accel", _ACCELERATION)) if most is None else most
-            fall = (most - min(one["acceleration_at_10"], most)) / 10.0
+            fall = (most - min(driver["acceleration_at_10"], most)) / 10.0
             left = [f"{max(most - fall * speed, _LEAST_MS2):.3f}" for speed in _FADES_MS]
             values["speedTable"] = " ".join(f"{speed:g}" for speed in _FADES_MS)
             values["maxAccelProfile"] = " ".join(left)
-        if one.get("sideways_acceleration") is not None:
-            values[IN_BENDS] = f"{(one['sideways_acceleration'] / SIDEWAYS_MS2) ** 0.5:.3f}"
-        found[name] = values
-    return found
+        if driver.get("sideways_acceleration") is not None:
+            values[IN_BENDS] = f"{(driver['sideways_acceleration'] / SIDEWAYS_MS2) ** 0.5:.3f}"
+        attributes[name] = values
+    return attributes
 
 
 def _usual(name: str) -> tuple[float, float]:

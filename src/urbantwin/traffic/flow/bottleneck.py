@@ -37,28 +37,28 @@ def bottleneck(
         standing: lane -> mean number of standing vehicles.
         road: road whose queue is followed; empty: that of the lane with the longest.
     """
-    known = network.lane_by_id
-    outside = {x: count for x, count in standing.items() if x in known and known[x].road}
-    outside = {x: count for x, count in outside.items() if road in ("", known[x].road)}
+    lane_by_id = network.lane_by_id
+    outside = {x: count for x, count in standing.items() if x in lane_by_id and lane_by_id[x].road}
+    outside = {x: count for x, count in outside.items() if road in ("", lane_by_id[x].road)}
     if not outside:
         return Bottleneck()
     name = max(sorted(outside), key=lambda lane: outside[lane])
-    passed = {known[name].road}
+    passed = {lane_by_id[name].road}
     for _ in range(MOST_STREETS):
         ahead = [
             lane
-            for lane in network.lanes_beyond(known[name])
+            for lane in network.lanes_beyond(lane_by_id[name])
             if lane.id != name and standing.get(lane.id, 0.0) * SPACE_M > JAMMED * lane.length
         ]
         if not ahead:
             break
         name = max(ahead, key=lambda lane: (standing[lane.id], lane.id)).id
-        if known[name].road in passed:
+        if lane_by_id[name].road in passed:
             locked = f"queues on {_street(network, name)} lock each other up"
-            return Bottleneck(known[name].road, locked)
-        passed.add(known[name].road)
+            return Bottleneck(lane_by_id[name].road, locked)
+        passed.add(lane_by_id[name].road)
     begins = f"the queue on {_approach(network, name)} begins {_cause(network, name)}"
-    return Bottleneck(known[name].road, begins)
+    return Bottleneck(lane_by_id[name].road, begins)
 
 
 def _street(network: RoadNetwork, name: str) -> str:

@@ -87,8 +87,10 @@ def _sensors(twin: Twin, rig: RigSpec | None) -> tuple[NDArray[np.float64], list
 
     Without stationary sensors (no rig, or a mounted one), the anchor is used.
     """
-    sensors = [one for one in (rig.sensors if rig else ()) if one.east_m is not None]
-    places = np.array([[one.east_m, one.north_m] for one in sensors], np.float64).reshape(-1, 2)
+    sensors = [sensor for sensor in (rig.sensors if rig else ()) if sensor.east_m is not None]
+    places = np.array([[sensor.east_m, sensor.north_m] for sensor in sensors], np.float64).reshape(
+        -1, 2
+    )
     if not len(places):
         return np.zeros((1, 2)), [0]
     levels = [0] * len(places)
@@ -96,9 +98,9 @@ def _sensors(twin: Twin, rig: RigSpec | None) -> tuple[NDArray[np.float64], list
         if lane.level == 0:
             continue
         for k in np.flatnonzero(shapely.intersects_xy(lane.polygon, places)).tolist():
-            near = np.linalg.norm(lane.centre[:, :2] - places[k], axis=1).argmin()
+            nearest_point = np.linalg.norm(lane.centre[:, :2] - places[k], axis=1).argmin()
             up_m = sensors[k].up_m  # otherwise it is given above the uppermost surface
-            if up_m is None or up_m > lane.centre[near, 2]:
+            if up_m is None or up_m > lane.centre[nearest_point, 2]:
                 levels[k] = max(levels[k], lane.level)
     return places, levels
 
@@ -159,8 +161,8 @@ def _driven(
     for part in actors.parts(["track", "class", "x", "y", "speed", "lane"]):
         rows = part.filter(pc.and_(pc.is_in(part["class"], classes), pc.is_in(part["lane"], lanes)))
         xy = np.column_stack([rows["x"].to_numpy(), rows["y"].to_numpy()])
-        near = np.linalg.norm(xy[:, None] - places[None], axis=2).min(axis=1, initial=np.inf)
-        there = near <= reach_m
-        speeds += float(rows["speed"].to_numpy()[there].sum())
-        tracks.update(rows["track"].to_numpy()[there].tolist())
+        distance_m = np.linalg.norm(xy[:, None] - places[None], axis=2).min(axis=1, initial=np.inf)
+        in_reach = distance_m <= reach_m
+        speeds += float(rows["speed"].to_numpy()[in_reach].sum())
+        tracks.update(rows["track"].to_numpy()[in_reach].tolist())
     return speeds * 3600.0 / steps, len(tracks)
