@@ -46,7 +46,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             place="sensor",
             expected=", ".join(standing) or "a rig that stands",
         )
-    spec = next(one for one in twin.rig_spec().sensors if one.name == name)
+    spec = next(sensor for sensor in twin.rig_spec().sensors if sensor.name == name)
     foot, above_m = np.array(standing[name]), spec.height_m or 5.0
     eye = np.array([*foot, np.nan_to_num(setting.solid.ground(foot[None]))[0] + above_m])
     seen = _seen_places(setting, eye)
@@ -65,7 +65,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             f"blocked_sensor at {event.at_s:g} s cannot be staged: within {_FARTHEST_M:g} m of "
             f"{name} is no lane that trucks use, nor a kerb beside one: name another sensor"
         )
-    hiding = [one for one in sorted(tried) if -one[0] >= event.least_share]
+    hiding = [place for place in sorted(tried) if -place[0] >= event.least_share]
     for from_s, until_s in _spans(event, setting.until_s):
         for minus, truck, (x, y), yaw in hiding:
             path = PrescribedPath(
@@ -78,18 +78,18 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             )
             other = setting.others.nearest(passage_of_path(path, setting.others.motion))
             if other is None or other.gap_m >= CLEAR_M:
-                told = {"sensor": name, "share_of_junction_hidden": -minus}
-                return Scripted((path,), from_s, until_s, told=told)
+                report = {"sensor": name, "share_of_junction_hidden": -minus}
+                return Scripted((path,), from_s, until_s, told=report)
     most = -min(tried)[0]
-    said = f"blocked_sensor at {event.at_s:g} s cannot be staged: "
+    prefix = f"blocked_sensor at {event.at_s:g} s cannot be staged: "
     if not hiding:
         raise StageError(
-            f"{said}a truck beside {name}, {above_m:.1f} m above the ground, hides "
+            f"{prefix}a truck beside {name}, {above_m:.1f} m above the ground, hides "
             f"{most:.1%} of the junction at the most, and {event.least_share:.1%} are asked for: "
             f"least_share: {np.floor(most * 1000) / 1000:.3f}, or a sensor that hangs lower"
         )
     raise StageError(
-        f"{said}none of the {len(hiding)} places beside {name} where a truck hides "
+        f"{prefix}none of the {len(hiding)} places beside {name} where a truck hides "
         f"{event.least_share:.1%} of the junction or more ({most:.1%} at the most) is free for "
         f"{event.lasts_s * _SHORTEST:g} s within {event.within_s:g} s of it: a longer within_s, a "
         "shorter lasts_s, or another at_s"
@@ -117,11 +117,11 @@ def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float
     z = setting.solid.ground(xy) + 0.8
     places = np.column_stack([xy, z])[np.isfinite(z)]
     mesh = setting.twin.mesh
-    way = places - eye
-    reach = np.linalg.norm(way, axis=1)
-    origins = np.tile(eye.astype(np.float32), (len(way), 1))
+    rays = places - eye
+    reach = np.linalg.norm(rays, axis=1)
+    origins = np.tile(eye.astype(np.float32), (len(rays), 1))
     scene = RayScene(mesh.vertices, mesh.faces)
-    hit = scene.cast_single(origins, (way / reach[:, None]).astype(np.float32))
+    hit = scene.cast_single(origins, (rays / reach[:, None]).astype(np.float32))
     return np.asarray(places[hit.range_m > reach - 0.3])
 
 
@@ -136,7 +136,7 @@ def _stands(
     twin, kerb = setting.twin, setting.twin.roads.carriageway(0)
     side = -1.0 if twin.roads.driving_side == "right" else 1.0
     body = asset(truck)
-    found, yaws = [], []
+    points, yaws = [], []
     for lane in twin.roads.lanes:
         parks, turns = lane.kind == "parking", lane.kind == "connection"
         drives = turns or lane.kind in ("driving", "bus")
@@ -145,7 +145,8 @@ def _stands(
         line = shapely.LineString(lane.centre[:, :2])
         for along in np.arange(3.0, line.length - 3.0, 2.0):
             ends = [
-                shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-1.0, 0, 1.0)
+                shapely.get_coordinates(line.interpolate(along + offset_m))[0]
+                for offset_m in (-1.0, 0, 1.0)
             ]
             if np.hypot(*(ends[1] - eye[:2])) > _FARTHEST_M + _BESIDE_M:
                 continue
@@ -159,12 +160,12 @@ def _stands(
             if kerb_m < lane.width / 2 + _BESIDE_M:
                 shares = (0, 1) if turns else (-1, 0, 1)
                 places += [ends[1] + (kerb_m + k * body.width / 2) * out for k in shares]
-            found += places
+            points += places
             yaws += [float(np.arctan2(*ahead[::-1]))] * len(places)
-    xy, yaw = np.array(found).reshape(-1, 2), np.array(yaws)
+    xy, yaw = np.array(points).reshape(-1, 2), np.array(yaws)
     away = np.hypot(*(xy - eye[:2]).T)
-    near = (away > _NEAREST_M) & (away < _FARTHEST_M)
-    xy, yaw = xy[near], yaw[near]
+    is_near = (away > _NEAREST_M) & (away < _FARTHEST_M)
+    xy, yaw = xy[is_near], yaw[is_near]
     z = setting.solid.ground(xy)
     size = body.length, body.width, body.height
     free = np.isfinite(z) & ~setting.solid.met(xy, yaw, size)
@@ -181,10 +182,10 @@ def _hidden(
     """Return the share of points (N, 3) that a truck at a pose hides from a sensor."""
     turn = rotation_from_ypr(yaw, 0.0, 0.0)
     origin = (eye - at) @ turn
-    way = (seen - eye) @ turn
-    reach = np.linalg.norm(way, axis=1)
+    rays = (seen - eye) @ turn
+    reach = np.linalg.norm(rays, axis=1)
     hit = scene.cast_single(
-        np.tile(origin.astype(np.float32), (len(way), 1)),
-        (way / reach[:, None]).astype(np.float32),
+        np.tile(origin.astype(np.float32), (len(rays), 1)),
+        (rays / reach[:, None]).astype(np.float32),
     )
     return float((hit.range_m < reach).mean())

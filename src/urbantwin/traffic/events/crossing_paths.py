@@ -85,7 +85,7 @@ def _with_who_passes(
     Raises:
         StageError: there is none; the reason is that of the first.
     """
-    found = setting.others.passing(
+    passing = setting.others.passing(
         spot.xy,
         event.at_s,
         event.within_s,
@@ -95,7 +95,7 @@ def _with_who_passes(
         near_m=near_m,
     )
     refused = ""
-    for track, meets_s in found[:_VEHICLES_TRIED]:
+    for track, meets_s in passing[:_VEHICLES_TRIED]:
         try:
             return stage(track, meets_s)
         except StageError as error:
@@ -110,14 +110,14 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
         StageError: it is not possible.
     """
     target = setting.others.passage(track)
-    at = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
+    meeting_xy = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
     yaw = float(np.interp(meets_s, target.time_s, np.unwrap(target.yaw)))
     speed = event.speed or USUAL_SPEED_MS[event.actor]
     mesh = usual_asset(event.actor, setting.number)
     refused = ""
-    for way in _ways_across(event, setting, at, yaw):
-        place_m = way.station_of(at)
-        if _is_blocked(way, mesh, setting):
+    for route in _ways_across(event, setting, meeting_xy, yaw):
+        place_m = route.station_of(meeting_xy)
+        if _is_blocked(route, mesh, setting):
             refused = refused or (
                 f"near_miss at {event.at_s:g} s cannot be staged: something that stands is in the "
                 f"way of the {event.actor}"
@@ -125,9 +125,9 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
             continue
         try:
             if event.pet_s is not None:
-                path = _passing(event, setting, way, place_m, meets_s, speed, mesh, track)
+                path = _passing(event, setting, route, place_m, meets_s, speed, mesh, track)
             else:
-                path = _braking(event, setting, way, place_m, meets_s, speed, mesh, track)
+                path = _braking(event, setting, route, place_m, meets_s, speed, mesh, track)
         except StageError as error:
             refused = refused or str(error)
             continue
@@ -139,10 +139,10 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
                 f"near as {other.gap_m:.2f} m to the {event.actor}"
             )
             continue
-        asked = {"pet_s": event.pet_s} if event.pet_s is not None else {"ttc_s": event.ttc_s}
-        told = {"asked": asked, "meets_at_s": round(meets_s, 3)}
+        requested = {"pet_s": event.pet_s} if event.pet_s is not None else {"ttc_s": event.ttc_s}
+        report = {"asked": requested, "meets_at_s": round(meets_s, 3)}
         ends = float(path.time_s[0]), float(path.time_s[-1])
-        return Scripted((path,), *ends, with_track=track, told=told)
+        return Scripted((path,), *ends, with_track=track, told=report)
     raise StageError(refused)
 
 
@@ -168,14 +168,14 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
     target = setting.others.passage(track)
     refused = ""
     for shift in _SHIFTS_M:
-        way, place_m = lane_way(
+        route, place_m = lane_way(
             setting.twin.roads, spot.lane, spot.along_m, "car", back_m=40.0, ahead_m=40.0
         )
         station = place_m + shift
-        if not 12.0 < station < way.length - 12.0:
+        if not 12.0 < station < route.length - 12.0:
             continue
-        at = way.at(np.array([station]))[0]
-        away = np.hypot(*(target.xy - at).T)
+        place_xy = route.at(np.array([station]))[0]
+        away = np.hypot(*(target.xy - place_xy).T)
         if float(away.min()) > 2.5:
             continue
         meets_s = float(target.time_s[int(np.argmin(away))])
@@ -186,25 +186,29 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
         # Parked throughout, at the kerb, or half or fully on the sidewalk; else only around the
         # encounter.
         around = max(meets_s - _STAND_S, 0.0), min(meets_s + _STAND_S, setting.until_s)
-        ways_to_stand = [
+        parking_options = [
             (further, span)
             for span in ((0.0, setting.until_s), around)
             for further in (0, 1.2, 2.2)
         ]
-        for further_m, span in ways_to_stand:
-            cars, out_m = _parked(setting, way, station, side, further_m, span)
+        for further_m, span in parking_options:
+            cars, out_m = _parked(setting, route, station, side, further_m, span)
             passages = [passage_of_path(car, setting.others.motion) for car in cars]
-            nearest_ones = [setting.others.nearest(one) for one in passages]
-            in_the_way = [one for one in nearest_ones if one is not None and one.gap_m < 0.1]
+            nearest_ones = [setting.others.nearest(passage) for passage in passages]
+            in_the_way = [
+                neighbour
+                for neighbour in nearest_ones
+                if neighbour is not None and neighbour.gap_m < 0.1
+            ]
             if not in_the_way:
                 parked = cars
                 break
             refused = refused or f"track {in_the_way[0].track} goes where a car would be parked"
         if not parked:
             continue
-        yaw = way.heading(station)
+        yaw = route.heading(station)
         left = np.array([-np.sin(yaw), np.cos(yaw)])
-        start, end = at + side * left * out_m, at - side * left * 7.0
+        start, end = place_xy + side * left * out_m, place_xy - side * left * 7.0
         line = Way(np.linspace(start, end, 40))
         nearest = line.station_of(target.xy[int(np.argmin(away))])
         child = _passing(
@@ -225,13 +229,13 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
         if other is not None and other.gap_m < 0.1:
             refused = refused or f"track {other.track} is in the child's way"
             continue
-        told: dict[str, Any] = {"asked": {"pet_s": event.pet_s}, "meets_at_s": round(meets_s, 3)}
+        report: dict[str, Any] = {"asked": {"pet_s": event.pet_s}, "meets_at_s": round(meets_s, 3)}
         return Scripted(
             (child, *parked),
             float(child.time_s[0]),
             float(child.time_s[-1]),
             with_track=track,
-            told=told,
+            told=report,
         )
     reason = refused or "the vehicle does not keep to its lane there"
     raise StageError(f"{event.event} at {event.at_s:g} s cannot be staged: {reason}")
@@ -249,12 +253,16 @@ def _parked(
 
     They stand at the kerb, or ``further_m`` farther from the path, during an interval.
     """
-    at, yaw = way.at(np.array([station]))[0], way.heading(station)
+    station_xy, yaw = way.at(np.array([station]))[0], way.heading(station)
     across = side * np.array([-np.sin(yaw), np.cos(yaw)])
-    line = shapely.LineString([at, at + 15.0 * across])
+    line = shapely.LineString([station_xy, station_xy + 15.0 * across])
     road = shapely.intersection(line, setting.twin.roads.carriageway(0))
-    pieces = [one for one in shapely.get_parts(road) if one.distance(shapely.Point(at)) < 0.5]
-    kerb_m = max((one.length for one in pieces), default=2.0)
+    pieces = [
+        piece
+        for piece in shapely.get_parts(road)
+        if piece.distance(shapely.Point(station_xy)) < 0.5
+    ]
+    kerb_m = max((piece.length for piece in pieces), default=2.0)
     names = [usual_asset("car", 3 * setting.number + k) for k in (1, 2)]
     widest = max(asset(name).width for name in names)
     # Without room beside the lane they stand half on the sidewalk.
@@ -281,7 +289,7 @@ def _parked(
 def _is_blocked(way: Way, mesh: str, setting: Setting) -> bool:
     """Return whether a body that moves along a path overlaps a static obstacle."""
     stations = np.linspace(0.0, way.length, int(way.length / _LOOKED_AT_M) + 2)
-    yaw = np.array([way.heading(float(one)) for one in stations])
+    yaw = np.array([way.heading(float(station_m)) for station_m in stations])
     body = asset(mesh)
     size = body.length, body.width, body.height
     return bool(setting.solid.met(way.at(stations), yaw, size).any())
@@ -307,7 +315,7 @@ def _lanes_across(
 ) -> list[Way]:
     """Return paths along lanes that cross a heading near a place, shifted onto the place."""
     roads = setting.twin.roads
-    found = []
+    candidates = []
     for lane in roads.lanes:
         if lane.kind != "connection" or actor_class not in lane.allowed or lane.length < 4.0:
             continue
@@ -315,17 +323,17 @@ def _lanes_across(
         if line.distance(shapely.Point(at)) > 6.0:
             continue
         along = float(shapely.line_locate_point(line, shapely.Point(at)))
-        way, station = lane_way(roads, lane, along, actor_class, back_m=_FAR_M, ahead_m=_FAR_M)
-        angle = abs(float(np.sin(way.heading(station) - yaw)))
-        off = at - way.at(np.array([station]))[0]
+        route, station = lane_way(roads, lane, along, actor_class, back_m=_FAR_M, ahead_m=_FAR_M)
+        angle = abs(float(np.sin(route.heading(station) - yaw)))
+        off = at - route.at(np.array([station]))[0]
         if angle > 0.6:
-            found.append((round(float(np.hypot(*off)) - 3 * angle, 6), lane.id, way, off))
-    if not found:
+            candidates.append((round(float(np.hypot(*off)) - 3 * angle, 6), lane.id, route, off))
+    if not candidates:
         raise StageError(
             f"near_miss cannot be staged: no lane for a {actor_class} crosses the way of the "
             f"vehicle within 6 m of {at[0]:.1f}, {at[1]:.1f}; a place in the junction is needed"
         )
-    return [Way(way.points + off, way.lanes) for _, _, way, off in sorted(found)[:6]]
+    return [Way(route.points + off, route.lanes) for _, _, route, off in sorted(candidates)[:6]]
 
 
 def _passing(
@@ -348,18 +356,18 @@ def _passing(
     actor = str(getattr(event, "actor", "pedestrian"))
     target = setting.others.passage(track).between(meets_s - 12.0, meets_s + 12.0)
     over_s = meets_s + (-4.0 if before else 4.0)
-    found: float | None = None
+    pet_s: float | None = None
     for _ in range(4):
         path = drive_along(way, place_m, over_s, speed, actor, mesh)
         passage = passage_of_path(path, setting.others.motion)
         between = conflict(passage, target) if len(passage.time_s) > 1 else None
-        found = None if between is None else between.pet_s
-        if found is None:
+        pet_s = None if between is None else between.pet_s
+        if pet_s is None:
             break
-        if abs(found - wanted) <= 0.015:
+        if abs(pet_s - wanted) <= 0.015:
             break
-        over_s += (found - wanted) if before else (wanted - found)
-    if found is None or abs(found - wanted) > _EXACT_S:
+        over_s += (pet_s - wanted) if before else (wanted - pet_s)
+    if pet_s is None or abs(pet_s - wanted) > _EXACT_S:
         raise StageError(
             f"{event.event} at {event.at_s:g} s cannot be staged: "
             f"a post-encroachment time of {wanted:g} s to track {track} is not reached"
@@ -461,7 +469,7 @@ def _stopping(
     station = even + speed * slowing - deceleration * slowing**2 / 2
     away = np.maximum(times - goes_s, 0.0)
     station += np.where(away < speed / 1.5, 0.75 * away**2, speed * (away - speed / 3.0))
-    heading = np.array([way.heading(float(one)) for one in station])
+    heading = np.array([way.heading(float(station_m)) for station_m in station])
     return PrescribedPath(event.actor, mesh, times, way.at(station), yaw=heading)
 
 

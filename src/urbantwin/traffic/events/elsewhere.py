@@ -79,15 +79,15 @@ class Passing:
         """Return the vehicles between two times."""
         time_s = np.asarray(actors["time_s"].to_numpy(), np.float64)
         kind = np.asarray(actors["class"].to_numpy(zero_copy_only=False), str)
-        there = (time_s >= from_s - 1e-6) & (time_s <= until_s + 1e-6)
-        there &= ~np.isin(kind, ("pedestrian", "animal", "obstacle"))
+        selected = (time_s >= from_s - 1e-6) & (time_s <= until_s + 1e-6)
+        selected &= ~np.isin(kind, ("pedestrian", "animal", "obstacle"))
         xy = np.column_stack([actors[name].to_numpy() for name in ("x", "y")])
         return cls(
-            time_s[there],
-            np.asarray(actors["track"].to_numpy(), np.int64)[there],
-            xy[there],
-            np.asarray(actors["speed"].to_numpy(), np.float64)[there],
-            np.asarray(actors["lane"].to_numpy(zero_copy_only=False), str)[there],
+            time_s[selected],
+            np.asarray(actors["track"].to_numpy(), np.int64)[selected],
+            xy[selected],
+            np.asarray(actors["speed"].to_numpy(), np.float64)[selected],
+            np.asarray(actors["lane"].to_numpy(zero_copy_only=False), str)[selected],
         )
 
     def share_standing(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,8 +99,8 @@ class Passing:
         slow = np.flatnonzero(self.speed < _STANDS_MS)
         if not len(slow):
             return np.zeros(len(xy))
-        near = cKDTree(self.xy[slow]).query_ball_point(xy, _IN_THE_WAY_M)
-        share = np.array([len(np.unique(self.time_s[slow[rows]])) / steps for rows in near])
+        rows_nearby = cKDTree(self.xy[slow]).query_ball_point(xy, _IN_THE_WAY_M)
+        share = np.array([len(np.unique(self.time_s[slow[rows]])) / steps for rows in rows_nearby])
         return np.asarray(np.floor(share / _STEP_OF_SHARE) * _STEP_OF_SHARE)
 
     def on(self, spot: Spot) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
@@ -138,10 +138,10 @@ def staged_near(
     window = event.at_s - event.within_s, event.at_s + event.within_s
     passing = Passing.of(actors, *window)
     if isinstance(event, NearMiss | ChildBetweenParkedCars):
-        spots = [one for one in spots if _somebody_drives(passing, one)]
-    asked = find_spot(event.place, twin, event.users)
-    away = np.array([float(np.hypot(*(one.xy - asked.xy))) for one in spots])
-    share = passing.share_standing(np.array([one.xy for one in spots]).reshape(-1, 2))
+        spots = [place for place in spots if _somebody_drives(passing, place)]
+    requested = find_spot(event.place, twin, event.users)
+    away = np.array([float(np.hypot(*(place.xy - requested.xy))) for place in spots])
+    share = passing.share_standing(np.array([place.xy for place in spots]).reshape(-1, 2))
     on_lane: Counter[str] = Counter()
     most = 1 if isinstance(event, UTurn) else _ON_ONE_LANE  # a U-turn tries its whole lane
     for k in np.lexsort([away, share]).tolist():
@@ -173,36 +173,41 @@ def places_that_serve(
         twin: the twin.
         actors: actors of the motion without the event.
     """
-    asked = find_spot(event.place, twin, event.users)
-    if not asked.lane.road:
-        return [(asked, {})]
+    requested = find_spot(event.place, twin, event.users)
+    if not requested.lane.road:
+        return [(requested, {})]
     passing = Passing.of(actors, event.at_s, event.at_s + event.within_s)
-    signalled = {one.lane for one in twin.roads.signals}
+    signalled = {signal.lane for signal in twin.roads.signals}
     others = sorted(
-        (one for one in _around(event, twin) if one.lane.road),
-        key=lambda one: float(np.hypot(*(one.xy - asked.xy))),
+        (place for place in _around(event, twin) if place.lane.road),
+        key=lambda place: float(np.hypot(*(place.xy - requested.xy))),
     )
     if isinstance(event, EmergencyVehicle | Convoy):  # they use all lanes of a road
-        first = {one.lane.road: one for one in reversed(others)}
-        others = [one for one in others if first[one.lane.road] is one and one.lane != asked.lane]
-    serving = [one for one in others if _serves(event, one, passing, signalled)]
+        first = {place.lane.road: place for place in reversed(others)}
+        others = [
+            place
+            for place in others
+            if first[place.lane.road] is place and place.lane != requested.lane
+        ]
+    serving = [place for place in others if _serves(event, place, passing, signalled)]
     if not serving and isinstance(event, RedLightRunning):
-        serving = [one for one in others if _somebody_waits(one, passing, signalled)]
+        serving = [place for place in others if _somebody_waits(place, passing, signalled)]
     reason = "the place has not the traffic, or the room, that it needs"
-    told = [
-        (one, _told(float(np.hypot(*(one.xy - asked.xy))), reason))
-        for one in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
+    reported = [
+        (place, _told(float(np.hypot(*(place.xy - requested.xy))), reason))
+        for place in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
     ]
     # A vehicle on a parallel lane may take part as well (`reacting.plan_events`), unless the lane
     # is to be closed.
     beside = () if isinstance(event, WorkZone | Debris) else serving
     as_asked = any(
-        one.lane.road == asked.lane.road and float(np.hypot(*(one.xy - asked.xy))) < _AT_M
-        for one in beside
+        place.lane.road == requested.lane.road
+        and float(np.hypot(*(place.xy - requested.xy))) < _AT_M
+        for place in beside
     )
-    if not serving or as_asked or _serves(event, asked, passing, signalled):
-        return [(asked, {}), *told]
-    return told
+    if not serving or as_asked or _serves(event, requested, passing, signalled):
+        return [(requested, {}), *reported]
+    return reported
 
 
 def moved(event: PlacedEvent, spot: Spot) -> PlacedEvent:
@@ -217,8 +222,8 @@ def _told(away_m: float, why: object) -> dict[str, object]:
 
 def _around(event: PlacedEvent, twin: Twin) -> list[Spot]:
     """Return other places within reach of an event's own; on the same lane if it names one."""
-    asked = find_spot(event.place, twin, event.users)
-    found = []
+    requested = find_spot(event.place, twin, event.users)
+    places = []
     for lane in lanes_for(twin, event.users):
         if event.place.lane not in (None, lane.id):
             continue
@@ -227,40 +232,42 @@ def _around(event: PlacedEvent, twin: Twin) -> list[Spot]:
             continue
         for along in _FROM_ENDS_M + np.linspace(0, room, int(room / _APART_M) + 1):
             spot = spot_on(lane, round(float(along), 2))
-            away = float(np.hypot(*(spot.xy - asked.xy)))
+            away = float(np.hypot(*(spot.xy - requested.xy)))
             if 1.0 < away <= event.within_m:
-                found.append(spot)
-    return found
+                places.append(spot)
+    return places
 
 
 def _somebody_drives(passing: Passing, spot: Spot) -> bool:
-    near = np.hypot(*(passing.xy - spot.xy).T) < _AT_M
-    return bool((near & (passing.speed > _DRIVES_MS)).any())
+    nearby = np.hypot(*(passing.xy - spot.xy).T) < _AT_M
+    return bool((nearby & (passing.speed > _DRIVES_MS)).any())
 
 
 def _serves(event: PlacedEvent, spot: Spot, passing: Passing, signalled: set[str]) -> bool:
     """Return whether a place meets the conditions of an event that others react to."""
     rows, along = passing.on(spot)
     speed, ahead = passing.speed[rows], spot.along_m - along
-    there, drives = np.abs(ahead) < _AT_M, speed > _DRIVES_MS
+    at_place, drives = np.abs(ahead) < _AT_M, speed > _DRIVES_MS
     stops = speed**2 / (2 * _COMFORTABLE_MS2) + _LEFT_M
 
-    def who(some: NDArray[np.bool_]) -> set[int]:
+    def tracks_in(some: NDArray[np.bool_]) -> set[int]:
         return set(passing.track[rows[some]].tolist())
 
     serves = True
     match event:
         case HardBrake():
-            serves = bool((there & drives).any())
+            serves = bool((at_place & drives).any())
         case StalledVehicle():
-            serves = bool(who(there) & who((ahead > np.maximum(stops, 8.0)) & drives))
+            serves = bool(
+                tracks_in(at_place) & tracks_in((ahead > np.maximum(stops, 8.0)) & drives)
+            )
         case Collision():
             serves = _one_behind_another(passing, rows, along, spot)
         case RedLightRunning():
             left = spot.lane.length - along
             comes = (left > 2.0) & (left < _COMES_TO_RED_M) & drives
             waits = (left < _WAITS_M) & (speed < _STANDS_MS)
-            serves = spot.lane.id in signalled and bool(who(comes) & who(waits))
+            serves = spot.lane.id in signalled and bool(tracks_in(comes) & tracks_in(waits))
         case WorkZone() | Debris():
             long_m = event.length_m if isinstance(event, WorkZone) else 2.0
             in_the_way = (ahead < stops) & (ahead > -long_m - _LEFT_M - 6.0)
@@ -274,8 +281,8 @@ def _of_different_lanes(spots: list[Spot], event: PlacedEvent) -> list[Spot]:
     """Return spots; for an event at the end of a lane, only the first on each lane."""
     if not isinstance(event, RedLightRunning):
         return spots
-    first = {one.lane.id: one for one in reversed(spots)}
-    return [one for one in spots if first[one.lane.id] is one]
+    first = {spot.lane.id: spot for spot in reversed(spots)}
+    return [spot for spot in spots if first[spot.lane.id] is spot]
 
 
 def _somebody_waits(spot: Spot, passing: Passing, signalled: set[str]) -> bool:
@@ -290,7 +297,7 @@ def _one_behind_another(
 ) -> bool:
     """Return whether two vehicles follow each other closely near a place on a lane."""
     order = np.lexsort([along, passing.time_s[rows]])
-    times, at, speed = passing.time_s[rows][order], along[order], passing.speed[rows][order]
+    times, station_m, speed = passing.time_s[rows][order], along[order], passing.speed[rows][order]
     same = np.diff(times) < 1e-6
-    close = same & (np.diff(at) < _CLOSE_M) & (speed[:-1] > _DRIVES_MS)
-    return bool((close & (np.abs(at[:-1] - spot.along_m) < 30.0)).any())
+    close = same & (np.diff(station_m) < _CLOSE_M) & (speed[:-1] > _DRIVES_MS)
+    return bool((close & (np.abs(station_m[:-1] - spot.along_m) < 30.0)).any())

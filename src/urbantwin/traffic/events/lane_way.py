@@ -94,47 +94,53 @@ def lane_way(
     before = _before(roads)
     chain, have = [lane], along_m
     while have < back_m:
-        options = [one for one in before.get(chain[0].id, ()) if actor_class in one.allowed]
-        found = _straightest(options, chain[0], backwards=True, taken=chain)
-        if found is None:
+        options = [
+            previous for previous in before.get(chain[0].id, ()) if actor_class in previous.allowed
+        ]
+        neighbour = _straightest(options, chain[0], backwards=True, taken=chain)
+        if neighbour is None:
             break
-        chain.insert(0, found)
-        have += found.length
+        chain.insert(0, neighbour)
+        have += neighbour.length
     start_to_place = have
     ahead = lane.length - along_m
     while ahead < ahead_m:
         names = (name for name in chain[-1].successors if name in roads.lane_by_id)
-        options = [one for name in names if actor_class in (one := roads.lane_by_id[name]).allowed]
-        found = _straightest(options, chain[-1], backwards=False, taken=chain)
-        if found is None:
+        options = [
+            following
+            for name in names
+            if actor_class in (following := roads.lane_by_id[name]).allowed
+        ]
+        neighbour = _straightest(options, chain[-1], backwards=False, taken=chain)
+        if neighbour is None:
             break
-        chain.append(found)
-        ahead += found.length
-    points = np.vstack([one.centre[:, :2] for one in chain])
+        chain.append(neighbour)
+        ahead += neighbour.length
+    points = np.vstack([part.centre[:, :2] for part in chain])
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3
     points = points[np.concatenate([[True], apart])]
-    whole = Way(points, tuple(one.id for one in chain))
+    whole = Way(points, tuple(part.id for part in chain))
     start = max(start_to_place - back_m, 0.0)
     end = min(start_to_place + ahead_m, whole.length)
     count = max(int((end - start) / _EVERY_M), 2)
     even = _rounded(whole.at(np.linspace(start, end, count + 1)))
-    way = Way(even, whole.lanes)
-    return way, way.station_of(whole.at(np.array([start_to_place]))[0])
+    path = Way(even, whole.lanes)
+    return path, path.station_of(whole.at(np.array([start_to_place]))[0])
 
 
 def _before(roads: RoadNetwork) -> Mapping[str, list[Lane]]:
-    found: dict[str, list[Lane]] = {}
+    predecessors: dict[str, list[Lane]] = {}
     for lane in roads.lanes:
         for name in lane.successors:
-            found.setdefault(name, []).append(lane)
-    return found
+            predecessors.setdefault(name, []).append(lane)
+    return predecessors
 
 
 def _straightest(
     options: list[Lane], lane: Lane, *, backwards: bool, taken: list[Lane]
 ) -> Lane | None:
     """Return the lane that continues most straightly; ``None`` if there is none."""
-    fresh = [one for one in options if one not in taken]
+    fresh = [option for option in options if option not in taken]
     if not fresh:
         return None
     own = lane.centre[:, :2]

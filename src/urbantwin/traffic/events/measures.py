@@ -69,8 +69,8 @@ class Passage:
 
     def between(self, start_s: float, stop_s: float) -> Passage:
         """Return the part between two times, both included."""
-        kept = (self.time_s >= start_s - 1e-6) & (self.time_s <= stop_s + 1e-6)
-        return self.of_rows(kept)
+        in_span = (self.time_s >= start_s - 1e-6) & (self.time_s <= stop_s + 1e-6)
+        return self.of_rows(in_span)
 
     def of_rows(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Passage:
         """Return the passage at some of its times."""
@@ -106,11 +106,11 @@ def corners_of(
         length: (N,) or one for all, metres.
         width: (N,) or one for all, metres.
     """
-    half, aside = (np.reshape(side, (-1, 1)) / 2 for side in (length, width))
+    half, half_width = (np.reshape(side, (-1, 1)) / 2 for side in (length, width))
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)]) * half
-    left = np.column_stack([-np.sin(yaw), np.cos(yaw)]) * aside
-    ways = [ahead + left, ahead - left, -ahead - left, -ahead + left]
-    return np.stack([xy + one for one in ways], axis=1)
+    left = np.column_stack([-np.sin(yaw), np.cos(yaw)]) * half_width
+    offsets = [ahead + left, ahead - left, -ahead - left, -ahead + left]
+    return np.stack([xy + corner for corner in offsets], axis=1)
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,8 @@ class Conflict:
 
     def told(self) -> dict[str, float | None]:
         """Return the values for a manifest, rounded to milliseconds and millimetres."""
-        found = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: None if one is None else round(one, 3) for name, one in found.items()}
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {name: None if value is None else round(value, 3) for name, value in values.items()}
 
 
 def conflict(a: Passage, b: Passage) -> Conflict | None:
@@ -147,16 +147,16 @@ def conflict(a: Passage, b: Passage) -> Conflict | None:
     )
     if not len(first):
         return None
-    one, other = a.of_rows(first), b.of_rows(second)
-    ttc, apart = times_to_collision(one, other), gaps(one, other)
+    passage_a, passage_b = a.of_rows(first), b.of_rows(second)
+    ttc, apart = times_to_collision(passage_a, passage_b), gaps(passage_a, passage_b)
     soonest, nearest = int(np.argmin(ttc)), int(np.argmin(apart))
     collides = bool(np.isfinite(ttc[soonest]))
     return Conflict(
         float(ttc[soonest]) if collides else None,
-        float(one.time_s[soonest]) if collides else None,
+        float(passage_a.time_s[soonest]) if collides else None,
         post_encroachment(a, b),
         float(apart[nearest]),
-        float(one.time_s[nearest]),
+        float(passage_a.time_s[nearest]),
     )
 
 
@@ -179,12 +179,12 @@ def times_to_collision(a: Passage, b: Passage) -> NDArray[np.float64]:
         on_a = np.einsum("nkd,nd->nk", corners_a, axis)
         on_b = np.einsum("nkd,nd->nk", corners_b, axis)
         pace = np.einsum("nd,nd->n", moving, axis)
-        ahead = on_b.min(axis=1) - on_a.max(axis=1)
-        behind = on_b.max(axis=1) - on_a.min(axis=1)
+        gap_begin = on_b.min(axis=1) - on_a.max(axis=1)
+        gap_end = on_b.max(axis=1) - on_a.min(axis=1)
         still = np.abs(pace) < 1e-9
         with np.errstate(divide="ignore", invalid="ignore"):
-            times = np.sort(np.column_stack([ahead / pace, behind / pace]), axis=1)
-        overlaps = (ahead <= 0) & (behind >= 0)
+            times = np.sort(np.column_stack([gap_begin / pace, gap_end / pace]), axis=1)
+        overlaps = (gap_begin <= 0) & (gap_end >= 0)
         low = np.where(still, np.where(overlaps, -np.inf, np.inf), times[:, 0])
         high = np.where(still, np.where(overlaps, np.inf, -np.inf), times[:, 1])
         begins, ends = np.maximum(begins, low), np.minimum(ends, high)
@@ -205,7 +205,7 @@ def post_encroachment(a: Passage, b: Passage) -> float | None:
         if part.area < _AREA_M2:
             continue
         shapely.prepare(part)
-        stays = [_stay(one, part) for one in (fine_a, fine_b)]
+        stays = [_stay(passage, part) for passage in (fine_a, fine_b)]
         if stays[0] is None or stays[1] is None:
             continue
         (in_a, out_a), (in_b, out_b) = stays[0], stays[1]
@@ -229,7 +229,7 @@ def _fine(passage: Passage) -> Passage:
     start, stop = passage.time_s[0], passage.time_s[-1]
     times = np.linspace(start, stop, max(round(float(stop - start) / _FINE_S), 0) + 1)
     columns = (*passage.xy.T, np.unwrap(passage.yaw), *passage.velocity.T)
-    x, y, yaw, vx, vy = (np.interp(times, passage.time_s, one) for one in columns)
+    x, y, yaw, vx, vy = (np.interp(times, passage.time_s, column) for column in columns)
     moving = np.column_stack([vx, vy])
     return Passage(times, np.column_stack([x, y]), yaw, moving, passage.length, passage.width)
 

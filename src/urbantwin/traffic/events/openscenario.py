@@ -36,34 +36,36 @@ def openscenario_events(path: Path, until_s: float) -> list[dict[str, Any]]:
     by_object: dict[str, list[int]] = defaultdict(list)
     for number, name in enumerate(rows.track.tolist()):
         by_object[name].append(number)
-    told = []
-    for name, mine in by_object.items():
-        kind = str(rows.kind[mine[0]])
+    events = []
+    for name, rows_of_object in by_object.items():
+        kind = str(rows.kind[rows_of_object[0]])
         actor = kind if kind in BOX_SEMANTICS else class_of(kind)
         if actor not in BOX_SEMANTICS:
-            raise rows.error(mine[0], f"{name[:40]!r} is of no class that is known: {kind[:40]!r}")
-        times = rows.time_s[mine]
+            raise rows.error(
+                rows_of_object[0], f"{name[:40]!r} is of no class that is known: {kind[:40]!r}"
+            )
+        times = rows.time_s[rows_of_object]
         if (np.diff(times) <= 0).any():
-            row = mine[int(np.argmax(np.diff(times) <= 0)) + 1]
+            row = rows_of_object[int(np.argmax(np.diff(times) <= 0)) + 1]
             raise rows.error(row, f"time does not go on for {name[:40]!r}", "later times")
         if not 0 <= times[0] < until_s:
             expected = f"0 to less than {until_s:g} s, the motion"
-            raise rows.error(mine[0], f"{name[:40]!r} begins at {times[0]:g} s", expected)
+            raise rows.error(rows_of_object[0], f"{name[:40]!r} begins at {times[0]:g} s", expected)
         event: dict[str, Any] = {
             "event": "trajectory",
             "at_s": float(times[0]),
             "name": name,
             "actor": actor,
             "time_s": times.tolist(),
-            "x": rows.xyz[mine, 0].tolist(),
-            "y": rows.xyz[mine, 1].tolist(),
+            "x": rows.xyz[rows_of_object, 0].tolist(),
+            "y": rows.xyz[rows_of_object, 1].tolist(),
         }
-        if np.isfinite(rows.yaw[mine]).all():
-            event["yaw_deg"] = np.round(np.degrees(rows.yaw[mine]), 6).tolist()
+        if np.isfinite(rows.yaw[rows_of_object]).all():
+            event["yaw_deg"] = np.round(np.degrees(rows.yaw[rows_of_object]), 6).tolist()
         if _is_asset(bodies.get(name, ""), actor):
             event["asset"] = bodies[name]
-        told.append(event)
-    return told
+        events.append(event)
+    return events
 
 
 def _is_asset(name: str, actor: str) -> bool:
@@ -77,7 +79,7 @@ def _bodies(path: Path) -> dict[str, str]:
     """Return the name of each object's model."""
     root = etree.parse(path, etree.XMLParser(resolve_entities=False, no_network=True)).getroot()
     return {
-        str(one.get("name")): str(body.get("name"))
-        for one in root.iterfind("Entities/ScenarioObject")
-        for body in one.iterchildren("Vehicle", "Pedestrian", "MiscObject")
+        str(element.get("name")): str(body.get("name"))
+        for element in root.iterfind("Entities/ScenarioObject")
+        for body in element.iterchildren("Vehicle", "Pedestrian", "MiscObject")
     }

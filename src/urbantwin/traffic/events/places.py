@@ -58,10 +58,10 @@ class Place(Strict):
     @model_validator(mode="after")
     def _is_said_once(self) -> Place:
         pairs = (self.x, self.y), (self.latitude, self.longitude)
-        if any((one is None) != (other is None) for one, other in pairs):
+        if any((first is None) != (second is None) for first, second in pairs):
             raise wrong("has one coordinate", "x and y, or latitude and longitude")
-        ways = [self.lane, self.street, self.crossing, self.x, self.latitude]
-        if sum(one is not None for one in ways) != 1:
+        alternatives = [self.lane, self.street, self.crossing, self.x, self.latitude]
+        if sum(given is not None for given in alternatives) != 1:
             raise wrong(
                 "does not say one place",
                 "one of lane, street, crossing, x and y, latitude and longitude",
@@ -104,11 +104,15 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
     if place.lane is not None:
         lane = roads.lane_by_id.get(place.lane)
         if lane is None:
-            known = [one.id for one in roads.lanes if one.kind in _DRIVEN and one.road]
+            lane_ids = [
+                known_lane.id
+                for known_lane in roads.lanes
+                if known_lane.kind in _DRIVEN and known_lane.road
+            ]
             raise InputError(
                 f"there is no lane {place.lane!r:.60}",
                 place="place.lane",
-                expected=_some(place.lane, known),
+                expected=_some(place.lane, lane_ids),
             )
         along = lane.length / 2 if place.offset_m is None else place.offset_m
         return spot_on(lane, along, "place.offset_m")
@@ -121,14 +125,14 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
     else:
         degrees = np.array([[place.longitude, place.latitude]], np.float64)
         xy = twin.frame.site_from_lonlat(degrees)[0]
-    near = _lanes_near(twin, xy, actor_class)
-    if not near or min(near)[0] > _NEAR_M:
+    nearby = _lanes_near(twin, xy, actor_class)
+    if not nearby or min(nearby)[0] > _NEAR_M:
         raise InputError(
             f"no lane for a {actor_class} within {_NEAR_M:g} m of {xy[0]:.1f}, {xy[1]:.1f}",
             place="place",
             expected="a place on the streets of the twin",
         )
-    lane = roads.lane_by_id[min(near)[1]]
+    lane = roads.lane_by_id[min(nearby)[1]]
     along = shapely.line_locate_point(shapely.LineString(lane.centre[:, :2]), shapely.Point(xy))
     return spot_on(lane, float(along), "place")
 
@@ -139,20 +143,20 @@ def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
     Raises:
         InputError: there is no such lane.
     """
-    near = _lanes_near(twin, np.zeros(2), actor_class)
-    if not near:
+    lanes = _lanes_near(twin, np.zeros(2), actor_class)
+    if not lanes:
         raise InputError(f"no lane is for a {actor_class}", expected="a twin with one")
-    lane = twin.roads.lane_by_id[min(near)[1]]
+    lane = twin.roads.lane_by_id[min(lanes)[1]]
     line = shapely.LineString(lane.centre[:, :2])
-    at = line.interpolate(line.project(shapely.Point(0.0, 0.0)))
-    return round(at.x, 2), round(at.y, 2)
+    point = line.interpolate(line.project(shapely.Point(0.0, 0.0)))
+    return round(point.x, 2), round(point.y, 2)
 
 
 def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[tuple[float, str]]:
     """Return the lanes for a class of actors: distance from a place, metres, and id."""
     return [
-        (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
-        for one in lanes_for(twin, actor_class)
+        (float(shapely.LineString(lane.centre[:, :2]).distance(shapely.Point(xy))), lane.id)
+        for lane in lanes_for(twin, actor_class)
     ]
 
 
@@ -160,9 +164,9 @@ def lanes_for(twin: Twin, actor_class: str) -> list[Lane]:
     """Return the lanes that a class of actors may use."""
     kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
     return [
-        one
-        for one in twin.roads.lanes
-        if one.kind in kinds and (actor_class in one.allowed or one.kind in _WALKED)
+        lane
+        for lane in twin.roads.lanes
+        if lane.kind in kinds and (actor_class in lane.allowed or lane.kind in _WALKED)
     ]
 
 
@@ -180,8 +184,8 @@ def spot_on(lane: Lane, along_m: float, place: str = "place") -> Spot:
         )
     line = shapely.LineString(lane.centre[:, :2])
     ends = [
-        shapely.get_coordinates(line.interpolate(min(max(along_m + way, 0.0), line.length)))[0]
-        for way in (-0.5, 0.0, 0.5)
+        shapely.get_coordinates(line.interpolate(min(max(along_m + offset_m, 0.0), line.length)))[0]
+        for offset_m in (-0.5, 0.0, 0.5)
     ]
     yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
     return Spot(lane, along_m, ends[1], yaw)
@@ -190,35 +194,41 @@ def spot_on(lane: Lane, along_m: float, place: str = "place") -> Spot:
 def _on_street(place: Place, twin: Twin, actor_class: str) -> Spot:
     """Return a position on the street's lane that leads to, or from, the main junction."""
     roads = twin.roads
-    mine = [road for road in roads.roads if road.name == place.street]
-    if not mine:
-        known = sorted({road.name for road in roads.roads if road.name})
+    street_roads = [road for road in roads.roads if road.name == place.street]
+    if not street_roads:
+        street_names = sorted({road.name for road in roads.roads if road.name})
         raise InputError(
             f"there is no street {place.street!r:.60}",
             place="place.street",
-            expected=nearest(str(place.street), known) if known else "a twin with street names",
+            expected=nearest(str(place.street), street_names)
+            if street_names
+            else "a twin with street names",
         )
     away = place.after_junction_m is not None
     from_m = place.after_junction_m if away else place.before_junction_m
     from_m = 30.0 if from_m is None else from_m
-    found = []
-    for road in mine:
+    candidates = []
+    for road in street_roads:
         for name in road.lanes:
             lane = roads.lane_by_id[name]
             if actor_class not in lane.allowed or lane.kind not in _DRIVEN:
                 continue
             end, other = (0, -1) if away else (-1, 0)
-            near = float(np.linalg.norm(lane.centre[end, :2]))
-            if near < float(np.linalg.norm(lane.centre[other, :2])):
-                found.append((near > 60.0, lane.length < from_m, near, lane.id))
-    if not found or min(found)[1]:
-        longest = max((roads.lane_by_id[one[3]].length for one in found), default=0.0)
+            distance_m = float(np.linalg.norm(lane.centre[end, :2]))
+            if distance_m < float(np.linalg.norm(lane.centre[other, :2])):
+                candidates.append((distance_m > 60.0, lane.length < from_m, distance_m, lane.id))
+    if not candidates or min(candidates)[1]:
+        longest = max(
+            (roads.lane_by_id[candidate[3]].length for candidate in candidates), default=0.0
+        )
         raise InputError(
             f"no lane of {place.street} for a {actor_class} is {from_m:g} m long there",
             place="place.street",
-            expected=f"at most {longest:.1f} m" if found else "a street that leads to the junction",
+            expected=f"at most {longest:.1f} m"
+            if candidates
+            else "a street that leads to the junction",
         )
-    lane = roads.lane_by_id[min(found)[3]]
+    lane = roads.lane_by_id[min(candidates)[3]]
     return spot_on(lane, from_m if away else lane.length - from_m, "place.street")
 
 
@@ -230,9 +240,9 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     if lane is None:
         crossed = _crossed(crossings, roads)
         over = [
-            (float(np.linalg.norm(one.centre[:, :2].mean(axis=0))), one.id)
-            for one in crossings.values()
-            if name in crossed[one.id]
+            (float(np.linalg.norm(crossing.centre[:, :2].mean(axis=0))), crossing.id)
+            for crossing in crossings.values()
+            if name in crossed[crossing.id]
         ]
         if not over:
             names: set[str] = set().union(*crossed.values())
@@ -250,20 +260,20 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
 def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set[str]]:
     """Return the names of the streets that each crossing crosses."""
     strips = [
-        (road.name, shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2]).buffer(12.0))
+        (road.name, shapely.LineString(roads.lane_by_id[lane_id].centre[[0, -1], :2]).buffer(12.0))
         for road in roads.roads
-        for one in road.lanes
+        for lane_id in road.lanes
     ]
     return {
-        one: {name for name, strip in strips if strip.intersects(crossing.polygon)}
-        for one, crossing in crossings.items()
+        crossing_id: {name for name, strip in strips if strip.intersects(crossing.polygon)}
+        for crossing_id, crossing in crossings.items()
     }
 
 
 def _some(name: str, known: list[str]) -> str:
     """Return the most similar name, or a few of the existing ones."""
-    near = nearest(name, known)
-    if not near.startswith("one of"):
-        return near
+    suggestion = nearest(name, known)
+    if not suggestion.startswith("one of"):
+        return suggestion
     few = ", ".join(known[:5])
     return f"one of {few}, ..." if len(known) > 5 else f"one of {few}"

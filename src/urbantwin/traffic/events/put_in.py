@@ -60,10 +60,10 @@ def unlit(motion: Motion, track: int) -> Motion:
     table = motion.actors
     tracks = table["track"].to_numpy()
     names = np.asarray(table["asset"].to_numpy(zero_copy_only=False), object).copy()
-    mine = tracks == track
+    of_track = tracks == track
     meshes = dict(motion.meshes)
     renamed = {}
-    for name in sorted(set(names[mine].tolist())):
+    for name in sorted(set(names[of_track].tolist())):
         usual = AssetName.of(name)
         dark = usual._replace(body=f"{usual.body}-unlit")
         renamed[name] = str(dark)
@@ -74,7 +74,7 @@ def unlit(motion: Motion, track: int) -> Motion:
             for before, after in _BECOMES.items():
                 material[mesh.material == material_id(before)] = material_id(after)
             meshes[dark.unsized, phase] = replace(mesh, material=material)
-    names[mine] = [renamed[name] for name in names[mine]]
+    names[of_track] = [renamed[name] for name in names[of_track]]
     place = table.schema.get_field_index("asset")
     changed = table.set_column(place, table.schema.field(place), pa.array(names.tolist()))
     shown = {*names.tolist(), *motion.parked["asset"].to_pylist()}
@@ -114,11 +114,11 @@ def event_row(
         told: further entries.
     """
     main = tracks[0] if tracks else None
-    met, found = None, None
+    met, conflict = None, None
     if main is not None:
         ignoring = frozenset(tracks[1:]) - {with_track}
-        met, found = conflict_with(others, main, with_track, from_s, until_s, ignoring)
-    at = _place_of(others, main, from_s if found is None else found.gap_at_s)
+        met, conflict = conflict_with(others, main, with_track, from_s, until_s, ignoring)
+    place = _place_of(others, main, from_s if conflict is None else conflict.gap_at_s)
     row: dict[str, Any] = {
         "event": event.event,
         "staged": staged,
@@ -127,10 +127,10 @@ def event_row(
         "until_s": round(until_s, 3),
         "tracks": [*tracks, *([with_track] if with_track not in (None, *tracks) else [])],
     }
-    if at is not None:
-        row["at"] = at
-    if met is not None and found is not None:
-        row["nearest"] = {"track": met, "class": _class_of(others, met), **found.told()}
+    if place is not None:
+        row["at"] = place
+    if met is not None and conflict is not None:
+        row["nearest"] = {"track": met, "class": _class_of(others, met), **conflict.told()}
     extra = dict(told or {})
     extra.pop("asked", None)
     return {**row, **extra}
@@ -222,14 +222,14 @@ def staged_table(
     """
     table, numbers, seam = spliced(without, with_them, changed_from(events))
     staged = []
-    for one in found:
-        tracks = tuple(numbers[trip] for trip in one.trips if trip in numbers)
-        if one.trips and not tracks:
+    for reaction in found:
+        tracks = tuple(numbers[trip] for trip in reaction.trips if trip in numbers)
+        if reaction.trips and not tracks:
             raise StageError(
-                f"{one.event.event} at {one.event.at_s:g} s cannot be staged: its actors are beside"
-                " the ground"
+                f"{reaction.event.event} at {reaction.event.at_s:g} s cannot be staged: "
+                "its actors are beside the ground"
             )
-        staged.append(StagedEvent(one, tracks, seam))
+        staged.append(StagedEvent(reaction, tracks, seam))
     return table, staged
 
 
@@ -252,8 +252,8 @@ def with_events(
     """
     surface = TwinSurface(twin)
     rows: dict[int, dict[str, Any]] = {}
-    for one in staged:
-        rows[one.reaction.number], motion = _row_of(one, motion, twin, surface)
+    for staged_event in staged:
+        rows[staged_event.reaction.number], motion = _row_of(staged_event, motion, twin, surface)
     for number, event in events:
         if event.event in PUT_IN:
             rows[number], motion = _put_in(event, number, motion, surface)
@@ -265,7 +265,7 @@ def _row_of(
 ) -> tuple[dict[str, Any], Motion]:
     """Return the entry of an event staged within SUMO, and the motion with its static objects."""
     reaction, tracks = one.reaction, one.tracks
-    told = {**reaction.told, "seam_m": round(one.seam_m, 4)}
+    report = {**reaction.told, "seam_m": round(one.seam_m, 4)}
     bodies = _bodies_of(reaction, twin)
     if bodies:
         # Static objects on a lane have fixed positions.
@@ -279,7 +279,7 @@ def _row_of(
         from_s=reaction.from_s,
         until_s=reaction.until_s,
         with_track=tracks[1] if reaction.event.event == "collision" and len(tracks) > 1 else None,
-        told=told,
+        told=report,
     )
     return row, motion
 
@@ -304,27 +304,27 @@ def _put_in(
     others = Surroundings(motion)
     twin = surface.solid.twin
     setting = Setting(twin, others, int(motion.manifest["seed"]), number, surface.solid)
-    told: dict[str, Any] = {}
+    elsewhere: dict[str, Any] = {}
 
     def stage(one: Any) -> tuple[Scripted, Insertion]:  # noqa: ANN401 - any event
-        found = PUT_IN[event.event](one, setting)
-        made = Insertion.of(motion, found.paths, surface)
+        scripted = PUT_IN[event.event](one, setting)
+        made = Insertion.of(motion, scripted.paths, surface)
         if met := surface.solid.met_by(made.rows, motion.step_s):
             raise StageError(f"{event.event} at {one.at_s:g} s cannot be staged: {met}")
-        return found, made
+        return scripted, made
 
     try:
         staged, made = stage(event)
     except StageError as refused:
         if not isinstance(event, PlacedEvent) or not event.within_m:
             raise
-        (staged, made), told = staged_near(event, twin, motion.actors, stage, refused)
+        (staged, made), elsewhere = staged_near(event, twin, motion.actors, stage, refused)
     motion, tracks = made.into(motion), made.tracks
     if staged.told.pop("unlit", False):
         motion = unlit(motion, tracks[0])
     now = Surroundings(motion)
-    there = tuple(track for track in tracks if len(now.rows_of(track)))
-    if not there or tracks[0] not in there:
+    present = tuple(track for track in tracks if len(now.rows_of(track)))
+    if not present or tracks[0] not in present:
         raise StageError(
             f"{event.event} at {event.at_s:g} s cannot be staged: its way is beside the ground"
         )
@@ -332,10 +332,10 @@ def _put_in(
         event,
         now,
         staged="inserted",
-        tracks=there,
+        tracks=present,
         from_s=max(staged.from_s, 0.0),
         until_s=min(staged.until_s, setting.until_s),
         with_track=staged.with_track,
-        told={**staged.told, **told},
+        told={**staged.told, **elsewhere},
     )
     return row, motion

@@ -173,7 +173,7 @@ def reactions(
         NotStagedError: an event could not be staged; the message gives the reason.
     """
     by_number = dict(events)
-    found = []
+    outcomes = []
     for row in simulated.staged:
         event = by_number[row["number"]]
         begun = row["from_s"] >= 0
@@ -198,7 +198,7 @@ def reactions(
         }
         ends = row["until_s"] - start_s if row["until_s"] >= 0 else until_s
         begins = row["from_s"] - start_s
-        found.append(
+        outcomes.append(
             Reaction(
                 row["number"],
                 event,
@@ -208,7 +208,7 @@ def reactions(
                 note,
             )
         )
-    return found
+    return outcomes
 
 
 def changed_from(events: Sequence[tuple[int, Event]]) -> float:
@@ -248,7 +248,7 @@ def spliced(
     place = both.schema.get_field_index("track")
     both = both.set_column(place, both.schema.field(place), pa.array(tracks, pa.int32()))
     order = np.lexsort([tracks, both["time_s"].to_numpy()])
-    seam = max((float(np.hypot(*one)) for one in apart.values()), default=0.0)
+    seam = max((float(np.hypot(*shift)) for shift in apart.values()), default=0.0)
     return both.take(order).combine_chunks(), numbers, seam
 
 
@@ -288,7 +288,7 @@ def _lanes_that_do(event: PlacedEvent, spot: Spot, twin: Twin) -> list[str]:
     """Return the place's lane, and parallel ones unless that lane was requested by id."""
     if event.place.lane is not None:
         return [spot.lane.id]
-    road = next(one for one in twin.roads.roads if one.id == spot.lane.road)
+    road = next(candidate for candidate in twin.roads.roads if candidate.id == spot.lane.road)
     beside = [
         name
         for name in road.lanes
@@ -311,10 +311,10 @@ def _arrivals(
     event: EmergencyVehicle | Convoy, number: int, spot: Spot, twin: Twin, at_s: float
 ) -> list[Trip]:
     """Return the trips of vehicles that enter for an event."""
-    way, _ = lane_way(
+    path, _ = lane_way(
         twin.roads, spot.lane, spot.along_m, event.users, back_m=_COMES_M, ahead_m=_GOES_M
     )
-    lanes = [twin.roads.lane_by_id[name] for name in way.lanes]
+    lanes = [twin.roads.lane_by_id[name] for name in path.lanes]
     edges = tuple(dict.fromkeys(lane.road for lane in lanes if lane.road))
     if isinstance(event, Convoy):
         names = asset_names("truck")

@@ -252,7 +252,9 @@ class Trajectory(Event):
         if self.actor not in BOX_SEMANTICS:
             raise wrong(f"is of class {self.actor!r:.40}", ", ".join(BOX_SEMANTICS))
         lengths = {
-            len(one) for one in (self.time_s, self.x, self.y, self.yaw_deg) if one is not None
+            len(column)
+            for column in (self.time_s, self.x, self.y, self.yaw_deg)
+            if column is not None
         }
         if len(lengths) > 1:
             raise wrong("has columns of different lengths", "time_s, x and y of the same length")
@@ -322,27 +324,27 @@ def load_scenario(path: Path, twin: Twin | None, until_s: float) -> list[dict[st
     events = document.value.get("events")
     if not isinstance(events, list) or not events:
         raise document.error("has no events", ["events"], "a list of events")
-    several, told = document.part("events"), []
-    for number, given in enumerate(events):
-        if not isinstance(given, dict):
+    several, rows = document.part("events"), []
+    for number, value in enumerate(events):
+        if not isinstance(value, dict):
             raise several.error("is no event", [number], "a mapping with event, at_s and place")
-        one = several.part(number)
-        name = given.get("event")
+        part = several.part(number)
+        name = value.get("event")
         if name not in EVENTS:
             problem = "is missing" if name is None else f"is {str(name)!r:.60}"
             expected = nearest(str(name), list(EVENTS))
-            raise one.error(problem, ["event"], expected)
-        event = one.validated(EVENTS[name])
+            raise part.error(problem, ["event"], expected)
+        event = part.validated(EVENTS[name])
         if event.at_s >= until_s:
-            raise one.error(f"is {event.at_s:g}", ["at_s"], f"less than {until_s:g} s, the motion")
+            raise part.error(f"is {event.at_s:g}", ["at_s"], f"less than {until_s:g} s, the motion")
         if twin is not None and isinstance(event, PlacedEvent):
             try:
                 find_spot(event.place, twin, event.users)
             except InputError as error:
                 where = (error.place or "place").split(".")
-                raise one.error(error.problem, where, error.expected) from None
-        told.append(event.model_dump(exclude_unset=True, exclude_none=True))
-    return told
+                raise part.error(error.problem, where, error.expected) from None
+        rows.append(event.model_dump(exclude_unset=True, exclude_none=True))
+    return rows
 
 
 def one_passage(
@@ -360,9 +362,9 @@ def one_passage(
     Raises:
         InputError: no such class or street, or no lane for it.
     """
-    known = get_args(Passage.model_fields["actor"].annotation)
-    if actor not in known:
-        raise InputError(f"no class of actors {actor!r:.40}", expected=", ".join(known))
+    actor_classes = get_args(Passage.model_fields["actor"].annotation)
+    if actor not in actor_classes:
+        raise InputError(f"no class of actors {actor!r:.40}", expected=", ".join(actor_classes))
     if street is not None:
         place: dict[str, Any] = {"street": street}
     else:
@@ -378,4 +380,4 @@ def one_passage(
 
 def scenario_events(told: Sequence[Mapping[str, Any]]) -> list[Event]:
     """Return events from the form that `load_scenario` returns."""
-    return [EVENTS[one["event"]].model_validate(dict(one), strict=True) for one in told]
+    return [EVENTS[row["event"]].model_validate(dict(row), strict=True) for row in told]

@@ -173,19 +173,19 @@ def first_free(
             passage = passage_of_path(path, setting.others.motion)
             if not len(passage.time_s):
                 continue
-            found = None
+            closest = None
             if in_the_way:
                 # Most times are rejected because of an actor that is in the way for a second or
                 # more.
                 some = np.arange(0, len(passage.time_s), _SOME_STEPS)
-                found = setting.others.nearest(passage.of_rows(some))
-            if found is None or found.gap_m >= CLEAR_M:
-                found = setting.others.nearest(passage)
-            if found is not None and found.gap_m < CLEAR_M:
+                closest = setting.others.nearest(passage.of_rows(some))
+            if closest is None or closest.gap_m >= CLEAR_M:
+                closest = setting.others.nearest(passage)
+            if closest is not None and closest.gap_m < CLEAR_M:
                 blocked = True
                 in_the_way = in_the_way or (
-                    f"track {found.track} comes as near as {found.gap_m:.2f} m at "
-                    f"{found.at_s:.1f} s"
+                    f"track {closest.track} comes as near as {closest.gap_m:.2f} m at "
+                    f"{closest.at_s:.1f} s"
                 )
                 break
         if not blocked:
@@ -260,10 +260,10 @@ def trajectory(event: Trajectory, setting: Setting) -> Scripted:
     """Make an actor with a given trajectory."""
     mesh = event.asset or usual_asset(event.actor, setting.number)
     times = np.array(event.time_s)
-    kept = times < setting.until_s + MOMENT_S
-    yaw = None if event.yaw_deg is None else np.radians(event.yaw_deg)[kept]
-    xy = np.column_stack([event.x, event.y])[kept]
-    path = PrescribedPath(event.actor, mesh, times[kept], xy, yaw)
+    in_motion = times < setting.until_s + MOMENT_S
+    yaw = None if event.yaw_deg is None else np.radians(event.yaw_deg)[in_motion]
+    xy = np.column_stack([event.x, event.y])[in_motion]
+    path = PrescribedPath(event.actor, mesh, times[in_motion], xy, yaw)
     return span_of([path], {} if event.name is None else {"name": event.name})
 
 
@@ -290,7 +290,7 @@ def _along_lane(
         reaches.append((spot.along_m, REACHES_M[-1]))
     lateral = _lateral(actor_class, spot, setting.twin)
     for (back_m, ahead_m), beside_m in product(reaches, lateral):
-        way, place_m = lane_way(
+        lane_path, place_m = lane_way(
             setting.twin.roads,
             spot.lane,
             spot.along_m,
@@ -301,11 +301,11 @@ def _along_lane(
         signals: WaySignals | None = None
         if heeds_signals:
             roads, motion = setting.twin.roads, setting.others.motion
-            signals = WaySignals(way, place_m, speed, roads, motion)
+            signals = WaySignals(lane_path, place_m, speed, roads, motion)
         if backwards:
-            way, place_m = way.reversed(), way.length - place_m
-        line = way.moved(-beside_m if backwards else beside_m) if beside_m else way
-        at_m = line.length * place_m / way.length
+            lane_path, place_m = lane_path.reversed(), lane_path.length - place_m
+        line = lane_path.moved(-beside_m if backwards else beside_m) if beside_m else lane_path
+        at_m = line.length * place_m / lane_path.length
 
         def build(at_s: float, line: Way = line, at_m: float = at_m) -> list[PrescribedPath]:
             until_s = setting.until_s
@@ -338,31 +338,31 @@ def crowd(event: Crowd, setting: Setting) -> Scripted:
     for trial in range(200 * event.count):
         turn, out, facing = random.random(3)
         spread = radius * (1.0 + trial / (50.0 * event.count))
-        at = spot.xy + spread * np.sqrt(out) * np.array(
+        point = spot.xy + spread * np.sqrt(out) * np.array(
             [np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)]
         )
-        if any(float(np.hypot(*(at - one))) < 0.65 for one in taken):
+        if any(float(np.hypot(*(point - other))) < 0.65 for other in taken):
             continue
-        if not shapely.contains_xy(walked, *at):
+        if not shapely.contains_xy(walked, *point):
             continue
-        inwards = float(np.arctan2(*(spot.xy - at)[::-1])) + (facing - 0.5)
+        inwards = float(np.arctan2(*(spot.xy - point)[::-1])) + (facing - 0.5)
         path = PrescribedPath(
             "pedestrian",
             usual_asset("pedestrian", len(paths) + 31 * setting.number),
             np.array([from_s, until_s]),
-            np.array([at, at]),
+            np.array([point, point]),
             yaw=np.array([inwards, inwards]),
             speed=np.zeros(2),
         )
-        found = setting.others.nearest(passage_of_path(path, setting.others.motion))
-        if found is not None and found.gap_m < 0.05:
+        closest = setting.others.nearest(passage_of_path(path, setting.others.motion))
+        if closest is not None and closest.gap_m < 0.05:
             continue
         body = asset(path.asset)
         size = body.length, body.width, body.height
-        if setting.solid.met(at[None], np.array([inwards]), size).any():
+        if setting.solid.met(point[None], np.array([inwards]), size).any():
             continue
         paths.append(path)
-        taken.append(at)
+        taken.append(point)
         if len(paths) == event.count:
             return Scripted(tuple(paths), from_s, until_s, told={"people": len(paths)})
     raise StageError(

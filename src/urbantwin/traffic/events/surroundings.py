@@ -52,7 +52,7 @@ class _Others(NamedTuple):
         return _Others._make(np.concatenate(both) for both in zip(self, more, strict=True))
 
     def at(self, rows: NDArray[np.bool_]) -> _Others:
-        return _Others._make(one[rows] for one in self)
+        return _Others._make(column[rows] for column in self)
 
 
 def _nearest(passage: Passage, others: _Others) -> Nearest | None:
@@ -64,12 +64,12 @@ def _nearest(passage: Passage, others: _Others) -> Nearest | None:
     apart = np.linalg.norm(others.xy - passage.xy[others.number], axis=1)
     outer = (np.hypot(others.length, others.width) + np.hypot(passage.length, passage.width)) / 2
     inner = (np.minimum(others.length, others.width) + min(passage.length, passage.width)) / 2
-    near = others.at(apart - outer <= max(float((apart - inner).min()), 0.0) + 1e-6)
-    boxes = shapely.polygons(corners_of(near.xy, near.yaw, near.length, near.width))
-    gap = shapely.distance(passage.of_rows(near.number).boxes(), boxes)
-    best = int(np.lexsort([near.track, near.number, gap])[0])
-    at_s = float(passage.time_s[near.number[best]])
-    return Nearest(int(near.track[best]), float(gap[best]), at_s)
+    nearby = others.at(apart - outer <= max(float((apart - inner).min()), 0.0) + 1e-6)
+    boxes = shapely.polygons(corners_of(nearby.xy, nearby.yaw, nearby.length, nearby.width))
+    gap = shapely.distance(passage.of_rows(nearby.number).boxes(), boxes)
+    best = int(np.lexsort([nearby.track, nearby.number, gap])[0])
+    at_s = float(passage.time_s[nearby.number[best]])
+    return Nearest(int(nearby.track[best]), float(gap[best]), at_s)
 
 
 class Surroundings:
@@ -129,9 +129,9 @@ class Surroundings:
         count = np.where(np.abs(self._steps[step] - passage.time_s) < 1e-6, last - first, 0)
         number = np.repeat(np.arange(len(step)), count)
         row = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
-        kept = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _FAR_M
-        kept &= ~np.isin(self.track[row], list(ignoring))
-        row, number = row[kept], number[kept]
+        is_near = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _FAR_M
+        is_near &= ~np.isin(self.track[row], list(ignoring))
+        row, number = row[is_near], number[is_near]
         moving = _Others(
             number,
             self.track[row],
@@ -174,14 +174,14 @@ class Surroundings:
         """
         away = np.hypot(*(self.xy - xy).T)
         right = np.cos(self.yaw - (self.yaw if yaw is None else yaw)) > 0.5
-        there = (away < near_m) & (self.speed > least_ms) & right & np.isin(self.kind, classes)
-        there &= (np.abs(self.time_s - at_s) <= within_s) & (self.time_s <= until_s)
-        found = []
-        for track in np.unique(self.track[there]):
+        passes = (away < near_m) & (self.speed > least_ms) & right & np.isin(self.kind, classes)
+        passes &= (np.abs(self.time_s - at_s) <= within_s) & (self.time_s <= until_s)
+        passages = []
+        for track in np.unique(self.track[passes]):
             rows = self.rows_of(int(track))
             nearest = rows[int(np.argmin(away[rows]))]
-            found.append((abs(float(self.time_s[nearest]) - at_s), int(track), nearest))
-        return [(track, float(self.time_s[row])) for _, track, row in sorted(found)]
+            passages.append((abs(float(self.time_s[nearest]) - at_s), int(track), nearest))
+        return [(track, float(self.time_s[row])) for _, track, row in sorted(passages)]
 
 
 def passage_of_path(path: PrescribedPath, motion: Motion) -> Passage:
@@ -190,7 +190,7 @@ def passage_of_path(path: PrescribedPath, motion: Motion) -> Passage:
     times = times[(times >= path.time_s[0] - 1e-6) & (times <= path.time_s[-1] + 1e-6)]
     heading = path.heading()
     columns = (*path.xy.T, heading, path.pace(heading))
-    x, y, yaw, speed = (np.interp(times, path.time_s, one) for one in columns)
+    x, y, yaw, speed = (np.interp(times, path.time_s, column) for column in columns)
     mesh = asset(path.asset)
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)]) * speed[:, None]
     return Passage(times, np.column_stack([x, y]), yaw, ahead, mesh.length, mesh.width)

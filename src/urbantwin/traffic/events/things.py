@@ -65,11 +65,11 @@ def _standing(
 ) -> PrescribedPath:
     line = shapely.LineString(lane.centre[:, :2])
     ends = [
-        shapely.get_coordinates(line.interpolate(min(max(along_m + way, 0.0), line.length)))[0]
-        for way in (-0.5, 0.0, 0.5)
+        shapely.get_coordinates(line.interpolate(min(max(along_m + offset_m, 0.0), line.length)))[0]
+        for offset_m in (-0.5, 0.0, 0.5)
     ]
     yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
-    at = ends[1] + left_m * np.array([-np.sin(yaw), np.cos(yaw)])
+    place = ends[1] + left_m * np.array([-np.sin(yaw), np.cos(yaw)])
     facing = np.full(2, yaw + turned)
     span = np.array([times[0], max(times[1], times[0] + 1e-3)])
-    return PrescribedPath(OBSTACLE, asset, span, np.array([at, at]), facing, np.zeros(2))
+    return PrescribedPath(OBSTACLE, asset, span, np.array([place, place]), facing, np.zeros(2))

@@ -77,13 +77,17 @@ def turn_in_three(
     second = float(np.arccos(cosine))
     pieces: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     x = y = 0.0
-    for first, last, way in ((0.0, _FIRST, 1.0), (_FIRST, second, -1.0), (second, np.pi, 1.0)):
+    for first, last, direction in (
+        (0.0, _FIRST, 1.0),
+        (_FIRST, second, -1.0),
+        (second, np.pi, 1.0),
+    ):
         count = max(int((last - first) * radius / _EVERY_M), 4)
         turned = np.linspace(first, last, count + 1)
         local = np.column_stack(
             [
-                x + way * radius * (np.sin(turned) - np.sin(first)),
-                y + way * radius * (np.cos(first) - np.cos(turned)),
+                x + direction * radius * (np.sin(turned) - np.sin(first)),
+                y + direction * radius * (np.cos(first) - np.cos(turned)),
             ]
         )
         x, y = local[-1]
@@ -103,7 +107,7 @@ def turn_in_three(
         rows = np.arange(len(xy))
         times = np.append(times, clock + share * lasts)
         places = np.vstack(
-            [places, *[np.column_stack([np.interp(done, rows, one) for one in xy.T])]]
+            [places, *[np.column_stack([np.interp(done, rows, axis) for axis in xy.T])]]
         )
         yaws = np.append(yaws, np.interp(done, rows, yaw))
         if number == 1:
@@ -135,7 +139,7 @@ def _line(
         gentle_m + np.maximum(off - gentle_s, 0.0) * speed,
     )
     station = way.length - gone if stops else gone
-    heading = np.array([way.heading(float(one)) for one in station])
+    heading = np.array([way.heading(float(station_m)) for station_m in station])
     return times, way.at(station), np.unwrap(heading)
 
 
@@ -154,19 +158,19 @@ _BESIDE = 0.03
 
 def u_turn(event: UTurn, setting: Setting) -> Scripted:
     """Make a U-turn from the place's lane to the opposite one, where there is room."""
-    asked = find_spot(event.place, setting.twin, event.users)
+    requested = find_spot(event.place, setting.twin, event.users)
     refused: StageError | None = None
     for shift_m in _SHIFTS_M:
-        along_m = asked.along_m + shift_m
-        if not (0 <= along_m <= asked.lane.length):
+        along_m = requested.along_m + shift_m
+        if not (0 <= along_m <= requested.lane.length):
             continue
         try:
-            return _turned_round(event, setting, spot_on(asked.lane, along_m), shift_m)
+            return _turned_round(event, setting, spot_on(requested.lane, along_m), shift_m)
         except StageError as error:
             refused = refused or error
-    for spot, back in _in_junction(event, asked, setting.twin):
+    for spot, back in _in_junction(event, requested, setting.twin):
         try:
-            shift_m = round(asked.lane.length - asked.along_m, 1)
+            shift_m = round(requested.lane.length - requested.along_m, 1)
             return _turned_round(event, setting, spot, shift_m, back)
         except StageError as error:
             refused = refused or error
@@ -183,7 +187,7 @@ def _turned_round(
         StageError: there is no room, or no free time.
     """
     back = _opposite(event, spot, setting.twin) if back is None else back
-    there, place_m = lane_way(
+    approach, place_m = lane_way(
         setting.twin.roads, spot.lane, spot.along_m, event.actor, back_m=REACHES_M[0], ahead_m=1.0
     )
     away, begin_m = lane_way(
@@ -197,16 +201,16 @@ def _turned_round(
         if beside <= _BESIDE:
             break
     else:
-        found = _in_three(event, setting, spot, back, there, place_m, away, begin_m)
-        if found is not None:
-            return found
+        in_three = _in_three(event, setting, spot, back, approach, place_m, away, begin_m)
+        if in_three is not None:
+            return in_three
         raise StageError(
             f"u_turn at {event.at_s:g} s cannot be staged: the street is too narrow for a "
             f"{event.actor} to turn at {spot.xy[0]:.1f}, {spot.xy[1]:.1f}"
         )
     refused: StageError | None = None
     for reach_m in REACHES_M:
-        before = there.at(np.arange(max(place_m - reach_m, 0.0), place_m, 0.5))
+        before = approach.at(np.arange(max(place_m - reach_m, 0.0), place_m, 0.5))
         after = away.at(np.arange(begin_m, min(begin_m + reach_m, away.length), 0.5))
         # The path back begins where the turn ends, which may lie ahead or behind.
         keep = (after - turn[-1]) @ np.array([np.cos(back.yaw), np.sin(back.yaw)]) > 0.4
@@ -225,8 +229,8 @@ def _turned_round(
         except StageError as error:
             refused = refused or error
             continue
-        told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
-        return span_of(paths, {**told, "moved_along_m": shift_m} if shift_m else told)
+        report = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
+        return span_of(paths, {**report, "moved_along_m": shift_m} if shift_m else report)
     assert refused is not None
     raise refused
 
@@ -263,8 +267,10 @@ def _in_three(
 
         def build(at_s: float, turn: TurnInThree = turn) -> list[PrescribedPath]:
             times = turn.time_s + at_s
-            kept = (times >= 0) & (times <= setting.until_s)
-            path = PrescribedPath(event.actor, mesh, times[kept], turn.xy[kept], turn.yaw[kept])
+            in_span = (times >= 0) & (times <= setting.until_s)
+            path = PrescribedPath(
+                event.actor, mesh, times[in_span], turn.xy[in_span], turn.yaw[in_span]
+            )
             return [path]
 
         try:
@@ -272,8 +278,8 @@ def _in_three(
         except StageError as error:
             refused = refused or error
             continue
-        told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
-        return span_of(paths, {**told, "moves": 3})
+        report = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
+        return span_of(paths, {**report, "moves": 3})
     if refused is not None:
         raise refused
     return None
@@ -281,7 +287,7 @@ def _in_three(
 
 def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
     """Return the nearest place on a lane in the opposite direction."""
-    found = []
+    candidates = []
     for lane in twin.roads.lanes:
         if lane.kind not in ("driving", "bus") or event.actor not in lane.allowed:
             continue
@@ -290,18 +296,19 @@ def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
         if not 2.0 < along < line.length - 5.0:
             continue
         ends = [
-            shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-0.5, 0.0, 0.5)
+            shapely.get_coordinates(line.interpolate(along + offset_m))[0]
+            for offset_m in (-0.5, 0.0, 0.5)
         ]
         yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
         away = float(np.hypot(*(ends[1] - spot.xy)))
         if np.cos(yaw - spot.yaw) < -0.85 and away < 25.0:
-            found.append((away, lane.id, Spot(lane, along, ends[1], yaw)))
-    if not found:
+            candidates.append((away, lane.id, Spot(lane, along, ends[1], yaw)))
+    if not candidates:
         raise StageError(
             f"u_turn at {event.at_s:g} s cannot be staged: no lane for a {event.actor} leads back "
             f"beside {spot.lane.id}"
         )
-    return min(found, key=lambda one: one[:2])[2]
+    return min(candidates, key=lambda candidate: candidate[:2])[2]
 
 
 def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, Spot]]:
@@ -315,7 +322,7 @@ def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, 
     end, before = (_place(lane, lane.length - away) for away in (0.0, 2.0))
     ahead = (end - before) / max(float(np.hypot(*(end - before))), 1e-9)
     yaw, left = float(np.arctan2(*ahead[::-1])), np.array([-ahead[1], ahead[0]])
-    found = []
+    candidates = []
     for other in twin.roads.lanes:
         if other.kind not in ("driving", "bus") or event.actor not in other.allowed:
             continue
@@ -323,8 +330,8 @@ def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, 
         back_yaw = float(np.arctan2(*(onwards - start)[::-1]))
         apart = abs(float((start - end) @ left))
         if np.cos(back_yaw - yaw) < _PARALLEL and abs((start - end) @ ahead) < _WIDE_M > apart:
-            found.append((apart, other.id, Spot(other, 0.0, start, back_yaw)))
-    for _, _, back in sorted(found, key=lambda one: one[:2]):
+            candidates.append((apart, other.id, Spot(other, 0.0, start, back_yaw)))
+    for _, _, back in sorted(candidates, key=lambda candidate: candidate[:2]):
         for beyond_m in _BEYOND_M:
             yield Spot(lane, lane.length, end + beyond_m * ahead, yaw), back
 
