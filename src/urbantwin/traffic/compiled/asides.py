@@ -32,7 +32,7 @@ SWAPS_S = 3.0
 def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner, count):
     """Return pairs: index of a pedestrian, row of the other, and its index, -1 for others."""
     pairs = np.empty((64, 3), np.int64)
-    found = 0
+    pair_count = 0
     for a in range(len(mine)):
         i = mine[a]
         x, y = now[i, 0] + off[a, 0], now[i, 1] + off[a, 1]
@@ -48,10 +48,10 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
             far_y = now[j, 1] - y
             if far_x * far_x + far_y * far_y > reach * reach:
                 continue
-            if found == len(pairs):
+            if pair_count == len(pairs):
                 pairs = with_more_room(pairs)
-            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, b
-            found += 1
+            pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = a, j, b
+            pair_count += 1
         column, row = int((x - within[0]) / within[2]), int((y - within[1]) / within[2])
         if level[i] != 0 or not (0 <= column < within[3] and 0 <= row < within[4]):
             continue
@@ -60,11 +60,11 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
         cell = row * int(within[3]) + column
         for k in range(still[cell], still[cell + 1]):
             j = count + cells[k]
-            if found == len(pairs):
+            if pair_count == len(pairs):
                 pairs = with_more_room(pairs)
-            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
-            found += 1
-    return pairs[:found]
+            pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = a, j, -1
+            pair_count += 1
+    return pairs[:pair_count]
 
 
 @njit(cache=True, nogil=True)

@@ -99,13 +99,16 @@ def walked(
     """
     count, looks, room = len(far), looks_ahead(step_s), np.empty(4)
     for s in range(len(begins) - 1):
-        mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
-        if len(mine) == 0:
+        walkers, cars = (
+            rows[begins[s] : begins[s + 1]],
+            others[other_begins[s] : other_begins[s + 1]],
+        )
+        if len(walkers) == 0:
             continue
-        off, waits = np.zeros((len(mine), 2)), np.zeros(len(mine), np.bool_)
-        queues = np.zeros(len(mine), np.bool_)
-        for a in range(len(mine)):
-            r = mine[a]
+        off, waits = np.zeros((len(walkers), 2)), np.zeros(len(walkers), np.bool_)
+        queues = np.zeros(len(walkers), np.bool_)
+        for a in range(len(walkers)):
+            r = walkers[a]
             most = np.inf
             if joined[r] and at[r - 1] < far[r - 1]:
                 most, queues[a] = to_kerb(
@@ -114,44 +117,44 @@ def walked(
                 )  # fmt: skip
             _go_on(r, off[a], most, boxes, now, far, pace, joined, place, come, at, step_s)
             if joined[r] and not queues[a]:
-                _step_back(mine[a], off[a], now, whose, place, come, at, held, step_s)
+                _step_back(walkers[a], off[a], now, whose, place, come, at, held, step_s)
         pairs = near_whom(
-            mine, cars, now, off, level, still, cells, within, blocked, corner, count
+            walkers, cars, now, off, level, still, cells, within, blocked, corner, count
         )  # fmt: skip
         for p in range(len(pairs)):
             a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             if b < 0 and j < count and not waits[a]:
-                waits[a] = lets_by(mine[a], j, off, a, looks, boxes, now, come, joined, last)
+                waits[a] = lets_by(walkers[a], j, off, a, looks, boxes, now, come, joined, last)
                 if waits[a]:
-                    _keep(mine[a], off[a], now, place, come, at)
+                    _keep(walkers[a], off[a], now, place, come, at)
         whose_room = -1
         for p in range(len(pairs)):
             a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             if j >= count and a != whose_room:
-                room_ahead(mine[a], looks, boxes, come, last, room)
+                room_ahead(walkers[a], looks, boxes, come, last, room)
                 whose_room = a
-            if j < count or comes_near(mine[a], j, off, a, room, boxes):
+            if j < count or comes_near(walkers[a], j, off, a, room, boxes):
                 foresee(
-                    mine[a], j, off, a, b, looks, boxes, now, come, joined, last, step_s
+                    walkers[a], j, off, a, b, looks, boxes, now, come, joined, last, step_s
                 )  # fmt: skip
-            slip_by(mine[a], j, off, a, b, now, joined, held, step_s)
+            slip_by(walkers[a], j, off, a, b, now, joined, held, step_s)
         for _ in range(ROUNDS):
             parted = True
             for p in range(len(pairs)):
                 a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-                if part(mine[a], j, off, a, b, now, joined, step_s):
+                if part(walkers[a], j, off, a, b, now, joined, step_s):
                     parted = False
             if parted:
                 break
-        for a in range(len(mine)):
+        for a in range(len(walkers)):
             _hold(
-                mine[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at, held,
-                blocked, corner, step_s,
+                walkers[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at,
+                held, blocked, corner, step_s,
             )  # fmt: skip
-        _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
-        for a in range(len(mine)):
-            if not joined[mine[a]]:
-                _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
+        _stay(walkers, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
+        for a in range(len(walkers)):
+            if not joined[walkers[a]]:
+                _come_in(walkers, a, pairs, boxes, now, joined, place, blocked, corner)
 
 
 @per_actor
@@ -281,17 +284,17 @@ def _hold(
     ahead_x, ahead_y = boxes[u, 2], boxes[u, 3]
     goes_x, goes_y = x - was_x, y - was_y
     # No backward motion, except a step for others when all are stuck; lateral motion is slow.
-    on, aside = goes_x * ahead_x + goes_y * ahead_y, goes_y * ahead_x - goes_x * ahead_y
+    on, lateral = goes_x * ahead_x + goes_y * ahead_y, goes_y * ahead_x - goes_x * ahead_y
     on = max(on, -BACK_MS * step_s if held[q] * step_s > PATIENCE_S else 0.0)
     went = math.hypot(base_x - boxes[max(u - 1, 0), 0], base_y - boxes[max(u - 1, 0), 1])
     if not joined[u]:
         went = 0.0
     most = max(ASIDE_MS * step_s, min(went, FASTEST_MS * step_s))
-    aside = min(max(aside, -most), most)
+    lateral = min(max(lateral, -most), most)
     did_x, did_y = 0.0, 0.0
     if joined[q]:
         did_x, did_y = was_x - now[q - 1, 0], was_y - now[q - 1, 1]
-    goes_x, goes_y = on * ahead_x - aside * ahead_y, on * ahead_y + aside * ahead_x
+    goes_x, goes_y = on * ahead_x - lateral * ahead_y, on * ahead_y + lateral * ahead_x
     more = math.hypot(goes_x - did_x, goes_y - did_y)
     least = STARTS_MS2 * step_s * step_s
     if more > least:
@@ -304,8 +307,8 @@ def _hold(
     # Allowed are the cell types of the path and of the current position, and nothing worse.
     own = what_is_at(base_x, base_y, blocked, corner)
     was = what_is_at(was_x, was_y, blocked, corner)
-    there = what_is_at(x, y, blocked, corner)
-    if there == 2 and own != 2 and was != 2 and held[q] * step_s <= PATIENCE_S:
+    ground_type = what_is_at(x, y, blocked, corner)
+    if ground_type == 2 and own != 2 and was != 2 and held[q] * step_s <= PATIENCE_S:
         # A path may lead along the edge of the footway.
         long = math.hypot(x - base_x, y - base_y)
         if long > EDGE_M:
@@ -313,22 +316,22 @@ def _hold(
             edge_y = base_y + (y - base_y) * EDGE_M / long
             if math.hypot(edge_x - was_x, edge_y - was_y) <= FASTEST_MS * step_s:
                 x, y = edge_x, edge_y
-                there = 0
+                ground_type = 0
         else:
-            there = 0
+            ground_type = 0
     elif (
-        there == 2
+        ground_type == 2
         and (was == 0 or (own == 2 and _strays(x, y, was_x, was_y, base_x, base_y)))
         and drives_by(r, x, y, cars, level, last, boxes, now, step_s)
     ):
-        there = 1  # stays on the footway, or on its path beside a road
-    elif there == 2:
-        there = 0
-    if there and there != own:
+        ground_type = 1  # stays on the footway, or on its path beside a road
+    elif ground_type == 2:
+        ground_type = 0
+    if ground_type and ground_type != own:
         on = max(goes_x * ahead_x + goes_y * ahead_y, 0.0)
         x, y = was_x + on * ahead_x, was_y + on * ahead_y
-        there = what_is_at(x, y, blocked, corner)
-        if there and there != own:
+        ground_type = what_is_at(x, y, blocked, corner)
+        if ground_type and ground_type != own:
             x, y = was_x, was_y
     # A position behind that of the path is a delay.
     beside_x, beside_y = x - base_x, y - base_y
@@ -446,8 +449,8 @@ def _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner):
             angle = 2 * math.pi * k / PLACES
             x = now[r, 0] + (ring * RING_M * math.cos(angle) if ring else 0.0)
             y = now[r, 1] + (ring * RING_M * math.sin(angle) if ring else 0.0)
-            there = what_is_at(x, y, blocked, corner)
-            if ring and there and there != own:
+            ground_type = what_is_at(x, y, blocked, corner)
+            if ring and ground_type and ground_type != own:
                 continue
             box = now[r].copy()
             box[0], box[1] = x, y

@@ -42,9 +42,9 @@ def displaced(moved, sides, slope, short, factor, weight, rounds):
             lack = max(short[p] - _product(slope, wanted, p), 0.0) / size[p]
             for s in range(2):
                 for k in range(2):
-                    there = wanted[p, s, k] + lack * slope[p, s, k]
-                    dual[p, s, k] = wanted[p, s, k] - there
-                    right[sides[p, s], k] += there - dual[p, s, k]
+                    target = wanted[p, s, k] + lack * slope[p, s, k]
+                    dual[p, s, k] = wanted[p, s, k] - target
+                    right[sides[p, s], k] += target - dual[p, s, k]
         for n in range(count):
             here[n, 0], here[n, 1] = weight * right[n, 0], weight * right[n, 1]
         _solve(factor, here)
@@ -72,12 +72,12 @@ def _solve(factor, here):
     count = factor.shape[1]
     for n in range(count):
         for k in range(2):
-            known = 0.0
+            solved = 0.0
             if n > 1:
-                known += factor[0, n] * here[n - 2, k]
+                solved += factor[0, n] * here[n - 2, k]
             if n > 0:
-                known += factor[1, n] * here[n - 1, k]
-            here[n, k] = (here[n, k] - known) / factor[2, n]
+                solved += factor[1, n] * here[n - 1, k]
+            here[n, k] = (here[n, k] - solved) / factor[2, n]
     for n in range(count - 1, -1, -1):
         for k in range(2):
             here[n, k] /= factor[2, n]

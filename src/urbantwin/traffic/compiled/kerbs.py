@@ -54,15 +54,15 @@ def to_kerb(
     kerb, light = far[kerbs[begins, 3]], kerbs[begins, 2]
     if at[q] > kerb + BEGUN_M:
         return np.inf, False
-    near = kerb - at[q] <= stride
+    is_near = kerb - at[q] <= stride
     if light >= 0 and not _lets_begin(light, s, far[begins] - kerb, green, step_s):
         closed = kerb - at[q] <= QUEUE_M
-    elif near and let[q] < patience[1 if light >= 0 else 0]:
+    elif is_near and let[q] < patience[1 if light >= 0 else 0]:
         closed = _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s)
         let[r] = let[q] + closed
     else:
         closed = False
-        let[r] = let[q] if near else 0
+        let[r] = let[q] if is_near else 0
     return kerb if closed else np.inf, closed
 
 
@@ -96,15 +96,15 @@ def _drives_into(x, y, box, boxes, now, then):
 @per_actor
 def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
     """Return whether a vehicle comes over the crossing while the pedestrian is on it."""
-    end, stands = kerbs[begins, 1], kerbs[begins, 3]
-    start = far[stands]
+    end, waiting_row = kerbs[begins, 1], kerbs[begins, 3]
+    start = far[waiting_row]
     looks = int((far[end] - start) / CROSSES_MS / LOOK_S) + 2
     early = round(LOOK_S / step_s)
     for c in range(len(cars)):
         j = cars[c]
         if level[j] != level[r]:
             continue
-        u = stands
+        u = waiting_row
         for look in range(looks):
             while u < end and far[u + 1] <= start + look * LOOK_S * CROSSES_MS:
                 u += 1

@@ -22,7 +22,7 @@ def close_pairs(step, x, y, reach, wanted, within):
     """
     count = len(step)
     pairs = np.empty((1024, 2), np.int64)
-    found = first = 0
+    count_found = first = 0
     while first < count:
         last, widest = first, 0.0
         while last < count and step[last] == step[first]:
@@ -33,12 +33,12 @@ def close_pairs(step, x, y, reach, wanted, within):
                 far = x[j] - x[i]
                 if far >= reach[i] + widest + within:
                     break
-                near = reach[i] + reach[j] + within
-                if not (wanted[i] or wanted[j]) or far * far + (y[j] - y[i]) ** 2 >= near * near:
+                limit = reach[i] + reach[j] + within
+                if not (wanted[i] or wanted[j]) or far * far + (y[j] - y[i]) ** 2 >= limit * limit:
                     continue
-                if found == len(pairs):
+                if count_found == len(pairs):
                     pairs = with_more_room(pairs)
-                pairs[found, 0], pairs[found, 1] = i, j
-                found += 1
+                pairs[count_found, 0], pairs[count_found, 1] = i, j
+                count_found += 1
         first = last
-    return pairs[:found]
+    return pairs[:count_found]

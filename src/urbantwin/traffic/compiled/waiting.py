@@ -36,29 +36,29 @@ def driven(
         same: delay below which it counts as on time, metres.
     """
     count = len(most)
-    at = was.copy()
+    position = was.copy()
     did, k = 0.0, max(since, 1)
-    begun = at if k > 1 else own
+    begun = position if k > 1 else own
     speed = (begun[max(k - 1, 1)] - begun[max(k - 2, 0)]) / step_s if count > 1 else 0.0
     following = k
     while k < count:
         # Differences below a tenth of a millimetre are ignored.
-        back = k > until and abs(at[k - 1] - was[k - 1]) < 1e-4
-        if back and abs(at[k - 1] - at[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
+        back = k > until and abs(position[k - 1] - was[k - 1]) < 1e-4
+        if back and abs(position[k - 1] - position[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
             # In a loop, since numba takes seconds to compile the assignment of a slice.
             for n in range(k, count):
-                at[n] = was[n]
+                position[n] = was[n]
             break
         following = max(following, k)
         while following < count and not hard[following]:
             following += 1
-        if own[k - 1] - at[k - 1] < same and (following == count or following - k > ahead):
+        if own[k - 1] - position[k - 1] < same and (following == count or following - k > ahead):
             end = count if following == count else following - ahead
             if k < until:
                 end = min(end, until)
             end = max(end, k + 1)
             for n in range(k, end):
-                at[n] = own[n]
+                position[n] = own[n]
             k = end
             if k > 1:
                 speed = (own[k - 1] - own[k - 2]) / step_s
@@ -67,22 +67,22 @@ def driven(
         # or not.
         safe = np.inf
         for n in range(min(ahead, count - k)):
-            room, later = most[k + n] - at[k - 1], n * step_s
+            room, later = most[k + n] - position[k - 1], n * step_s
             goes = (room + brake * later * later / 2) / (later + step_s)
             if goes < brake * later:
                 stops = max((brake * step_s) ** 2 + 2 * brake * room, 0.0)
                 goes = math.sqrt(stops) - brake * step_s
             safe = min(safe, goes)
-        here = allowed[min(int(at[k - 1] / grid_m), len(allowed) - 1)]
+        here = allowed[min(int(position[k - 1] / grid_m), len(allowed) - 1)]
         wanted = min(safe, here, speed + starts * step_s)
         now = max(wanted, speed - hardest * step_s, 0.0)
         did = max(did, (speed - now) / step_s)
         if wanted < now:
             did = max(did, hardest * 2)
         speed = now
-        at[k] = at[k - 1] + speed * step_s
+        position[k] = position[k - 1] + speed * step_s
         k += 1
-    return at, did
+    return position, did
 
 
 @njit(cache=True, nogil=True)
@@ -99,17 +99,17 @@ def first_contacts(top, width, mine, theirs, beside):
         theirs: (W, 6) the other box in each case.
         beside: gap between them.
     """
-    found = np.full(len(top), np.inf)
+    contacts = np.full(len(top), np.inf)
     for w in range(len(top)):
         for g in range(max(top[w] - width + 1, 0), top[w] + 1):
             deep = depth(mine[g], theirs[w]) + beside
             if deep <= 0:
                 continue
-            found[w] = g
+            contacts[w] = g
             if g > max(top[w] - width + 1, 0):
-                found[w] -= deep / max(deep - depth(mine[g - 1], theirs[w]) - beside, 1e-9)
+                contacts[w] -= deep / max(deep - depth(mine[g - 1], theirs[w]) - beside, 1e-9)
             break
-    return found
+    return contacts
 
 
 @per_actor

@@ -49,10 +49,10 @@ def shortest_way(cost, start, goal):
                     heapq.heappush(queue, (now + rest, v * wide + u))
     if not done[goal[0], goal[1]]:
         return np.zeros((0, 2), np.int64)
-    way = [goal[0] * wide + goal[1]]
-    while way[-1] != start[0] * wide + start[1]:
-        way.append(came[way[-1] // wide, way[-1] % wide])
-    found = np.empty((len(way), 2), np.int64)
-    for k in range(len(way)):
-        found[k, 0], found[k, 1] = way[len(way) - 1 - k] // wide, way[len(way) - 1 - k] % wide
-    return found
+    cells = [goal[0] * wide + goal[1]]
+    while cells[-1] != start[0] * wide + start[1]:
+        cells.append(came[cells[-1] // wide, cells[-1] % wide])
+    path = np.empty((len(cells), 2), np.int64)
+    for k in range(len(cells)):
+        path[k, 0], path[k, 1] = cells[len(cells) - 1 - k] // wide, cells[len(cells) - 1 - k] % wide
+    return path

@@ -79,11 +79,11 @@ def _followers(
 
 def _parties(demand: Demand) -> dict[int, list[int]]:
     """Return leader -> other members, by the numbers of their trips."""
-    found: dict[int, list[int]] = {}
+    members: dict[int, list[int]] = {}
     for number, trip in enumerate(demand.trips):
         if trip.beside:
-            found.setdefault(number - trip.beside, []).append(number)
-    return found
+            members.setdefault(number - trip.beside, []).append(number)
+    return members
 
 
 def _beside(
@@ -104,33 +104,43 @@ def _beside(
         length_m=0.0,
         walks=True,
     )
-    way = _Way(path.distance_m, path.xy, path.yaw)
-    at = path.distance_m
+    leader_path = _Way(path.distance_m, path.xy, path.yaw)
+    station_m = path.distance_m
     places = _PLACES[len(followers) + 1][1:]
     lane = simulated.lane[rows]
     #: Available width at each point of the path, on the left and on the right.
     room = {
-        side: way.smooth(walkable.fits(lane[way.row], way.place(way.grid, side * BESIDE_M)))
+        side: leader_path.smooth(
+            walkable.fits(
+                lane[leader_path.row], leader_path.place(leader_path.grid, side * BESIDE_M)
+            )
+        )
         for side in (1, -1)
     }
     wider = 1 if room[1].sum() >= room[-1].sum() else -1
-    found = []
-    for rank, (number, (aside, behind)) in enumerate(zip(followers, places, strict=True), 1):
-        side = wider * aside
-        has_room = np.interp(at, way.grid, room[side]) if aside else np.ones(len(at))
-        back = BEHIND_M * (behind + (rank - behind) * (1.0 - has_room) * bool(aside))
-        own = at - back
-        found.append(
+    columns = []
+    for rank, (number, (side_sign, rank_behind)) in enumerate(
+        zip(followers, places, strict=True), 1
+    ):
+        side = wider * side_sign
+        has_room = (
+            np.interp(station_m, leader_path.grid, room[side])
+            if side_sign
+            else np.ones(len(station_m))
+        )
+        back = BEHIND_M * (rank_behind + (rank - rank_behind) * (1.0 - has_room) * bool(side_sign))
+        own = station_m - back
+        columns.append(
             {
                 "step": simulated.step[rows],
                 "trip": np.full(len(rows), number, simulated.trip.dtype),
-                "front": way.place(own, side * BESIDE_M * has_room),
+                "front": leader_path.place(own, side * BESIDE_M * has_room),
                 "angle_deg": simulated.angle_deg[rows],
                 "speed": speed,
-                "lane": lane[np.searchsorted(at, own).clip(0, len(at) - 1)],
+                "lane": lane[np.searchsorted(station_m, own).clip(0, len(station_m) - 1)],
             }
         )
-    return found
+    return columns
 
 
 class _Way:
@@ -149,8 +159,8 @@ class _Way:
         self.row = np.searchsorted(at, self.grid).clip(0, len(at) - 1)
         distinct, group = np.unique(np.round(at, 2), return_inverse=True)
         x, y, self._yaw = (
-            np.interp(self.grid, distinct, np.bincount(group, one) / np.bincount(group))
-            for one in (*xy.T, yaw)
+            np.interp(self.grid, distinct, np.bincount(group, values) / np.bincount(group))
+            for values in (*xy.T, yaw)
         )
         before = np.minimum(self.grid, 0.0)
         self._line = np.column_stack([x + before * np.cos(yaw[0]), y + before * np.sin(yaw[0])])
@@ -159,7 +169,7 @@ class _Way:
         self, at: NDArray[np.float64], left_m: float | NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return points (N, 2) at a distance along the path and to its left."""
-        x, y, yaw = (np.interp(at, self.grid, one) for one in (*self._line.T, self._yaw))
+        x, y, yaw = (np.interp(at, self.grid, values) for values in (*self._line.T, self._yaw))
         return np.column_stack([x - left_m * np.sin(yaw), y + left_m * np.cos(yaw)])
 
     def smooth(self, fits: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -187,8 +197,8 @@ class _Walkable:
 
     def fits(self, lane: NDArray[np.integer], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (N, 2) beside lanes (N,) are on footways or the lane's crossing."""
-        found = np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _OVER_M
+        is_walkable = np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _OVER_M
         for number in set(np.unique(lane).tolist()) & self._crossings.keys():
             rows = np.flatnonzero(lane == number)
-            found[rows] = shapely.contains_xy(self._crossings[number], xy[rows])
-        return np.asarray(found)
+            is_walkable[rows] = shapely.contains_xy(self._crossings[number], xy[rows])
+        return np.asarray(is_walkable)

@@ -98,15 +98,15 @@ def absent_from(
         step_s: time between steps, seconds.
         beside: constraints of an event.
     """
-    step, inside, near = _where(actors, region, step_s)
-    visit, begins, poses = _visits(whose, step, inside, near)
+    step, inside, is_near = _where(actors, region, step_s)
+    visit, begins, poses = _visits(whose, step, inside, is_near)
     overlapping = rows_that_overlap(actors, parked, step_s, obstacles, visit)
     pairs, hits = overlapping.pairs, overlapping.hits
     count = len(begins)
     first = _first_rows(visit, count)
     wanted = np.concatenate([first, pairs.ravel(), hits])
-    rows, told = told_of(actors, wanted, ("class", "time_s", "x", "y"))
-    kinds = told["class"][np.searchsorted(rows, first)]
+    rows, values = told_of(actors, wanted, ("class", "time_s", "x", "y"))
+    kinds = values["class"][np.searchsorted(rows, first)]
     by_visit = np.zeros(count, np.int64)
     by_visit[visit] = whose
     staged = np.isin(by_visit, list(beside.own))
@@ -126,7 +126,7 @@ def absent_from(
     steps = np.unique(np.column_stack([whose[away], step[away]]).astype(np.int64), axis=0)
     led = np.flatnonzero(whose != leads)
     away[led] |= _among(leads[led], step[led], steps)
-    why = _reasons(rows, told, overlapping, visit, gone)
+    why = _reasons(rows, values, overlapping, visit, gone)
     ends = np.zeros(count, np.int64)
     np.maximum.at(ends, visit, step)
     each = [
@@ -141,7 +141,9 @@ def absent_from(
     counts = {
         "visits": len(each),
         "of": count,
-        "actors": dict(sorted(Counter(str(one["class"]) for one in each).items())),
+        "actors": dict(
+            sorted(Counter(str(visit_report["class"]) for visit_report in each).items())
+        ),
         "with": dict(
             sorted(Counter(f"{x['class']} and {x['with']}" for x in each if "with" in x).items())
         ),
@@ -155,13 +157,17 @@ def _where(
     actors: Iterable[pa.Table], region: shapely.Geometry, step_s: float
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the step of each row (N,), and whether it is in the region, or near it."""
-    steps, inside, near = [np.zeros(0, np.int32)], [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
+    steps, inside, is_near = (
+        [np.zeros(0, np.int32)],
+        [np.zeros(0, np.bool_)],
+        [np.zeros(0, np.bool_)],
+    )
     for part in actors:
         steps.append(np.round(part["time_s"].to_numpy() / step_s).astype(np.int32))
         xy = np.column_stack([part["x"].to_numpy(), part["y"].to_numpy()])
         inside.append(_inside(xy, region))
-        near.append(_inside(xy, region, _BESIDE_M))
-    return np.concatenate(steps), np.concatenate(inside), np.concatenate(near)
+        is_near.append(_inside(xy, region, _BESIDE_M))
+    return np.concatenate(steps), np.concatenate(inside), np.concatenate(is_near)
 
 
 def _inside(
@@ -187,11 +193,11 @@ def _visits(
     visit = np.empty(len(whose), np.int32)
     begins, poses, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
     for rows in some_actors(whose):  # to limit memory
-        mine, begun = _visits_of(whose[rows], step[rows], inside[rows], near[rows])
-        visit[rows] = mine + count
+        part_visits, begun = _visits_of(whose[rows], step[rows], inside[rows], near[rows])
+        visit[rows] = part_visits + count
         count += len(begun)
         begins.append(begun.astype(np.int64))
-        poses.append(np.bincount(mine, minlength=len(begun)))
+        poses.append(np.bincount(part_visits, minlength=len(begun)))
     return visit, np.concatenate(begins), np.concatenate(poses)
 
 
@@ -206,20 +212,20 @@ def _visits_of(
     first = np.flatnonzero(new)
     who, when = who[first], when[first]
     # All bodies of an articulated vehicle count.
-    within, beside = (np.logical_or.reduceat(one, first) for one in (inside, near))
+    within, beside = (np.logical_or.reduceat(flags, first) for flags in (inside, near))
     broken = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) > 1)])
     runs = np.flatnonzero(broken | np.concatenate([[True], np.diff(beside)]))
     comes_in = np.logical_or.reduceat(within, runs)
-    there = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
-    begun = broken | np.concatenate([[True], np.diff(there)])
+    in_run = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
+    begun = broken | np.concatenate([[True], np.diff(in_run)])
     return (np.cumsum(begun) - 1)[np.cumsum(new) - 1], when[begun]
 
 
 def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:
     """Return the first row of each visit (V,)."""
-    found = np.zeros(count, np.int64)
-    found[visit[::-1]] = np.arange(len(visit), dtype=np.int32)[::-1]
-    return found
+    first_row = np.zeros(count, np.int64)
+    first_row[visit[::-1]] = np.arange(len(visit), dtype=np.int32)[::-1]
+    return first_row
 
 
 def _among(
@@ -246,23 +252,25 @@ def _choose(
     every = {(a, b) for a, b in every if not (gone[a] or gone[b] or (stays[a] and stays[b]))}
     left, went = set(every), []
     while left:
-        times = Counter(one for pair in left for one in pair if not stays[one])
-        went.append(min(times, key=lambda one: (cost[one] / times[one], poses[one], one)))
+        times = Counter(visit for pair in left for visit in pair if not stays[visit])
+        went.append(min(times, key=lambda visit: (cost[visit] / times[visit], poses[visit], visit)))
         gone[went[-1]] = True
         left = {pair for pair in left if went[-1] not in pair}
-    for one in sorted(went, key=lambda one: (-cost[one], -poses[one], one)):
-        gone[one] = any(one in pair and not gone[sum(pair) - one] for pair in every)
+    for visit in sorted(went, key=lambda visit: (-cost[visit], -poses[visit], visit)):
+        gone[visit] = any(visit in pair and not gone[sum(pair) - visit] for pair in every)
 
 
 def _where_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Return the place of most conflicts, x and y, and their number."""
-    xy = np.array([(one["x"], one["y"]) for one in each if "x" in one]).reshape(-1, 2)
+    xy = np.array([(conflict["x"], conflict["y"]) for conflict in each if "x" in conflict]).reshape(
+        -1, 2
+    )
     if not len(xy):
         return {}
-    near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _PLACE_M
-    best = int(near.sum(axis=1).argmax())
-    x, y = xy[near[best]].mean(axis=0).round(1).tolist()
-    return {"x": x, "y": y, "visits": int(near[best].sum())}
+    is_near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _PLACE_M
+    best = int(is_near.sum(axis=1).argmax())
+    x, y = xy[is_near[best]].mean(axis=0).round(1).tolist()
+    return {"x": x, "y": y, "visits": int(is_near[best].sum())}
 
 
 def _reasons(
@@ -291,15 +299,15 @@ def _reasons(
 
     for row, name in zip(overlapping.hits.tolist(), overlapping.what.tolist(), strict=True):
         note(row, name)
-    for one, other in overlapping.pairs.tolist():
-        if other < 0:
-            note(one, "parked")
+    for first_row, second_row in overlapping.pairs.tolist():
+        if second_row < 0:
+            note(first_row, "parked")
         else:
-            note(one, kinds[other])
-            note(other, kinds[one])
-    found = {}
+            note(first_row, kinds[second_row])
+            note(second_row, kinds[first_row])
+    reasons = {}
     for number, (row, name) in first.items():
-        at = np.searchsorted(rows, row)
-        place = {axis: round(told[axis][at], 1) for axis in ("x", "y")}
-        found[number] = {"with": name, "time_s": told["time_s"][at], **place}
-    return found
+        index = np.searchsorted(rows, row)
+        place = {axis: round(told[axis][index], 1) for axis in ("x", "y")}
+        reasons[number] = {"with": name, "time_s": told["time_s"][index], **place}
+    return reasons

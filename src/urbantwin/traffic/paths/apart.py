@@ -63,14 +63,14 @@ class Parted:
         asset: Callable[[str], Asset],
     ) -> None:
         self.level, self.blocks, self.step_s = level, blocks, step_s
-        trips, who = ways.trips, ways.who
+        trips, actor_ids = ways.trips, ways.who
         self.meshes = [asset(trip.asset) for trip in trips]
-        led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
+        led = np.array([trip.actor_class == "animal" for trip in trips], np.bool_)
         # Accompanying animals step aside like pedestrians.
         self.classes = tuple(
-            "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
+            "pedestrian" if trip.actor_class == "animal" else trip.actor_class for trip in trips
         )
-        self.vehicles = np.where(led, who, vehicles(who))
+        self.vehicles = np.where(led, actor_ids, vehicles(actor_ids))
         self.striding = np.array([[x.length, x.width] for x in self.meshes]).reshape(-1, 2)
         self.still = np.array([track_size(mesh)[:2] for mesh in self.meshes]).reshape(-1, 2)
         self.height = np.array([mesh.height for mesh in self.meshes])
@@ -102,8 +102,8 @@ class Parted:
             tell: called with the fraction done (0..1) and what is being done.
         """
         columns = self.ways.within(stretch, left)
-        trip, stands = columns["trip"], columns["speed"] < STANDING_MS
-        size = np.where(stands[:, None], self.still[trip], self.striding[trip])
+        trip, stopped = columns["trip"], columns["speed"] < STANDING_MS
+        size = np.where(stopped[:, None], self.still[trip], self.striding[trip])
         boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
         level = self.level[columns["lane"]]
         moving = Moving(
@@ -114,7 +114,7 @@ class Parted:
         begun = stretch.begin if left else None
         if left is not None:
             before = _gone_on(left, before)
-        behind = []
+        delays = []
         for turn in range(_TURNS + 1):
             telling = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
             # Pedestrians start each turn from their original paths, since conflicts of one turn may
@@ -126,13 +126,13 @@ class Parted:
                 patience_s=_PATIENCE_S, left=left, tell=between(telling, 0.0, _WALKED),
             )  # fmt: skip
             if turn < _TURNS:
-                aside = between(telling, _WALKED, _ASIDE)
-                columns = self._round_others(columns, moving, size / 2, begun, aside)
+                separating = between(telling, _WALKED, _ASIDE)
+                columns = self._round_others(columns, moving, size / 2, begun, separating)
             was = before.turn(turn) if before else None
             waiting = between(telling, _ASIDE, 1.0)
             columns = yielded(columns, moving, half, self.step_s, was, waiting)
-            behind.append(columns.pop("behind"))
-        return {**columns, "behind": np.column_stack(behind)}
+            delays.append(columns.pop("behind"))
+        return {**columns, "behind": np.column_stack(delays)}
 
     def _round_others(
         self,
@@ -147,8 +147,8 @@ class Parted:
         now = replace(moving, boxes=boxes, speed=columns["speed"])
         height = self.height[columns["trip"]]
         xy, speed = separated(now, self.blocks, height, self.step_s, columns["aside"], begin, tell)
-        aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
-        return self._steered({**columns, "xy": xy, "speed": speed, "aside": aside}, columns)
+        lateral_m = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
+        return self._steered({**columns, "xy": xy, "speed": speed, "aside": lateral_m}, columns)
 
     def _steered(self, columns: Columns, was: Columns) -> Columns:
         """Return poses in which changed vehicles have the headings of their new paths."""
@@ -179,5 +179,5 @@ def rear_of(mesh: Asset) -> float:
     """
     if mesh.actor_class == "tram":
         return 0.0
-    behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
-    return -float(behind.mean()) if len(behind) else 0.0
+    rear_contacts = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
+    return -float(rear_contacts.mean()) if len(rear_contacts) else 0.0

@@ -107,15 +107,15 @@ def _at_stops(
         xy, speed, yaw = _drawn(
             stay, footway, np.asarray(steps * step_s), walks_on=bool(len(walked))
         )
-        kept = np.isfinite(speed)
+        is_drawn = np.isfinite(speed)
         new.append(
             {
-                "step": steps[kept].astype(simulated.step.dtype),
-                "trip": np.full(kept.sum(), stay.trip, simulated.trip.dtype),
-                "front": xy[kept],
-                "angle_deg": 90.0 - np.degrees(yaw[kept]),
-                "speed": speed[kept],
-                "lane": np.full(kept.sum(), lanes.index(stay.place.lane), simulated.lane.dtype),
+                "step": steps[is_drawn].astype(simulated.step.dtype),
+                "trip": np.full(is_drawn.sum(), stay.trip, simulated.trip.dtype),
+                "front": xy[is_drawn],
+                "angle_deg": 90.0 - np.degrees(yaw[is_drawn]),
+                "speed": speed[is_drawn],
+                "lane": np.full(is_drawn.sum(), lanes.index(stay.place.lane), simulated.lane.dtype),
             }
         )
     return new, tuple(lanes)
@@ -205,8 +205,8 @@ def _between(
 def _free(slots: _Floats, blocks: PlanBoxes) -> _Floats:
     """Return the positions (S, 2) without obstacles; all of them if none is free."""
     tree = shapely.STRtree(blocks.polygons)
-    near = tree.query(shapely.points(slots), predicate="dwithin", distance=_CLEAR_M)[0]
-    free = np.delete(slots, near, axis=0)
+    rows_nearby = tree.query(shapely.points(slots), predicate="dwithin", distance=_CLEAR_M)[0]
+    free = np.delete(slots, rows_nearby, axis=0)
     return free if len(free) else slots
 
 

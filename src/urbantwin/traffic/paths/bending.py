@@ -57,8 +57,10 @@ def corner_cutters(
         level: (N,) level of the road of each row.
         asset: returns an asset by name.
     """
-    behind = who != vehicles(who)
-    towed = behind & np.array([trip.actor_class not in _NOT_TOWED for trip in trips], np.bool_)
+    is_towed_body = who != vehicles(who)
+    towed = is_towed_body & np.array(
+        [trip.actor_class not in _NOT_TOWED for trip in trips], np.bool_
+    )
     if not towed.any():
         return frozenset()
     meshes = [asset(trip.asset) for trip in trips]
@@ -66,13 +68,13 @@ def corner_cutters(
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
     rows = np.flatnonzero(towed[columns["trip"]])
     # Actors near towed bodies at the same step.
-    near = np.isin(columns["step"], columns["step"][rows])
-    there = np.flatnonzero(near)
-    pairs = there[near_pairs(boxes.take(there), 0.0)]
+    at_step = np.isin(columns["step"], columns["step"][rows])
+    rows_at_step = np.flatnonzero(at_step)
+    pairs = rows_at_step[near_pairs(boxes.take(rows_at_step), 0.0)]
     row_towed, vehicle = towed[columns["trip"]], vehicles(who)[columns["trip"]]
-    one, other = pairs.T
-    kept = (row_towed[one] | row_towed[other]) & (vehicle[one] != vehicle[other])
-    pairs = pairs[kept & (level[one] == level[other])]
+    first, second = pairs.T
+    involved = (row_towed[first] | row_towed[second]) & (vehicle[first] != vehicle[second])
+    pairs = pairs[involved & (level[first] == level[second])]
     deep, _ = meetings(boxes, pairs)
     hit = pairs[deep > _TOUCH_M].ravel()
     row, block = Outlines(blocks.polygons).beside(boxes.take(rows))
@@ -142,14 +144,14 @@ def towed(
     """
     nose = middle + _unit(yaw) * (length_m / 2)
     first = bodies[0]
-    found = [(nose - _unit(yaw) * first.middle_m, yaw)]
-    ahead_m, ahead = first.middle_m, found[0]
+    poses = [(nose - _unit(yaw) * first.middle_m, yaw)]
+    ahead_m, ahead = first.middle_m, poses[0]
     for body in bodies[1:]:
         joint = ahead[0] + _unit(ahead[1]) * (ahead_m - body.guides_m[0])
         axle = _tractrix(joint, float(ahead[1][0]), body.guides_m[1] - body.guides_m[0])
         ahead_m, ahead = body.middle_m, _between(body, joint, axle)
-        found.append(ahead)
-    return found
+        poses.append(ahead)
+    return poses
 
 
 def _between(
@@ -245,7 +247,7 @@ def with_bodies(
         tracks: the rails.
         asset: returns an asset by name.
     """
-    trips, who = list(demand.trips), list(range(len(demand.trips)))
+    trips, actor_ids = list(demand.trips), list(range(len(demand.trips)))
     lines = {track.id: track.line[:, :2] for track in tracks}
     outer = {track.id for track in tracks if track.outer}
     bent: list[Columns] = []
@@ -286,22 +288,22 @@ def with_bodies(
             else:
                 own["trip"] = np.full_like(own["trip"], len(trips))
                 trips.append(part)
-                who.append(number + k * _FURTHER)
+                actor_ids.append(number + k * _FURTHER)
             bent.append(own)
     if not bent:
-        return columns, demand.trips, np.array(who, np.int64)
+        return columns, demand.trips, np.array(actor_ids, np.int64)
     rest = {name: values[stays] for name, values in columns.items()}
     joined = {name: np.concatenate([rest[name], *(x[name] for x in bent)]) for name in columns}
-    return joined, tuple(trips), np.array(who, np.int64)
+    return joined, tuple(trips), np.array(actor_ids, np.int64)
 
 
 def _accompanied(xy: NDArray[np.float64], yaw: NDArray[np.float64], number: int) -> Poses:
     """Return the poses of a pedestrian (N, 2), and of a dog beside, with smooth turns."""
     turned = np.unwrap(yaw)
     gentle = uniform_filter1d(turned, min(_LEAD_STEPS, len(turned)), mode="nearest")
-    ahead, aside = BESIDE_M[0], BESIDE_M[1] * (1 if number % 2 else -1)
+    ahead, beside_m = BESIDE_M[0], BESIDE_M[1] * (1 if number % 2 else -1)
     c, s = np.cos(gentle), np.sin(gentle)
-    place = xy + np.column_stack([ahead * c - aside * s, ahead * s + aside * c])
+    place = xy + np.column_stack([ahead * c - beside_m * s, ahead * s + beside_m * c])
     return [(xy, yaw), (place, gentle)]
 
 
@@ -325,11 +327,13 @@ def _on_track(
     edges = [edge for edge in trip.edges if edge in lines]
     shapes = [shapely.LineString(lines[edge]) for edge in edges]
     starts = np.concatenate([[0.0], np.cumsum([shape.length for shape in shapes])])
-    at, nose_m = 0, np.empty(len(rows))
+    edge_index, nose_m = 0, np.empty(len(rows))
     for k, row in enumerate(rows.tolist()):
         edge = simulated.lanes[simulated.lane[row]].rpartition("_")[0]
-        while at < len(edges) - 1 and edges[at] != edge:
-            at += 1
-        nose_m[k] = starts[at] + shapes[at].project(shapely.Point(simulated.front[row]))
+        while edge_index < len(edges) - 1 and edges[edge_index] != edge:
+            edge_index += 1
+        nose_m[k] = starts[edge_index] + shapes[edge_index].project(
+            shapely.Point(simulated.front[row])
+        )
     points = [lines[edges[0]]] + [lines[edge][1:] for edge in edges[1:]]
     return np.vstack(points), starts, edges, nose_m

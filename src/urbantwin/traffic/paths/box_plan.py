@@ -37,10 +37,10 @@ class PlanBoxes:
     def joined(cls, parts: Sequence[PlanBoxes]) -> PlanBoxes:
         """Return boxes concatenated."""
         return cls(
-            np.concatenate([one.step for one in parts]),
-            np.concatenate([one.xy for one in parts]),
-            np.concatenate([one.yaw for one in parts]),
-            np.concatenate([one.half for one in parts]),
+            np.concatenate([part.step for part in parts]),
+            np.concatenate([part.xy for part in parts]),
+            np.concatenate([part.yaw for part in parts]),
+            np.concatenate([part.half for part in parts]),
         )
 
     def take(self, rows: NDArray[np.integer]) -> PlanBoxes:
@@ -107,19 +107,19 @@ def _meetings(
     boxes: PlanBoxes, pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     rows, pairs = np.unique(pairs, return_inverse=True)
-    boxes, (one, other) = boxes.take(rows), pairs.reshape(-1, 2).T
+    boxes, (first, second) = boxes.take(rows), pairs.reshape(-1, 2).T
     axes, half = boxes.axes, boxes.half
-    between = boxes.xy[one] - boxes.xy[other]
-    tried = np.concatenate([axes[one], axes[other]], axis=1)
+    between = boxes.xy[first] - boxes.xy[second]
+    tried = np.concatenate([axes[first], axes[second]], axis=1)
     along = np.einsum("pad,pd->pa", tried, between)
     radius = sum(
         np.abs(np.einsum("pad,pd->pa", tried, axes[side, k])) * half[side, k, None]
-        for side in (one, other)
+        for side in (first, second)
         for k in (0, 1)
     )
     deep = np.asarray(radius) - np.abs(along)
     least = deep.argmin(axis=1)
-    row = np.arange(len(one))
+    row = np.arange(len(first))
     sign = np.where(along[row, least] < 0, -1.0, 1.0)
     return deep[row, least], tried[row, least] * sign[:, None]
 
@@ -129,6 +129,6 @@ def shared_areas(boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.float
     area = np.zeros(len(pairs))
     deep, _ = meetings(boxes, pairs)
     met = np.flatnonzero(deep > 0)
-    one, other = (boxes.take(pairs[met, side]).polygons for side in (0, 1))
-    area[met] = shapely.area(shapely.intersection(one, other))
+    first, second = (boxes.take(pairs[met, side]).polygons for side in (0, 1))
+    area[met] = shapely.area(shapely.intersection(first, second))
     return area

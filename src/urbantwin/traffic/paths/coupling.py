@@ -36,46 +36,51 @@ def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
     Args:
         actors: rows of a motion.
     """
-    ahead = {one for one, _ in _joints()}
-    behind = {other for _, other in _joints()}
+    ahead = {first for first, _ in _joints()}
+    towed_bodies = {second for _, second in _joints()}
     every = as_rows(actors)
     names = every.distinct(["asset"])["asset"].to_pylist()
-    rows = every.where("asset", [x for x in names if AssetName.of(x).body in ahead | behind])
+    rows = every.where("asset", [x for x in names if AssetName.of(x).body in ahead | towed_bodies])
     columns = {
         name: np.asarray(rows[name].to_numpy())
         for name in ("time_s", "track", "asset", "x", "y", "yaw")
     }
     track = columns["track"]
-    follows = np.array([AssetName.of(name).body in behind for name in columns["asset"]], np.bool_)
-    found: dict[int, int] = {}
+    follows = np.array(
+        [AssetName.of(name).body in towed_bodies for name in columns["asset"]], np.bool_
+    )
+    ahead_of: dict[int, int] = {}
     starts = np.flatnonzero(np.diff(columns["time_s"], prepend=-np.inf))
     for group in np.split(np.arange(len(track)), starts[1:]):
-        fresh = [row for row in group.tolist() if follows[row] and int(track[row]) not in found]
+        fresh = [row for row in group.tolist() if follows[row] and int(track[row]) not in ahead_of]
         pairs = [(a, b) for b in fresh for a in group.tolist() if a != b]
-        at = np.array(pairs, np.int64).reshape(-1, 2)
-        found.update((int(track[b]), int(track[a])) for a, b in at[_hangs(columns, at)].tolist())
-    return dict(sorted(found.items()))
+        row_pairs = np.array(pairs, np.int64).reshape(-1, 2)
+        ahead_of.update(
+            (int(track[b]), int(track[a]))
+            for a, b in row_pairs[_hangs(columns, row_pairs)].tolist()
+        )
+    return dict(sorted(ahead_of.items()))
 
 
 def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return, for pairs (P, 2) of rows, whether the second is coupled behind the first."""
-    found = np.zeros(len(pairs), np.bool_)
+    is_coupled = np.zeros(len(pairs), np.bool_)
     if not len(pairs):
-        return found
+        return is_coupled
     first, second = pairs.T
     shown = columns["asset"][pairs].astype(str)
     names, which = np.unique(shown, return_inverse=True)
     bodies = [AssetName.of(name).body for name in names.tolist()]
     which = which.reshape(shown.shape)
     kind = which[:, 0] * len(names) + which[:, 1]
-    for one in np.unique(kind).tolist():
-        rows = np.flatnonzero(kind == one)
+    for pair_kind in np.unique(kind).tolist():
+        rows = np.flatnonzero(kind == pair_kind)
         for back_m, front_m in _joints().get(
-            (bodies[one // len(names)], bodies[one % len(names)]), ()
+            (bodies[pair_kind // len(names)], bodies[pair_kind % len(names)]), ()
         ):
             apart = _along(columns, first[rows], -back_m) - _along(columns, second[rows], front_m)
-            found[rows] |= np.hypot(*apart.T) < _JOINT_M
-    return found
+            is_coupled[rows] |= np.hypot(*apart.T) < _JOINT_M
+    return is_coupled
 
 
 def _along(
@@ -90,10 +95,10 @@ def _along(
 @cache
 def _joints() -> dict[tuple[str, str], tuple[tuple[float, float], ...]]:
     """Return the joint's distance behind the centre of a body, and ahead of that of the next."""
-    found: dict[tuple[str, str], set[tuple[float, float]]] = {}
+    joints: dict[tuple[str, str], set[tuple[float, float]]] = {}
     for name in bending_names():
-        for one, other in pairwise(bodies_of_asset(name)):
-            joint_m = other.guides_m[0]
-            places = joint_m - one.middle_m, other.middle_m - joint_m
-            found.setdefault((one.asset, other.asset), set()).add(places)
-    return {pair: tuple(sorted(places)) for pair, places in found.items()}
+        for leading, following in pairwise(bodies_of_asset(name)):
+            joint_m = following.guides_m[0]
+            places = joint_m - leading.middle_m, following.middle_m - joint_m
+            joints.setdefault((leading.asset, following.asset), set()).add(places)
+    return {pair: tuple(sorted(places)) for pair, places in joints.items()}

@@ -75,17 +75,17 @@ class Crossings:
         count = end - first
         rows: list[NDArray[np.uint8]] = []
         states: dict[str, list[tuple[int, str]]] = defaultdict(list)
-        for step, program, state in sorted(shown, key=lambda one: one[0]):
+        for step, program, state in sorted(shown, key=lambda shown_state: shown_state[0]):
             states[program].append((step, state))
         for number, name in enumerate(lanes):
             lane = network.lane_by_id.get(name)
             if lane is None or lane.kind != "crossing":
                 continue
             light[number] = -1
-            mine = [link for link in links[name] if states[link[0]]]
-            if mine:
+            crossing_links = [link for link in links[name] if states[link[0]]]
+            if crossing_links:
                 light[number] = len(rows)
-                rows.append(_green(mine, states, first, count))
+                rows.append(_green(crossing_links, states, first, count))
         return cls(light, np.array(rows, np.uint8).reshape(len(rows), count))
 
     def kerbs(
@@ -109,31 +109,31 @@ class Crossings:
             on_footway: returns which of some rows (K,) are on the footway.
         """
         count = len(lane)
-        found = np.full((count, 4), -1, np.int64)
+        next_crossing = np.full((count, 4), -1, np.int64)
         if not (self.light > -2).any():
-            return found
+            return next_crossing
         light = self.light[lane]
         new = np.concatenate([[True], lane[1:] != lane[:-1]]) | ~joined
         begins = np.flatnonzero(new & joined & (light > -2))
         runs = np.flatnonzero(new)
         ends = np.append(runs[1:], count) - 1
-        found[begins, 1] = ends[np.searchsorted(runs, begins)]
-        found[begins, 2] = light[begins]
+        next_crossing[begins, 1] = ends[np.searchsorted(runs, begins)]
+        next_crossing[begins, 2] = light[begins]
         first = np.maximum.accumulate(np.where(joined, 0, np.arange(count)))[begins]
         # Not before the previous crossing; in the middle of an island without a footway.
-        first[1:] = np.maximum(first[1:], found[begins[:-1], 1] + 1)
+        first[1:] = np.maximum(first[1:], next_crossing[begins[:-1], 1] + 1)
         begun = np.maximum(runs[np.searchsorted(runs, begins) - 1], first)
-        found[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
+        next_crossing[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
         waits = np.zeros(len(begins), np.bool_)
         for back in range(1, _BACK + 1):
             looks = np.flatnonzero(~waits & (begins - back >= first))
             looks = looks[on_footway(begins[looks] - back)]
-            found[begins[looks], 3] = begins[looks] - back
+            next_crossing[begins[looks], 3] = begins[looks] - back
             waits[looks] = True
         following = np.searchsorted(begins, np.arange(count))
-        at = np.append(begins, count)[following]
-        found[:, 0] = np.where(at <= last, at, -1)
-        return found
+        begin_row = np.append(begins, count)[following]
+        next_crossing[:, 0] = np.where(begin_row <= last, begin_row, -1)
+        return next_crossing
 
 
 #: No crossings.
@@ -205,9 +205,9 @@ def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
     far -= far[first][part]
     boxes = np.concatenate([box_rows(xy, yaw, half), ground.boxes])
     row = np.arange(len(step))
-    now, at = boxes.copy(), far.copy()
+    now, far_now = boxes.copy(), far.copy()
     place, come = np.zeros((len(step), 3)), row.astype(np.float64)
-    held, let = np.zeros((2, len(step)), np.int64)
+    held, yields = np.zeros((2, len(step)), np.int64)
     place[:, :2] = xy
     begin = int(step.min())
     if left is not None:
@@ -215,38 +215,45 @@ def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
         rows, done = left.rows_among(columns, people)
         now[rows, :2] = place[rows, :2] = done["xy"]
         now[rows, 2], now[rows, 3] = np.cos(done["yaw"]), np.sin(done["yaw"])
-        place[rows, 2], held[rows], let[rows] = done["turn"], done["held"], done["let"]
+        place[rows, 2], held[rows], yields[rows] = done["turn"], done["held"], done["let"]
         come[rows] = np.maximum(rows - done["lag"], first[part[rows]])
-        at[rows] = far_at(far, come[rows], last)
+        far_now[rows] = far_at(far, come[rows], last)
     steps = np.arange(begin, step.max() + 2)
-    mine, others = (_by_step(step, who & (step >= begin)) for who in (people, ~people))
-    of_mine, of_others = (np.searchsorted(step[rows], steps) for rows in (mine, others))
+    own_rows, other_rows = (
+        _by_step(step, chosen & (step >= begin)) for chosen in (people, ~people)
+    )
+    own_ends, other_ends = (np.searchsorted(step[rows], steps) for rows in (own_rows, other_rows))
     actor, level = moving.actor.astype(np.int64), moving.level.astype(np.int64)
     pace = _pace(went / step_s, first, round(_PACE_S / step_s))
     kerbs = crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some]))
     patience = np.round(np.array(patience_s) / step_s).astype(np.int64)
     for some in each(range(0, len(steps) - 1, _AT_ONCE), tell, "past each other"):
         walked(
-            of_mine[some : some + _AT_ONCE + 1], mine, of_others[some : some + _AT_ONCE + 1],
-            others, boxes, actor, level, far, pace, joined, last, kerbs,
+            own_ends[some : some + _AT_ONCE + 1], own_rows, other_ends[some : some + _AT_ONCE + 1],
+            other_rows, boxes, actor, level, far, pace, joined, last, kerbs,
             np.ascontiguousarray(crossings.green[:, some : some + _AT_ONCE]), patience,
             ground.still, ground.numbers, ground.within, ground.cells.cells, ground.cells.corner,
-            step_s, now, place, come, at, held, let,
+            step_s, now, place, come, far_now, held, yields,
         )  # fmt: skip
     low = come.astype(np.int64)
     changed = people & ((place[:, :2] != xy).any(axis=1) | (place[:, 2] != 0) | (come != row))
-    found = {name: values.copy() for name, values in columns.items()}
-    found["xy"] = place[:, :2].copy()
-    found["yaw"][changed] = (yaw[low] + place[:, 2])[changed]
-    found["lane"][changed] = columns["lane"][low][changed]
-    found["distance"][changed] = far_at(columns["distance"], come, last)[changed]
+    walked_columns = {name: values.copy() for name, values in columns.items()}
+    walked_columns["xy"] = place[:, :2].copy()
+    walked_columns["yaw"][changed] = (yaw[low] + place[:, 2])[changed]
+    walked_columns["lane"][changed] = columns["lane"][low][changed]
+    walked_columns["distance"][changed] = far_at(columns["distance"], come, last)[changed]
     # Changed rows have the speed of their displacement.
     now_went = np.where(
         joined, np.hypot(*np.diff(place[:, :2], axis=0, prepend=place[:1, :2]).T), 0
     )
     other = changed & joined
-    found["speed"][other] = (now_went / step_s)[other]
-    return found | {"lag": row - come, "turn": place[:, 2].copy(), "held": held, "let": let}
+    walked_columns["speed"][other] = (now_went / step_s)[other]
+    return walked_columns | {
+        "lag": row - come,
+        "turn": place[:, 2].copy(),
+        "held": held,
+        "let": yields,
+    }
 
 
 def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -258,4 +265,4 @@ def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.i
 def _pace(speed: NDArray[np.float64], first: NDArray[np.int64], reach: int) -> NDArray[np.float64]:
     """Return the highest speed of each path around every row (N,), m/s."""
     parts = np.split(np.minimum(speed, FASTEST_MS), first[1:])
-    return np.concatenate([maximum_filter1d(one, 2 * reach + 1, mode="nearest") for one in parts])
+    return np.concatenate([maximum_filter1d(part, 2 * reach + 1, mode="nearest") for part in parts])

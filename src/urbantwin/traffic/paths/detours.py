@@ -40,31 +40,31 @@ def round_blocks(
         step_s: time between steps, seconds.
     """
     trip, step = columns["trip"], columns["step"]
-    found = {name: columns[name].copy() for name in ("xy", "yaw", "distance", "speed")}
+    changed_columns = {name: columns[name].copy() for name in ("xy", "yaw", "distance", "speed")}
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):
         if len(rows) < 2 or not walks[rows].any():
             continue
-        xy = found["xy"][rows]
-        way = _round(xy, cells)
-        if way is None:
+        xy = changed_columns["xy"][rows]
+        detour = _round(xy, cells)
+        if detour is None:
             continue
-        changed = walks[rows] & (way != xy).any(axis=1)
-        way = np.where(walks[rows, None], way, xy)
+        changed = walks[rows] & (detour != xy).any(axis=1)
+        detour = np.where(walks[rows, None], detour, xy)
         wide = round(_ROUNDED_S / step_s)
-        near = uniform_filter1d(changed.astype(float), 2 * wide + 1, mode="nearest") > 0
-        way[near] = uniform_filter1d(way, wide, axis=0, mode="nearest")[near]
-        moved = np.diff(way, axis=0, prepend=way[:1])
+        is_near = uniform_filter1d(changed.astype(float), 2 * wide + 1, mode="nearest") > 0
+        detour[is_near] = uniform_filter1d(detour, wide, axis=0, mode="nearest")[is_near]
+        moved = np.diff(detour, axis=0, prepend=detour[:1])
         went = np.hypot(*moved.T)
-        turns = np.flatnonzero(near & (went > _MOVED_M))
+        turns = np.flatnonzero(is_near & (went > _MOVED_M))
         last = np.searchsorted(turns, np.arange(len(rows)), side="right") - 1
         course = np.arctan2(moved[turns, 1], moved[turns, 0])
-        turned = near & (last >= 0)
-        found["yaw"][rows[turned]] = course[last[turned]]
-        found["xy"][rows] = way
-        found["distance"][rows] = found["distance"][rows[0]] + np.cumsum(went)
-        found["speed"][rows[near]] = went[near] / step_s
-    return {**columns, **found}
+        turned = is_near & (last >= 0)
+        changed_columns["yaw"][rows[turned]] = course[last[turned]]
+        changed_columns["xy"][rows] = detour
+        changed_columns["distance"][rows] = changed_columns["distance"][rows[0]] + np.cumsum(went)
+        changed_columns["speed"][rows[is_near]] = went[is_near] / step_s
+    return {**columns, **changed_columns}
 
 
 def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] | None:
@@ -94,5 +94,5 @@ def _along(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.flo
     """Return points on a detour (K, 2) in proportion to progress on the replaced path (N, 2)."""
     went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])
-    at = went / max(went[-1], 1e-6) * along[-1]
-    return np.column_stack([np.interp(at, along, arc[:, k]) for k in (0, 1)])
+    station_m = went / max(went[-1], 1e-6) * along[-1]
+    return np.column_stack([np.interp(station_m, along, arc[:, k]) for k in (0, 1)])

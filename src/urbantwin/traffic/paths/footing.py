@@ -49,18 +49,18 @@ class Footways:
 
         nan for points inside, and on lanes that are no footways or too narrow.
         """
-        way = np.full(xy.shape, np.nan)
+        displacement = np.full(xy.shape, np.nan)
         order = np.argsort(lane, kind="stable")
-        for mine in np.split(order, np.flatnonzero(np.diff(lane[order])) + 1):
-            room = self._room(int(lane[mine[0]])) if len(mine) else None
+        for rows_of_lane in np.split(order, np.flatnonzero(np.diff(lane[order])) + 1):
+            room = self._room(int(lane[rows_of_lane[0]])) if len(rows_of_lane) else None
             if room is None:
                 continue
-            away = np.flatnonzero(~shapely.intersects_xy(room, *xy[mine].T))
+            away = np.flatnonzero(~shapely.intersects_xy(room, *xy[rows_of_lane].T))
             if len(away):
-                line = shapely.shortest_line(shapely.points(xy[mine[away]]), room)
+                line = shapely.shortest_line(shapely.points(xy[rows_of_lane[away]]), room)
                 ends = shapely.get_coordinates(line).reshape(-1, 2, 2)
-                way[mine[away]] = ends[:, 1] - ends[:, 0]
-        return way
+                displacement[rows_of_lane[away]] = ends[:, 1] - ends[:, 0]
+        return displacement
 
     def _room(self, number: int) -> shapely.Geometry | None:
         if number not in self._rooms:
@@ -94,7 +94,7 @@ def on_footways(simulated: Simulated, demand: Demand, network: RoadNetwork) -> S
     front = simulated.front.copy()
     footways = Footways(network, simulated.lanes)
     for some in (rows[k : k + _ROWS] for k in range(0, len(rows), _ROWS)):
-        way = footways.way_in(simulated.lane[some], front[some])
-        near = np.linalg.norm(way, axis=1) <= FARTHEST_M
-        front[some[near]] += way[near]
+        displacement = footways.way_in(simulated.lane[some], front[some])
+        is_near = np.linalg.norm(displacement, axis=1) <= FARTHEST_M
+        front[some[is_near]] += displacement[is_near]
     return replace(simulated, front=front)

@@ -53,7 +53,7 @@ class KeptColumns:
             }
         if len(self._parts) > 1:
             names = self._parts[0]
-            self._parts = [{x: np.concatenate([one[x] for one in self._parts]) for x in names}]
+            self._parts = [{x: np.concatenate([part[x] for part in self._parts]) for x in names}]
         return self._parts[0]
 
     def span(self, name: str, first: int, last: int) -> NDArray[Any]:
@@ -72,7 +72,7 @@ class KeptColumns:
             return {name: values[rows] for name, values in self.opened().items()}
         begins = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
         runs = list(zip(rows[begins].tolist(), np.diff(begins, append=len(rows)), strict=True))
-        found = {}
+        columns = {}
         for name, (kind, shape) in self._kinds.items():
             values = np.empty((len(rows), *shape), kind)
             each, done = int(np.prod(shape, dtype=np.int64)), 0
@@ -82,8 +82,8 @@ class KeptColumns:
                     part = np.fromfile(file, kind, count * each)
                     values[done : done + count] = part.reshape(-1, *shape)
                     done += count
-            found[name] = values
-        return found
+            columns[name] = values
+        return columns
 
     def _file(self, name: str) -> Path:
         assert self._folder is not None

@@ -52,32 +52,34 @@ class LanesBelow:
             actor_class: class of the actor.
             z: (N,) heights, if known, metres.
         """
-        found = np.full(len(xy), "", object)
+        lane_ids = np.full(len(xy), "", object)
         point, number = self._tree.query(shapely.points(xy), predicate="intersects")
         if not len(point):
-            return found
+            return lane_ids
         cost = np.empty(len(point))
         walks = actor_class == "pedestrian"
         user = road_user(actor_class)
         for lane_number in np.unique(number):
-            mine = np.flatnonzero(number == lane_number)
+            candidates = np.flatnonzero(number == lane_number)
             lane = self._lanes[lane_number]
-            who = point[mine]
+            pose = point[candidates]
             # Walking areas have no line of their own: they are used if there is no other lane.
             allowed = user in lane.allowed and (lane.kind in _WALKED) == walks
-            cost[mine] = 0.0 if allowed else _FORBIDDEN
+            cost[candidates] = 0.0 if allowed else _FORBIDDEN
             if lane.kind != "walkingarea" and len(lane.centre) > 1:
-                away, turned = _beside(lane.centre[:, :2], xy[who], yaw[who])
-                cost[mine] += _OFF_MIDDLE_PER_M * away + (0.0 if walks else turned)
+                away, turned = _beside(lane.centre[:, :2], xy[pose], yaw[pose])
+                cost[candidates] += _OFF_MIDDLE_PER_M * away + (0.0 if walks else turned)
             else:
-                cost[mine] += 1.0
+                cost[candidates] += 1.0
             if z is not None:
-                cost[mine] += _LEVEL_PER_M * np.abs(self.roads.height(lane.id, xy[who]) - z[who])
+                cost[candidates] += _LEVEL_PER_M * np.abs(
+                    self.roads.height(lane.id, xy[pose]) - z[pose]
+                )
         order = np.lexsort([number, cost, point])
         first = order[np.concatenate([[True], np.diff(point[order]) != 0])]
         names = np.array([lane.id for lane in self._lanes], object)
-        found[point[first]] = names[number[first]]
-        return found
+        lane_ids[point[first]] = names[number[first]]
+        return lane_ids
 
 
 def _beside(

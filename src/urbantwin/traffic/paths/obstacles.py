@@ -51,10 +51,10 @@ class Outlines:
             boxes: N boxes.
             within_m: growth of the boxes on each side, metres.
         """
-        near = self.near(boxes.xy, np.hypot(*boxes.half.T) + within_m)
-        wide = replace(boxes, half=boxes.half + within_m).take(near)
+        rows_nearby = self.near(boxes.xy, np.hypot(*boxes.half.T) + within_m)
+        wide = replace(boxes, half=boxes.half + within_m).take(rows_nearby)
         row, shape = self._tree.query(wide.polygons, predicate="intersects")
-        return near[row], shape
+        return rows_nearby[row], shape
 
     def _away_from(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the distances from the centres of sorted cells (C,) to the nearest shape."""
@@ -62,14 +62,14 @@ class Outlines:
         if len(new):
             y = (new + (1 << 31)) % (1 << 32) - (1 << 31)
             middle = np.column_stack([(new - y) >> 32, y]) * _CELL_M
-            (cell, _), found = self._tree.query_nearest(
+            (cell, _), distance_m = self._tree.query_nearest(
                 shapely.points(middle), return_distance=True, all_matches=False
             )
             away = np.full(len(new), np.inf)
-            away[cell] = found
-            at = np.searchsorted(self._cells, new)
-            self._cells = np.insert(self._cells, at, new)
-            self._away = np.insert(self._away, at, away)
+            away[cell] = distance_m
+            insert_at = np.searchsorted(self._cells, new)
+            self._cells = np.insert(self._cells, insert_at, new)
+            self._away = np.insert(self._away, insert_at, away)
         return self._away[np.searchsorted(self._cells, cells)]
 
 
@@ -162,10 +162,10 @@ class Obstacles:
         self, boxes: PlanBoxes, z: NDArray[np.float64], height: NDArray[np.float64]
     ) -> list[str]:
         """Return the class of an obstacle that each box overlaps; an empty text if none."""
-        found = [""] * len(z)
+        names = [""] * len(z)
         for row, shape in self.beside(boxes, z, height).tolist():
-            found[row] = self._name[int(self._semantic[shape])]
-        return found
+            names[row] = self._name[int(self._semantic[shape])]
+        return names
 
     def blocks(self, height: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Blocks:
         """Return the obstacles above knee height, as boxes in plan.
@@ -209,15 +209,15 @@ class Obstacles:
         half = np.concatenate([whole.half[small], (most - least) / 2])
         yaw = np.concatenate([whole.yaw[small], yaw])
         begins = np.concatenate([least_begins[small], begins[~small[group]]])
-        found = np.round(np.column_stack([xy, half, yaw % np.pi, begins >= HEAD_M]), 2)
-        _, rows = np.unique(found, axis=0, return_index=True)
+        keys = np.round(np.column_stack([xy, half, yaw % np.pi, begins >= HEAD_M]), 2)
+        _, rows = np.unique(keys, axis=0, return_index=True)
         none = np.zeros(len(rows), np.int64)
         return Blocks(PlanBoxes(none, xy[rows], yaw[rows], half[rows]), begins[rows])
 
 
 def _least_boxes(parts: Sequence[NDArray[np.float64]]) -> PlanBoxes:
     """Return the smallest box in plan around each part (F, 3, 2)."""
-    found = np.zeros((len(parts), 5))
+    boxes = np.zeros((len(parts), 5))
     for number, part in enumerate(parts):
         around = shapely.oriented_envelope(shapely.MultiPoint(part.reshape(-1, 2)))
         corners = shapely.get_coordinates(around)
@@ -225,12 +225,12 @@ def _least_boxes(parts: Sequence[NDArray[np.float64]]) -> PlanBoxes:
         side, across = np.diff(np.resize(corners, (3, 2)), axis=0)  # a line gives two equal sides
         across = across if len(corners) > 2 else np.zeros(2)
         yaw = np.arctan2(side[1], side[0])
-        found[number] = *middle, yaw, np.hypot(*side) / 2, np.hypot(*across) / 2
+        boxes[number] = *middle, yaw, np.hypot(*side) / 2, np.hypot(*across) / 2
     none = np.zeros(len(parts), np.int64)
-    return PlanBoxes(none, found[:, :2], found[:, 2], found[:, 3:])
+    return PlanBoxes(none, boxes[:, :2], boxes[:, 2], boxes[:, 3:])
 
 
 def _doubled_area(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return twice the signed area in plan (F,) of triangles (F, 3, 3)."""
-    one, other = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
-    return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+    first, second = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])

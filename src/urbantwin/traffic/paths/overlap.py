@@ -57,11 +57,11 @@ class Overlapping:
     def among(self, kept: NDArray[np.bool_]) -> Overlapping:
         """Return the overlaps among some of the rows (N,), renumbered."""
         number = np.cumsum(kept) - 1
-        stands = self.pairs < 0
-        there = (kept[self.pairs] | stands).all(axis=1)
-        pairs = np.where(stands, self.pairs, number[self.pairs])[there]
+        is_static = self.pairs < 0
+        both_kept = (kept[self.pairs] | is_static).all(axis=1)
+        pairs = np.where(is_static, self.pairs, number[self.pairs])[both_kept]
         hit = kept[self.hits]
-        return Overlapping(pairs, self.area[there], number[self.hits[hit]], self.what[hit])
+        return Overlapping(pairs, self.area[both_kept], number[self.hits[hit]], self.what[hit])
 
 
 def overlaps_of(
@@ -76,9 +76,9 @@ def overlaps_of(
         scene: the static world.
     """
     rows = as_rows(actors)
-    who = np.asarray(rows["track"].to_numpy())
-    found = rows_that_overlap(rows.parts(), parked, step_s, Obstacles(scene), who)
-    return overlaps_told(found, rows.parts(), parked)
+    track = np.asarray(rows["track"].to_numpy())
+    overlaps = rows_that_overlap(rows.parts(), parked, step_s, Obstacles(scene), track)
+    return overlaps_told(overlaps, rows.parts(), parked)
 
 
 def overlaps_told(
@@ -100,27 +100,27 @@ def overlaps_told(
             static.
     """
     columns = ("track", "class", "time_s", "x", "y")
-    rows, told = told_of(actors, np.concatenate([found.pairs.ravel(), found.hits]), columns)
+    rows, values = told_of(actors, np.concatenate([found.pairs.ravel(), found.hits]), columns)
     still = {name: np.array(parked[name].to_pylist(), object) for name in columns}
 
     def of(row: int, name: str) -> Any:  # noqa: ANN401 - of any column
-        return still[name][-1 - row] if row < 0 else told[name][np.searchsorted(rows, row)]
+        return still[name][-1 - row] if row < 0 else values[name][np.searchsorted(rows, row)]
 
     met: dict[tuple[int, int], tuple[float, dict[str, Any]]] = {}
     for pair, area in zip(found.pairs.tolist(), found.area.tolist(), strict=True):
-        one, other = sorted(int(of(row, "track")) for row in pair)
-        if (one, other) in met and area <= met[one, other][0]:
+        first, second = sorted(int(of(row, "track")) for row in pair)
+        if (first, second) in met and area <= met[first, second][0]:
             continue
         in_order = sorted(pair, key=lambda row: (row < 0, row))
         middle = {axis: np.mean([of(row, axis) for row in pair]) for axis in ("x", "y")}
-        met[one, other] = area, {
-            "tracks": [one, other],
+        met[first, second] = area, {
+            "tracks": [first, second],
             "classes": [str(of(row, "class")) for row in in_order],
             "time_s": float(of(pair[0], "time_s")),
-            **{axis: round(float(at), 1) for axis, at in middle.items()},
+            **{axis: round(float(coordinate), 1) for axis, coordinate in middle.items()},
             "area_m2": round(area, 2),
         }  # fmt: skip
-    worst = [row for _, (_, row) in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
+    worst = [row for _, (_, row) in sorted(met.items(), key=lambda entry: (-entry[1][0], entry[0]))]
     kinds = Counter(" and ".join(sorted(row["classes"])) for row in worst)
     hits: dict[int, dict[str, Any]] = {}
     for row, name in zip(found.hits.tolist(), found.what.tolist(), strict=True):
@@ -194,15 +194,15 @@ def told_of(
         columns: names of the columns.
     """
     rows = np.unique(wanted[wanted >= 0])
-    found: dict[str, list[NDArray[np.object_]]] = {name: [] for name in columns}
+    values_of: dict[str, list[NDArray[np.object_]]] = {name: [] for name in columns}
     begin = 0
     for part in actors if len(rows) else ():
-        mine = rows[slice(*np.searchsorted(rows, [begin, begin + part.num_rows]))] - begin
-        for name, values in found.items():
-            values.append(np.array(part[name].take(pa.array(mine)).to_pylist(), object))
+        part_rows = rows[slice(*np.searchsorted(rows, [begin, begin + part.num_rows]))] - begin
+        for name, values in values_of.items():
+            values.append(np.array(part[name].take(pa.array(part_rows)).to_pylist(), object))
         begin += part.num_rows
     none = np.zeros(0, object)
-    return rows, {name: np.concatenate([none, *values]) for name, values in found.items()}
+    return rows, {name: np.concatenate([none, *values]) for name, values in values_of.items()}
 
 
 def _parts(actors: pa.Table) -> Iterator[tuple[int, pa.Table]]:
@@ -238,10 +238,10 @@ def _shared(
 
     Rows of parked vehicles follow those of moving ones.
     """
-    beside, stands = outlines.beside(boxes)
+    beside, standing_rows = outlines.beside(boxes)
     first = len(boxes.yaw)
     pairs = np.concatenate(
-        [near_pairs(boxes, 0.0), np.column_stack([beside, first + stands]).astype(np.int64)]
+        [near_pairs(boxes, 0.0), np.column_stack([beside, first + standing_rows]).astype(np.int64)]
     )
     columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]

@@ -42,10 +42,12 @@ class Ground:
 
     def levels(self, names: Sequence[str]) -> NDArray[np.int64]:
         """Return the level (L,) of lanes by name; 0 for unknown ones."""
-        known = self._roads.lane_by_id
+        lane_by_id = self._roads.lane_by_id
         rails = {f"{track.id}_0": track.level for track in self._roads.tracks}
-        found = [known[name].level if name in known else rails.get(name, 0) for name in names]
-        return np.array(found, np.int64)
+        lane_levels = [
+            lane_by_id[name].level if name in lane_by_id else rails.get(name, 0) for name in names
+        ]
+        return np.array(lane_levels, np.int64)
 
     def ceiling(
         self, xy: NDArray[np.float64], lane: NDArray[np.int32], names: tuple[str, ...]
@@ -69,8 +71,8 @@ class Ground:
 
 def _height_along(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the height (N,) of the nearest point of a line (P, 3) to points (N, 2)."""
-    at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.points(xy))
-    return np.asarray(np.interp(at, stations_of_points(line[:, :2]), line[:, 2]))
+    station_m = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.points(xy))
+    return np.asarray(np.interp(station_m, stations_of_points(line[:, :2]), line[:, 2]))
 
 
 def stand(

@@ -85,8 +85,8 @@ class Way:
         low = np.minimum(when.astype(int), len(strictly) - 1)
         high = np.minimum(low + 1, len(strictly) - 1)
         share = (when - low).reshape(-1, *[1] * (values.ndim - 1))
-        mine = values[self.bodies[body][part]]
-        return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
+        body_values = values[self.bodies[body][part]]
+        return np.asarray(body_values[low] + (body_values[high] - body_values[low]) * share)
 
     def row_at(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the fractional own step at which the original reached positions."""
@@ -213,13 +213,13 @@ def retimed(
     ahead = round(_AHEAD_S / pace.step_s)
     for brake in limits.brakes:
         allowed = pace.allowed(brake)
-        at, hardest = driven(
+        position, hardest = driven(
             pace.at, most, was, hard, allowed, since, until, ahead, pace.step_s, GRID_M,
             limits.starts, brake, limits.brakes[-1], _SAME_M,
         )  # fmt: skip
         if hardest <= brake * 1.15:
             break
-    return np.asarray(at)
+    return np.asarray(position)
 
 
 def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:

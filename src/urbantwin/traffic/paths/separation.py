@@ -146,9 +146,9 @@ class Moving:
         At least one of both is among those wanted (N,).
         """
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m, wanted)
-        one, other = pairs.T
-        whose = self.vehicles[self.actor]
-        met = (self.level[one] == self.level[other]) & (whose[one] != whose[other])
+        first, second = pairs.T
+        vehicle = self.vehicles[self.actor]
+        met = (self.level[first] == self.level[second]) & (vehicle[first] != vehicle[second])
         return np.asarray(pairs[met])
 
 
@@ -181,7 +181,9 @@ class PartingPaths:
             _JOINED if one_of_many else _GIVES.get(name, _GIVES["car"])
             for name, one_of_many in zip(moving.classes, joined.tolist(), strict=True)
         ]
-        kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
+        kind = np.array(
+            [[limits.along, limits.aside, limits.change_s, *limits.most_m] for limits in gives]
+        )[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])
         self.already = np.column_stack([np.zeros(len(already)), already])
@@ -200,20 +202,20 @@ class PartingPaths:
     def apart(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return displacements (N, 2) nearer to those without overlaps."""
         place, count = self.place(moved), len(moved)
-        pairs, way, least = self._contacts(place)
-        near, beside = pairs[:, 0], np.minimum(pairs[:, 1], count)
+        pairs, direction, least = self._contacts(place)
+        first, second = pairs[:, 0], np.minimum(pairs[:, 1], count)
         # Change of a pair's distance along its direction with the displacements of both.
         axes = np.concatenate([self.axes, np.zeros((1, 2, 2))])
-        sides = np.stack([near, beside], axis=1)
-        slope = np.einsum("psad,pd->psa", axes[sides], way) * np.array([1.0, -1.0])[:, None]
+        sides = np.stack([first, second], axis=1)
+        slope = np.einsum("psad,pd->psa", axes[sides], direction) * np.array([1.0, -1.0])[:, None]
         here = np.concatenate([moved, np.zeros((1, 2))])
         short = least + (slope * here[sides]).sum(axis=(1, 2))
         system = self._system()
         system[2] += _RHO * np.bincount(sides.ravel(), minlength=count + 1)[:count]
         factor = cholesky_banded(system)
-        found = displaced(moved, sides, slope, short, factor, _RHO, _ROUNDS)
+        separated = displaced(moved, sides, slope, short, factor, _RHO, _ROUNDS)
         low, high = (side * self.most - self.already for side in (-1.0, 1.0))
-        return np.asarray(np.clip(found, low / self.scale, high / self.scale))
+        return np.asarray(np.clip(separated, low / self.scale, high / self.scale))
 
     def _contacts(
         self, place: NDArray[np.float64]
@@ -233,12 +235,12 @@ class PartingPaths:
         pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
         speed = np.concatenate([self.moving.speed, np.zeros(len(blocks.yaw))])
         number = np.arange(len(blocks.yaw)) + len(self.moving.classes)
-        way, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
+        direction, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
         over, back, beyond = self._over(place)
         border = np.column_stack([over, np.full(len(over), len(both.yaw))])
         return (
             np.concatenate([pairs, border]),
-            np.concatenate([way, back]),
+            np.concatenate([direction, back]),
             np.concatenate([least, beyond]),
         )
 
@@ -248,13 +250,13 @@ class PartingPaths:
         Two vehicles can if they are side by side and overlap little; beside pedestrians light
         vehicles can.
         """
-        deep, way = meetings(boxes, pairs)
+        deep, direction = meetings(boxes, pairs)
         ahead = boxes.axes[pairs, 0]
-        along = np.abs((ahead * way[:, None]).sum(axis=2)).max(axis=1)
+        along = np.abs((ahead * direction[:, None]).sum(axis=2)).max(axis=1)
         beside = (deep < _BESIDE_M) & (along < _ALONG)
-        afoot = self.on_foot[pairs].any(axis=1)
+        with_pedestrian = self.on_foot[pairs].any(axis=1)
         light = (self.scale[pairs, 1] >= _LIGHT).any(axis=1)
-        return np.asarray(np.where(afoot, light, beside))
+        return np.asarray(np.where(with_pedestrian, light, beside))
 
     def _over(
         self, place: NDArray[np.float64]
@@ -262,24 +264,24 @@ class PartingPaths:
         """Return standing vehicles too far ahead (R,), the way back (R, 2), and distance (R,)."""
         ahead = self.moving.boxes.axes[:, 0]
         by = ((place - self.moving.boxes.xy) * ahead).sum(axis=1)
-        stands = ~self.on_foot & (self.moving.speed < STANDING_MS)
-        rows = np.flatnonzero(stands & (by > _CREEP_M))
+        stopped = ~self.on_foot & (self.moving.speed < STANDING_MS)
+        rows = np.flatnonzero(stopped & (by > _CREEP_M))
         return rows, -ahead[rows], by[rows] - _CREEP_M
 
     def _system(self) -> NDArray[np.float64]:
         """Return the paths' matrix (3, N) in upper banded form: position, change, bending."""
-        joined, stands = self.joined, self.moving.speed < STANDING_MS
-        band = np.zeros((3, len(stands)))
+        joined, stopped = self.joined, self.moving.speed < STANDING_MS
+        band = np.zeros((3, len(stopped)))
         band[2] = np.where(self.kept, _KEEP, 1.0)
         # First differences, if one of both stands.
-        tie = np.where(joined & (stands[1:] | stands[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
+        tie = np.where(joined & (stopped[1:] | stopped[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
         band[2, 1:] += tie
         band[2, :-1] += tie
         band[1, 1:] -= tie
         # Second differences.
         bend = np.where(joined[1:] & joined[:-1], self.change[1:-1] ** 4, 0.0)
         for k, weight in enumerate((1.0, 4.0, 1.0)):
-            band[2, k : len(stands) - 2 + k] += weight * bend
+            band[2, k : len(stopped) - 2 + k] += weight * bend
         band[1, 1:-1] -= 2 * bend
         band[1, 2:] -= 2 * bend
         band[0, 2:] += bend
@@ -305,28 +307,28 @@ def _ways(
     An actor passes another on the side on which they are at the least distance, for the whole
     encounter; others are separated along the shortest direction.
     """
-    one, other = pairs.T
+    first, second = pairs.T
     _, shortest = meetings(boxes, pairs)
     velocity = speed[:, None] * boxes.axes[:, 0]
-    past = velocity[one] - velocity[other]
+    past = velocity[first] - velocity[second]
     pace = np.hypot(*past.T)
-    between = boxes.xy[one] - boxes.xy[other]
-    aside = np.column_stack([-past[:, 1], past[:, 0]]) / np.maximum(pace, 1e-9)[:, None]
-    offset = (aside * between).sum(axis=1)
-    key = actor[one].astype(np.int64) * (int(actor.max(initial=0)) + 1) + actor[other]
+    between = boxes.xy[first] - boxes.xy[second]
+    lateral = np.column_stack([-past[:, 1], past[:, 0]]) / np.maximum(pace, 1e-9)[:, None]
+    offset = (lateral * between).sum(axis=1)
+    key = actor[first].astype(np.int64) * (int(actor.max(initial=0)) + 1) + actor[second]
     _, met = np.unique(key, return_inverse=True)
     weight = np.exp(-((between**2).sum(axis=1))) * (pace > _PASSING_MS)
     side = np.bincount(met, offset * weight)
     sign = np.where(side[met] < 0, -1.0, 1.0)
-    aside *= sign[:, None]
+    lateral *= sign[:, None]
     most = np.where(boxes.half[pairs].max(axis=(1, 2)) > _LONG_M, _ROUND_M, ASIDE_M)
-    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, aside) - sign * offset < most)
-    way = np.where(passes[:, None], aside, shortest)
-    least = _reach(boxes, pairs, way) + GAP_M - (way * between).sum(axis=1)
+    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, lateral) - sign * offset < most)
+    direction = np.where(passes[:, None], lateral, shortest)
+    least = _reach(boxes, pairs, direction) + GAP_M - (direction * between).sum(axis=1)
     # The side does not matter before they are beside each other.
     onward = past / np.maximum(pace, 1e-9)[:, None]
     ahead = np.abs((onward * between).sum(axis=1)) > _reach(boxes, pairs, onward) + GAP_M
-    return way, np.where(passes & ahead, -np.inf, least)
+    return direction, np.where(passes & ahead, -np.inf, least)
 
 
 def _reach(
@@ -370,15 +372,15 @@ def separated(
         tell: called with the fraction done (0..1) and what is being done.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
-    driving = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    driving = np.array([name != "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
     drives = driving if begin is None else driving & (moving.boxes.step >= begin)
     # Conflicts among pedestrians change nothing here.
-    near = moving.pairs(ASIDE_M, xy, driving)
+    pairs = moving.pairs(ASIDE_M, xy, driving)
     meeting = np.zeros(len(xy), np.bool_)
-    meeting[near[meetings(moving.boxes, near)[0] > -GAP_M]] = True
+    meeting[pairs[meetings(moving.boxes, pairs)[0] > -GAP_M]] = True
     rows = np.flatnonzero(drives)
     meeting[rows[blocks.beside(moving.boxes.take(rows), height[rows], 0.0)[0]]] = True
-    changed = _around(moving, meeting & drives, near, step_s) & drives
+    changed = _around(moving, meeting & drives, pairs, step_s) & drives
     already = np.zeros(len(xy)) if aside is None else aside
     bent = xy, speed
     for attempt in range(_TRIES):
@@ -406,11 +408,11 @@ def _parted(
     """Return positions (N, 2) and speeds (N,) of actors with some rows (N,) changed."""
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     # Other actors nearby keep their paths, and so do all actors before and after.
-    near = moving.pairs(2 * ASIDE_M, xy, changed)
-    there = changed | _within(changed, moving.actor, 2)
-    there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
-    there[near[changed[near].any(axis=1)]] = True
-    rows = np.flatnonzero(there)
+    pairs = moving.pairs(2 * ASIDE_M, xy, changed)
+    involved = changed | _within(changed, moving.actor, 2)
+    involved |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
+    involved[pairs[changed[pairs].any(axis=1)]] = True
+    rows = np.flatnonzero(involved)
     paths = PartingPaths(
         moving.take(rows), changed[rows], blocks, height[rows], step_s, aside[rows]
     )

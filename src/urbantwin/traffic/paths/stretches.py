@@ -95,9 +95,9 @@ class LeftOff:
         """Return which wanted rows (K,) of columns are in these steps, with their states."""
         rows = np.flatnonzero(wanted & (columns["step"] >= self.step - 2))
         rows = rows[columns["step"][rows] < self.step]
-        place, found = self._places(columns["trip"][rows], columns["step"][rows])
-        there = {name: values[place[found]] for name, values in self.columns.items()}
-        return rows[found], there
+        place, is_present = self._places(columns["trip"][rows], columns["step"][rows])
+        states = {name: values[place[is_present]] for name, values in self.columns.items()}
+        return rows[is_present], states
 
     def of_actor(self, actor: int) -> Columns:
         """Return the poses of an actor, at most two."""
@@ -107,12 +107,12 @@ class LeftOff:
     def _places(
         self, trip: NDArray[np.integer], step: NDArray[np.integer]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        mine = self.columns["trip"] * _WIDE + self.columns["step"]
+        own_keys = self.columns["trip"] * _WIDE + self.columns["step"]
         keys = trip * _WIDE + step
-        if not len(mine):
+        if not len(own_keys):
             return np.zeros(len(keys), np.int64), np.zeros(len(keys), np.bool_)
-        place = np.minimum(np.searchsorted(mine, keys), len(mine) - 1)
-        return place, mine[place] == keys
+        place = np.minimum(np.searchsorted(own_keys, keys), len(own_keys) - 1)
+        return place, own_keys[place] == keys
 
 
 @dataclass(frozen=True)
@@ -169,17 +169,17 @@ class Ways:
         self._walked: list[_Visit] = []
         driven: dict[tuple[int, int, int], list[_Visit]] = {}
         for low, high in zip(first.tolist(), last.tolist(), strict=True):
-            one = _Visit(low, high, int(step[low]), int(trip[low]))
-            if low < ways.since and one.actor in ways.gone:
+            visit = _Visit(low, high, int(step[low]), int(trip[low]))
+            if low < ways.since and visit.actor in ways.gone:
                 continue
-            if walks[one.actor]:
-                self._walked.append(one)
+            if walks[visit.actor]:
+                self._walked.append(visit)
             else:
-                key = int(vehicles[one.actor]), one.begin, high - low
-                driven.setdefault(key, []).append(one)
+                key = int(vehicles[visit.actor]), visit.begin, high - low
+                driven.setdefault(key, []).append(visit)
         self._driven = list(driven.values())
         for group in self._driven:
-            group.sort(key=lambda one: one.actor)
+            group.sort(key=lambda visit: visit.actor)
 
     def within(self, stretch: Stretch, left: LeftOff | None) -> Columns:
         """Return the paths of a stretch, continuing from the previous states.
@@ -194,29 +194,29 @@ class Ways:
         """Return the paths until the end of the first stretch, in their order."""
         visits = self._walked + [visit for group in self._driven for visit in group]
         rows = [
-            np.arange(one.low, min(one.high, one.low + max(stretch.seen - one.begin, 0)))
-            for one in sorted(visits, key=lambda one: one.low)
+            np.arange(visit.low, min(visit.high, visit.low + max(stretch.seen - visit.begin, 0)))
+            for visit in sorted(visits, key=lambda visit: visit.low)
         ]
         return self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64))
 
     def _further(self, stretch: Stretch, left: LeftOff) -> Columns:
         """Return the paths of a stretch after the first."""
         rows, parts = [], []
-        for one in self._walked:
-            if one.begin >= stretch.seen or one.end <= stretch.begin:
+        for visit in self._walked:
+            if visit.begin >= stretch.seen or visit.end <= stretch.begin:
                 continue
-            lag = left.of_actor(one.actor)["lag"]
-            behind = int(np.ceil(lag.max())) if len(lag) else 0
-            since = max(stretch.begin - behind - _BACK, one.begin)
-            way = one.low - one.begin
-            rows.append(np.arange(way + since, min(one.high, way + stretch.seen)))
+            lag = left.of_actor(visit.actor)["lag"]
+            lag_rows = int(np.ceil(lag.max())) if len(lag) else 0
+            since = max(stretch.begin - lag_rows - _BACK, visit.begin)
+            row_offset = visit.low - visit.begin
+            rows.append(np.arange(row_offset + since, min(visit.high, row_offset + stretch.seen)))
         for group in self._driven:
             if group[0].begin < stretch.seen and group[0].end > stretch.begin:
                 parts += self._driven_on(group, stretch, left)
         parts.append(self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64)))
-        found = {name: np.concatenate([one[name] for one in parts]) for name in parts[-1]}
-        order = np.lexsort([found["step"], found["trip"]])
-        return {name: values[order] for name, values in found.items()}
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[-1]}
+        order = np.lexsort([columns["step"], columns["trip"]])
+        return {name: values[order] for name, values in columns.items()}
 
     def _rows(self, rows: NDArray[np.int64]) -> Columns:
         return self._kept.rows(rows) | {"aside": np.zeros(len(rows))}
@@ -227,12 +227,13 @@ class Ways:
         since = max(stretch.begin - 2, begin)
         until = min(stretch.seen, group[0].end)
         parts = [
-            self._rows(np.arange(one.low + since - begin, one.low + until - begin)) for one in group
+            self._rows(np.arange(visit.low + since - begin, visit.low + until - begin))
+            for visit in group
         ]
         if begin >= stretch.begin:
             return parts
         done = [left.of_actor(int(part["trip"][0])) for part in parts]
-        whole = all(len(one["step"]) == stretch.begin - since for one in done)
+        whole = all(len(columns["step"]) == stretch.begin - since for columns in done)
         if not whole:
             return parts
         row, off, turned = self._where(group, stretch.begin - 1 - begin, done)
@@ -241,15 +242,15 @@ class Ways:
             low = max(int(row) - _KEPT, 0)
             back = [
                 self._back_on_its_way(
-                    np.arange(one.low + low, one.low + until - begin), row - low, *how
+                    np.arange(visit.low + low, visit.low + until - begin), row - low, *how
                 )
-                for one, *how in zip(group, off, turned, strict=True)
+                for visit, *how in zip(group, off, turned, strict=True)
             ]
-            at = self._catching_up(back[0], row - low, stretch.begin - begin - low, done[0])
-            parts = [self._at(one, at, since - begin - low) for one in back]
-        for part, one in zip(parts, done, strict=True):
+            path = self._catching_up(back[0], row - low, stretch.begin - begin - low, done[0])
+            parts = [self._at(part, path, since - begin - low) for part in back]
+        for part, columns in zip(parts, done, strict=True):
             for name, values in part.items():
-                values[: len(one["step"])] = one[name]
+                values[: len(columns["step"])] = columns[name]
         return parts
 
     def _where(
@@ -267,11 +268,13 @@ class Ways:
         if row < last:
             share = float(np.clip((was - went[row]) / (went[row + 1] - went[row]), 0.0, 1.0))
         off, turned = np.zeros((len(group), 2)), np.zeros(len(group))
-        for body, (visit, one) in enumerate(zip(group, done, strict=True)):
-            at = visit.low + row
-            for name, found in (("xy", off), ("yaw", turned)):
-                here, next_ = self._kept.span(name, at, min(at + 2, self._count))[[0, -1]]
-                found[body] = one[name][-1] - (here + share * (next_ - here))
+        for body, (visit, columns) in enumerate(zip(group, done, strict=True)):
+            visit_row = visit.low + row
+            for name, difference in (("xy", off), ("yaw", turned)):
+                here, next_ = self._kept.span(name, visit_row, min(visit_row + 2, self._count))[
+                    [0, -1]
+                ]
+                difference[body] = columns[name][-1] - (here + share * (next_ - here))
         return row + share, off, (turned + np.pi) % (2 * np.pi) - np.pi
 
     def _back_on_its_way(
@@ -281,19 +284,19 @@ class Ways:
 
         Earlier points have the full displacement.
         """
-        way = self._rows(rows)
-        went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way["xy"], axis=0).T))])
+        path = self._rows(rows)
+        went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path["xy"], axis=0).T))])
         beyond = went - np.interp(row, np.arange(len(went)), went)
         share = (1 + np.cos(np.pi * np.clip(beyond / _BACK_M, 0.0, 1.0))) / 2
-        way["xy"] = way["xy"] + off * share[:, None]
-        way["yaw"] = way["yaw"] + turned * share
-        left = np.column_stack([-np.sin(way["yaw"]), np.cos(way["yaw"])])
-        way["aside"] = (left * off).sum(axis=1) * share
-        rear_m = self.rear_m[int(way["trip"][0])]
+        path["xy"] = path["xy"] + off * share[:, None]
+        path["yaw"] = path["yaw"] + turned * share
+        left = np.column_stack([-np.sin(path["yaw"]), np.cos(path["yaw"])])
+        path["aside"] = (left * off).sum(axis=1) * share
+        rear_m = self.rear_m[int(path["trip"][0])]
         if rear_m > 0 and np.abs(off).max() > _SAME:
             here = int(np.ceil(row))
-            way["yaw"][here:] = steered(way["xy"][here:], way["yaw"][here:], rear_m)
-        return way
+            path["yaw"][here:] = steered(path["xy"][here:], path["yaw"][here:], rear_m)
+        return path
 
     def _catching_up(self, way: Columns, row: float, first: int, done: Columns) -> Way:
         """Return a vehicle's continuation from a fractional row of its path and a row in time."""
@@ -301,25 +304,27 @@ class Ways:
         own = np.concatenate([[0.0], np.cumsum(moved)])
         kind = self.kinds[int(way["trip"][0])]
         pace = Pace(own, curve_speeds(own, np.unwrap(way["yaw"]), self.step_s), self.step_s)
-        at = own.copy()
+        station_m = own.copy()
         if kind in LIMITS:
             here = float(np.interp(row, np.arange(len(own)), own))
-            at[:first] = here
+            station_m[:first] = here
             if len(done["step"]) > 1:
-                at[: first - 1] = max(here - float(np.hypot(*np.diff(done["xy"], axis=0)[0])), 0.0)
-            at = retimed(pace, np.full(len(own), np.inf), LIMITS[kind], at, first)
-        return Way(0, np.arange(len(own))[None], kind, pace, at, 0)
+                station_m[: first - 1] = max(
+                    here - float(np.hypot(*np.diff(done["xy"], axis=0)[0])), 0.0
+                )
+            station_m = retimed(pace, np.full(len(own), np.inf), LIMITS[kind], station_m, first)
+        return Way(0, np.arange(len(own))[None], kind, pace, station_m, 0)
 
     def _at(self, way: Columns, at: Way, since: int) -> Columns:
         """Return the rows of a body's path from a row on, along the continuation."""
         place = at.at[since:]
-        found = {name: values[since:].copy() for name, values in way.items()}
+        columns = {name: values[since:].copy() for name, values in way.items()}
         for name in ("xy", "yaw", "distance", "aside"):
-            found[name] = at.between(way[name], 0, place)
-        found["lane"] = way["lane"][np.round(at.row_at(place)).astype(int)]
+            columns[name] = at.between(way[name], 0, place)
+        columns["lane"] = way["lane"][np.round(at.row_at(place)).astype(int)]
         late = place < at.pace.at[since:] - _SAME
-        found["speed"][late] = np.gradient(at.at, self.step_s)[since:][late]
-        return found
+        columns["speed"][late] = np.gradient(at.at, self.step_s)[since:][late]
+        return columns
 
 
 def far_at(

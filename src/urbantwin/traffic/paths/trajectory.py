@@ -41,9 +41,9 @@ def steered(
     if rear_m <= 0 or len(yaw) < 2:
         return yaw.copy()
     moved = np.diff(xy, axis=0)
-    way, course = np.hypot(*moved.T).tolist(), np.arctan2(moved[:, 1], moved[:, 0]).tolist()
+    lengths_m, course = np.hypot(*moved.T).tolist(), np.arctan2(moved[:, 1], moved[:, 0]).tolist()
     heading = [float(yaw[0])]
-    for length, towards in zip(way, course, strict=True):
+    for length, towards in zip(lengths_m, course, strict=True):
         off = (towards - heading[-1] + pi) % (2 * pi) - pi
         left = 2 * atan(tan(off / 2) * exp(-length / rear_m))
         heading.append(heading[-1] + off - left)
@@ -150,22 +150,22 @@ def _without_leaps(
     if not leaps.any():
         return front, yaw, speed
     # The path of forward motion, without steps back.
-    kept = [0]
+    forward = [0]
     for row in range(1, len(front)):
-        if (front[row] - front[kept[-1]]) @ ahead[kept[-1]] > 0:
-            kept.append(row)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front[kept], axis=0).T))])
+        if (front[row] - front[forward[-1]]) @ ahead[forward[-1]] > 0:
+            forward.append(row)
+    station_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front[forward], axis=0).T))])
     # Smoothed lead over the simulated distance.
     grid = np.arange(-_MAKE_UP_M, distance[-1] + _MAKE_UP_M, _GRID_M)
-    gain = np.interp(grid, distance[kept], way - distance[kept])
+    gain = np.interp(grid, distance[forward], station_m - distance[forward])
     width = 2 * round(_MAKE_UP_M / _GRID_M) + 1
     padded = np.pad(gain, width // 2, mode="edge")
     gain = np.convolve(padded, np.full(width, 1 / width), "valid")
     place = np.maximum.accumulate(distance + np.interp(distance, grid, gain))
     moved = np.concatenate([speed[:1], np.diff(place) / step_s])
     return (
-        np.column_stack([np.interp(place, way, front[kept, axis]) for axis in (0, 1)]),
-        np.interp(place, way, yaw[kept]),
+        np.column_stack([np.interp(place, station_m, front[forward, axis]) for axis in (0, 1)]),
+        np.interp(place, station_m, yaw[forward]),
         np.clip(moved, 0.0, None),
     )
 

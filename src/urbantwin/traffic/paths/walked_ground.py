@@ -53,18 +53,20 @@ class Solids:
     def __init__(
         self, blocks: PlanBoxes, points: NDArray[np.float64], footway: shapely.Geometry
     ) -> None:
-        found = []
+        outlines = []
         if len(blocks.yaw) and len(points):
             shapes = blocks.polygons
             # In parts, to limit memory.
             some = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
-            every = [np.unique(np.round(one / _COARSE_M), axis=0) for one in some]
+            every = [np.unique(np.round(part / _COARSE_M), axis=0) for part in some]
             cells = np.unique(np.concatenate(every), axis=0) * _COARSE_M
             tree = shapely.STRtree(shapely.points(cells))
             near = tree.query(shapes, predicate="dwithin", distance=_NEAR_M)[0]
             wide = shapely.buffer(shapes[np.unique(near)], ROOM_M, quad_segs=2)
-            found = [_filled(one, footway) for one in shapely.get_parts(shapely.union_all(wide))]
-        self.shapes: NDArray[np.object_] = np.array(found, object)
+            outlines = [
+                _filled(outline, footway) for outline in shapely.get_parts(shapely.union_all(wide))
+            ]
+        self.shapes: NDArray[np.object_] = np.array(outlines, object)
         shapely.prepare(self.shapes)
         self.tree = shapely.STRtree(self.shapes)
 
@@ -72,12 +74,12 @@ class Solids:
 def _filled(part: shapely.Polygon, footway: shapely.Geometry) -> shapely.Polygon:
     """Return an outline without courtyards that have little footway."""
     courts = [shapely.Polygon(ring) for ring in part.interiors]
-    kept = [
+    courtyards = [
         court.exterior
         for court in courts
         if shapely.intersection(court, footway).area > _COURT * court.area
     ]
-    return shapely.Polygon(part.exterior, kept)
+    return shapely.Polygon(part.exterior, courtyards)
 
 
 #: Values of a cell: an obstacle, or no footway; 0 is free.
@@ -118,7 +120,7 @@ class WalkedCells:
         cells = np.full(shape, OFF, np.uint8)
         if not footway.is_empty:
             cells = rasterize([(footway, 0)], shape, fill=OFF, transform=grid, dtype=np.uint8)
-        outlines = [(one, SOLID) for one in solids if not one.is_empty]
+        outlines = [(solid, SOLID) for solid in solids if not solid.is_empty]
         if outlines:
             rasterize(outlines, out=cells, transform=grid)
         self.cells = np.ascontiguousarray(cells[::-1])
@@ -150,10 +152,10 @@ class WalkedCells:
         nearest = distance_transform_edt(part == SOLID, return_distances=False, return_indices=True)
         start, goal = (nearest[:, row, column] for row, column in (ends - low).tolist())
         cost = np.array([1.0, np.inf, _OFF_COSTS])[part]
-        found = shortest_way(cost, start.astype(np.int64), goal.astype(np.int64))
-        if not len(found) or len(found) * _CELL_M > _LONGEST_M:
+        cells = shortest_way(cost, start.astype(np.int64), goal.astype(np.int64))
+        if not len(cells) or len(cells) * _CELL_M > _LONGEST_M:
             return None
-        line = self.corner[:2] + ((found + low)[:, ::-1] + 0.5) * _CELL_M
+        line = self.corner[:2] + ((cells + low)[:, ::-1] + 0.5) * _CELL_M
         return np.asarray(uniform_filter1d(line, _LEVELLED, axis=0, mode="nearest"))
 
 

@@ -84,8 +84,10 @@ class Before:
 
     def turn(self, number: int) -> Before:
         """Return the traffic of one turn of waiting, with ``behind`` (N,)."""
-        found = tuple({**one, "behind": one["behind"][:, number]} for one in self.stretches)
-        return replace(self, stretches=found)
+        stretches = tuple(
+            {**columns, "behind": columns["behind"][:, number]} for columns in self.stretches
+        )
+        return replace(self, stretches=stretches)
 
 
 def yielded(
@@ -158,27 +160,29 @@ class _Yielding:
         before = before or Before((), 0)
         for went in before.stretches:
             early = went["step"] < before.until
-            whose = went["trip"][early]
-            place = np.flatnonzero(np.diff(whose, prepend=-1))
-            behind = np.split(went["behind"][early], place[1:])
-            self.were = dict(zip(whose[place].tolist(), behind, strict=True)) if len(place) else {}
+            actor_ids = went["trip"][early]
+            place = np.flatnonzero(np.diff(actor_ids, prepend=-1))
+            delay_m = np.split(went["behind"][early], place[1:])
+            self.were = (
+                dict(zip(actor_ids[place].tolist(), delay_m, strict=True)) if len(place) else {}
+            )
 
     def run(self, tell: Progress) -> Columns:
         """Let vehicles wait, one after the other, until nothing overlaps or nothing helps."""
         first = between(tell, 0.0, 0.2)
         for number in each(range(len(self.bodies)), first, "waiting for each other"):
             if self._too_hard(number) or self._begun(number).any():
-                way = self._way(number)
-                self._go(way, self._solved(way, (), 0, len(way.at)))
+                path = self._way(number)
+                self._go(path, self._solved(path, (), 0, len(path.at)))
         hopeless: set[tuple[int, int, int]] = set()
         for turn in range(_ROUNDS):
             # Later rounds have less to do.
             telling = between(tell, 1 - 0.8 * 0.5**turn, 1 - 0.8 * 0.5 ** (turn + 1))
             overlaps = self._overlaps(between(telling, 0.0, 0.4))
-            found = [meeting for meeting in overlaps if meeting not in hopeless]
-            if not found:
+            pending = [meeting for meeting in overlaps if meeting not in hopeless]
+            if not pending:
                 break
-            for meeting in each(found, between(telling, 0.4, 1.0), "waiting for each other"):
+            for meeting in each(pending, between(telling, 0.4, 1.0), "waiting for each other"):
                 if not self._decided(*meeting):
                     hopeless.add(meeting)
         return self._columns()
@@ -198,11 +202,11 @@ class _Yielding:
             bodies, kind = self.bodies[number], self._kind(number)
             first = bodies[0]
             moved = np.hypot(*np.diff(self.columns["xy"][first], axis=0).T)
-            at = np.concatenate([[0.0], np.cumsum(moved)])
+            station_m = np.concatenate([[0.0], np.cumsum(moved)])
             yaw = np.unwrap(self.columns["yaw"][first])
-            speeds = curve_speeds(at, yaw, self.step_s)
-            pace = Pace(at, speeds, self.step_s)
-            self.ways[number] = Way(number, bodies, kind, pace, at, self.starts[number])
+            speeds = curve_speeds(station_m, yaw, self.step_s)
+            pace = Pace(station_m, speeds, self.step_s)
+            self.ways[number] = Way(number, bodies, kind, pace, station_m, self.starts[number])
         return self.ways[number]
 
     def _too_hard(self, number: int) -> bool:
@@ -233,14 +237,14 @@ class _Yielding:
         when: dict[tuple[int, int], list[int]] = {}
         parts = np.split(steps, np.arange(_STEPS, len(steps), _STEPS))
         for some in each(parts, tell, "waiting for each other"):
-            for pair, at in self._pairs(np.flatnonzero(np.isin(step, some))):
-                when.setdefault(pair, []).append(at)
-        found = []
-        for (one, other), every in when.items():
+            for pair, overlap_step in self._pairs(np.flatnonzero(np.isin(step, some))):
+                when.setdefault(pair, []).append(overlap_step)
+        meetings = []
+        for (first, other), every in when.items():
             ordered = np.unique(every)
             apart = np.flatnonzero(np.diff(ordered) > self._steps(_AGAIN_S)) + 1
-            found += [(one, other, int(part[0])) for part in np.split(ordered, apart)]
-        return sorted(found, key=lambda meeting: (meeting[2], meeting[:2]))
+            meetings += [(first, other, int(part[0])) for part in np.split(ordered, apart)]
+        return sorted(meetings, key=lambda meeting: (meeting[2], meeting[:2]))
 
     def _steps(self, seconds: float) -> int:
         return round(seconds / self.step_s)
@@ -249,58 +253,64 @@ class _Yielding:
         """Return the pairs of paths that overlap in some rows, with the step."""
         boxes, some = self.moving.boxes, self.moving.take(rows)
         pairs = rows[some.pairs(0.0, some.boxes.xy)]
-        ways = np.sort(self.whose[pairs], axis=1)
-        kept = (ways[:, 0] != ways[:, 1]) & self.able[ways].any(axis=1)
-        pairs, ways = pairs[kept], ways[kept]
+        path_ids = np.sort(self.whose[pairs], axis=1)
+        relevant = (path_ids[:, 0] != path_ids[:, 1]) & self.able[path_ids].any(axis=1)
+        pairs, path_ids = pairs[relevant], path_ids[relevant]
         deep = shared_areas(boxes, pairs) > _OVERLAP_M2
         steps = boxes.step[pairs[deep, 0]].tolist()
-        return [((a, b), step) for (a, b), step in zip(ways[deep].tolist(), steps, strict=True)]
+        return [((a, b), step) for (a, b), step in zip(path_ids[deep].tolist(), steps, strict=True)]
 
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two overlapping vehicles wait; return whether that may help."""
         before = self._through(one, other, step)
         best: tuple[float, float, Way, NDArray[np.float64], tuple[Let, ...]] | None = None
-        for mine, first in ((one, other), (other, one)):
-            if not self.able[mine]:
+        for path_id, first in ((one, other), (other, one)):
+            if not self.able[path_id]:
                 continue
-            way = self._way(mine)
-            let = self._let(way, first, step - way.start)
+            path = self._way(path_id)
+            constraint = self._let(path, first, step - path.start)
             again = self._steps(_AGAIN_S)
-            same = [one.first == first and abs(one.since - let.since) <= again for one in way.lets]
-            old = [one for one, met in zip(way.lets, same, strict=True) if met]
-            kept = [one for one, met in zip(way.lets, same, strict=True) if not met]
-            lets = (*kept, let)
-            span = min(x.begin for x in (*old, let)), max(x.until for x in (*old, let))
-            at = self._solved(way, lets, *span)
-            lost = float((way.at - at).sum()) * self.step_s
-            left = self._through(mine, first, step, at)
+            same = [
+                earlier.first == first and abs(earlier.since - constraint.since) <= again
+                for earlier in path.lets
+            ]
+            old = [earlier for earlier, met in zip(path.lets, same, strict=True) if met]
+            others = [earlier for earlier, met in zip(path.lets, same, strict=True) if not met]
+            constraints = (*others, constraint)
+            span = (
+                min(x.begin for x in (*old, constraint)),
+                max(x.until for x in (*old, constraint)),
+            )
+            station_m = self._solved(path, constraints, *span)
+            lost = float((path.at - station_m).sum()) * self.step_s
+            left = self._through(path_id, first, step, station_m)
             cost = lost + _THROUGH * left
             if best is None or cost < best[0]:
-                best = cost, left, way, at, lets
+                best = cost, left, path, station_m, constraints
         if best is None:
             return False
-        _, left, way, at, lets = best
+        _, left, path, station_m, constraints = best
         if left > before * _HELPS:
             return False
-        way.lets = lets
-        self.followers.setdefault(lets[-1].first, set()).add(way.number)
-        low, high = self._go(way, at)
-        for number in sorted(self.followers.get(way.number, ())):
-            self._follow(self.ways[number], way.number, low + way.start, high + way.start)
+        path.lets = constraints
+        self.followers.setdefault(constraints[-1].first, set()).add(path.number)
+        low, high = self._go(path, station_m)
+        for number in sorted(self.followers.get(path.number, ())):
+            self._follow(self.ways[number], path.number, low + path.start, high + path.start)
         return True
 
     def _follow(self, way: Way, first: int, low: int, high: int) -> None:
         """Update a vehicle's waiting for another that changed between two steps."""
-        lets, spans = [], []
-        for let in way.lets:
-            met = let.first == first and let.begin + way.start < high
-            if met and let.until + way.start > low:
-                spans.append((let.begin, let.until))
-                let = self._let(way, first, let.since)  # noqa: PLW2901 - the updated constraint
-                spans.append((let.begin, let.until))
-            lets.append(let)
+        constraints, spans = [], []
+        for constraint in way.lets:
+            met = constraint.first == first and constraint.begin + way.start < high
+            if met and constraint.until + way.start > low:
+                spans.append((constraint.begin, constraint.until))
+                constraint = self._let(way, first, constraint.since)  # noqa: PLW2901 - the updated constraint
+                spans.append((constraint.begin, constraint.until))
+            constraints.append(constraint)
         if spans:
-            way.lets = tuple(lets)
+            way.lets = tuple(constraints)
             span = min(begin for begin, _ in spans), max(until for _, until in spans)
             self._go(way, self._solved(way, way.lets, *span))
 
@@ -309,13 +319,13 @@ class _Yielding:
     ) -> NDArray[np.float64]:
         """Return a vehicle's positions under constraints that changed within some steps."""
         bound = np.full(len(way.at), np.inf)
-        for let in lets:
-            part = bound[let.begin : let.until]
-            np.minimum(part, let.bound, out=part)
-        behind = self._begun(way.number)
+        for constraint in lets:
+            part = bound[constraint.begin : constraint.until]
+            np.minimum(part, constraint.bound, out=part)
+        delay_m = self._begun(way.number)
         was = way.at.copy()
-        was[: len(behind)] = way.pace.at[: len(behind)] - behind
-        since = max(begin - self._steps(_LOOKS_S), len(behind), 1)
+        was[: len(delay_m)] = way.pace.at[: len(delay_m)] - delay_m
+        since = max(begin - self._steps(_LOOKS_S), len(delay_m), 1)
         return retimed(way.pace, bound, LIMITS[way.kind], was, since, until)
 
     def _let(self, way: Way, first: int, since: int) -> Let:
@@ -337,8 +347,10 @@ class _Yielding:
                 if not len(theirs):
                     continue
                 part = slice(after - begin - way.start, after - begin - way.start + len(theirs))
-                at = first_contacts(top[part], width, own, _plan(boxes.take(theirs)), _BESIDE_M)
-                np.minimum(bound[part], (at + low) * GRID_M, out=bound[part])
+                contact_cells = first_contacts(
+                    top[part], width, own, _plan(boxes.take(theirs)), _BESIDE_M
+                )
+                np.minimum(bound[part], (contact_cells + low) * GRID_M, out=bound[part])
         # While it was ahead of the other, and not in conflict yet, there is no bound.
         early = max(since - begin, 0)
         over = bound[:early] < way.at[begin : begin + early] - 0.05
@@ -414,35 +426,39 @@ class _Yielding:
         span = slice(int(new[0]), int(new[-1]) + 1)
         boxes = self.moving.boxes
         for body, rows in enumerate(way.bodies):
-            mine = rows[span]
+            changed_rows = rows[span]
             now = self._along(way, body, way.at[span], 0.0)
-            self.changed[mine] |= (boxes.xy[mine] != now.xy).any(axis=1)
-            boxes.xy[mine], boxes.yaw[mine] = now.xy, now.yaw
+            self.changed[changed_rows] |= (boxes.xy[changed_rows] != now.xy).any(axis=1)
+            boxes.xy[changed_rows], boxes.yaw[changed_rows] = now.xy, now.yaw
         return span.start, span.stop
 
     def _columns(self) -> Columns:
         """Return the columns with all vehicles at their new positions."""
-        found = {name: values.copy() for name, values in self.columns.items()}
-        found["behind"] = np.zeros(len(found["trip"]))
-        for way in self.ways.values():
-            late = way.at < way.pace.at
+        columns = {name: values.copy() for name, values in self.columns.items()}
+        columns["behind"] = np.zeros(len(columns["trip"]))
+        for path in self.ways.values():
+            late = path.at < path.pace.at
             if not late.any():
                 continue
-            when = way.row_at(way.at)
-            was, now = (np.gradient(at, self.step_s) for at in (way.pace.at, way.at))
-            for body, rows in enumerate(way.bodies):
-                found["behind"][rows] = way.pace.at - way.at
+            when = path.row_at(path.at)
+            was, now = (
+                np.gradient(station_m, self.step_s) for station_m in (path.pace.at, path.at)
+            )
+            for body, rows in enumerate(path.bodies):
+                columns["behind"][rows] = path.pace.at - path.at
                 for name in {"xy", "yaw", "distance", "aside"} & self.columns.keys():
-                    found[name][rows[late]] = way.between(self.columns[name], body, way.at)[late]
+                    columns[name][rows[late]] = path.between(self.columns[name], body, path.at)[
+                        late
+                    ]
                 nearest = rows[np.round(when).astype(int)]
-                found["lane"][rows[late]] = self.columns["lane"][nearest][late]
+                columns["lane"][rows[late]] = self.columns["lane"][nearest][late]
                 # SUMO's speed differs slightly from the derivative of the position.
                 own = np.interp(when, np.arange(len(was)), self.columns["speed"][rows] - was)
                 pace = np.interp(when, np.arange(len(was)), was)
                 share = np.minimum(now / np.maximum(pace, 0.5), 1.0)
-                share *= np.clip(1.0 - (way.pace.at - way.at) / _BLENDS_M, 0.0, 1.0)
-                found["speed"][rows[late]] = np.maximum(now + own * share, 0.0)[late]
-        return found
+                share *= np.clip(1.0 - (path.pace.at - path.at) / _BLENDS_M, 0.0, 1.0)
+                columns["speed"][rows[late]] = np.maximum(now + own * share, 0.0)[late]
+        return columns
 
 
 def _plan(boxes: PlanBoxes) -> NDArray[np.float64]:
