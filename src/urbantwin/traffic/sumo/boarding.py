@@ -36,8 +36,12 @@ class Boarding:
     def __init__(self, told: dict[str, Any]) -> None:
         self.stops: dict[str, Any] = told.get("stops", {})
         self.alight: dict[str, list[int]] = told.get("alight", {})
-        self.stop_of: dict[str, str] = {n: one[0] for n, one in told.get("people", {}).items()}
-        self.state: dict[str, str] = {n: one[1] for n, one in told.get("people", {}).items()}
+        self.stop_of: dict[str, str] = {
+            n: stop_and_state[0] for n, stop_and_state in told.get("people", {}).items()
+        }
+        self.state: dict[str, str] = {
+            n: stop_and_state[1] for n, stop_and_state in told.get("people", {}).items()
+        }
         self.since = dict.fromkeys(self.state, -AWAY_S)
         self.halted: dict[str, set[str]] = {name: set() for name in self.stops}
         self.halts = dict.fromkeys(self.stops, 0)
@@ -52,7 +56,7 @@ class Boarding:
         """Update waiting passengers and halted vehicles, once a second."""
         if not self.stops:
             return
-        for at_s, name in [one for one in self.walks_on if one[0] <= now_s]:
+        for at_s, name in [stage_end for stage_end in self.walks_on if stage_end[0] <= now_s]:
             self.walks_on.remove((at_s, name))
             libsumo.person.removeStage(name, 0)
             self.state[name] = "walks"
@@ -77,7 +81,7 @@ class Boarding:
 
     def _exchange(self, stop: str, vehicle: str, now_s: float, present: set[str]) -> None:
         """Let passengers alight and board."""
-        own = [n for n, one in self.stop_of.items() if one == stop and n in present]
+        own = [n for n, stop_id in self.stop_of.items() if stop_id == stop and n in present]
         own.sort(key=lambda name: (self.since[name], int(name)))
         away = [n for n in own if self.state[n] == "rides" and self.since[n] <= now_s - AWAY_S]
         waiting = [n for n in own if self.state[n] == "waits"]

@@ -52,13 +52,13 @@ def flows_of_trips(demand: Demand, hours: float) -> dict[tuple[str, str, str], f
         demand: the trips.
         hours: duration of the demand, hours.
     """
-    found: dict[tuple[str, str, str], float] = defaultdict(float)
+    flows: dict[tuple[str, str, str], float] = defaultdict(float)
     for trip in demand.trips:
         cars = IN_CARS.get(trip.actor_class, 0.0) / hours
         padded = (*trip.edges, "")
         for triple in zip(padded, padded[1:-1], padded[2:], strict=False):
-            found[triple[0], triple[1], triple[2]] += cars
-    return {way: cars for way, cars in found.items() if cars > 0}
+            flows[triple[0], triple[1], triple[2]] += cars
+    return {edges: cars for edges, cars in flows.items() if cars > 0}
 
 
 def timing_told(net: Path, roads: RoadNetwork) -> tuple[RoadNetwork, dict[str, Any]]:
@@ -68,22 +68,22 @@ def timing_told(net: Path, roads: RoadNetwork) -> tuple[RoadNetwork, dict[str, A
         The lanes, and program -> new ``cycle_s`` and ``greens_s`` of its phases, and the old ones.
     """
     programs = []
-    told: dict[str, Any] = {}
-    logics = {one.get("id"): one for one in etree.parse(net).getroot().iterfind("tlLogic")}
+    changed: dict[str, Any] = {}
+    logics = {logic.get("id"): logic for logic in etree.parse(net).getroot().iterfind("tlLogic")}
     for program in roads.programs:
         logic = logics.get(program.id)
         if logic is None:
             programs.append(program)
             continue
         phases = tuple(
-            (float(one.get("duration", "0")), one.get("state", ""))
-            for one in logic.iterfind("phase")
+            (float(phase.get("duration", "0")), phase.get("state", ""))
+            for phase in logic.iterfind("phase")
         )
         new = SignalProgram(program.id, float(logic.get("offset", "0")), phases)
         programs.append(new)
         if new.phases != program.phases:
-            told[program.id] = {**_timing(new), "were": _timing(program)}
-    return replace(roads, programs=tuple(programs)), told
+            changed[program.id] = {**_timing(new), "were": _timing(program)}
+    return replace(roads, programs=tuple(programs)), changed
 
 
 def _timing(program: SignalProgram) -> dict[str, Any]:

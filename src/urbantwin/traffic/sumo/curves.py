@@ -71,8 +71,8 @@ def drive(folder: Path, options: list[str]) -> None:
     curves = Curves(json.loads((folder / "curves.json").read_text(encoding="utf-8")))
     gates = one_lane = None
     if (folder / "one_lane.json").is_file():
-        known = json.loads((folder / "one_lane.json").read_text(encoding="utf-8"))
-        one_lane = run_path(str(folder / "one_lane.py"))["OneLaneStreets"](known)
+        streets = json.loads((folder / "one_lane.json").read_text(encoding="utf-8"))
+        one_lane = run_path(str(folder / "one_lane.py"))["OneLaneStreets"](streets)
     if (folder / "gates.json").is_file():
         job = json.loads((folder / "gates.json").read_text(encoding="utf-8"))
         gates = run_path(str(folder / "gates.py"))["Gates"](job, job["outer"])

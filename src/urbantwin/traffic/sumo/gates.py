@@ -75,13 +75,13 @@ class _Gate:
     def vehicles(self) -> list[str]:
         """Return the vehicles on the outer road that the gate meters, the first one first."""
         vehicle = libsumo.vehicle
-        there = [
+        names = [
             name
             for name in libsumo.edge.getLastStepVehicleIDs(self.edge)
             if (vehicle.getVehicleClass(name) == BICYCLE) != self.holds
             and vehicle.getVehicleClass(name) != TRAM
         ]
-        return sorted(there, key=lambda name: (-vehicle.getLanePosition(name), int(name)))
+        return sorted(names, key=lambda name: (-vehicle.getLanePosition(name), int(name)))
 
     def pay(self) -> None:
         """Take the admissions of one vehicle, and draw those of the next."""
@@ -98,18 +98,18 @@ class _Gate:
                 that a gate with more arrivals makes up for others.
         """
         vehicle = libsumo.vehicle
-        there = self.vehicles()
-        self.admitted.intersection_update(there)
-        self.held = {name: since for name, since in self.held.items() if name in there}
+        names = self.vehicles()
+        self.admitted.intersection_update(names)
+        self.held = {name: since for name, since in self.held.items() if name in names}
         tail_m = min(
             (
                 vehicle.getLanePosition(name) - vehicle.getLength(name)
-                for name in there
+                for name in names
                 if vehicle.getSpeed(name) < 0.5
             ),
             default=self.length_m,
         )
-        for name in there:
+        for name in names:
             if name in self.admitted:
                 _end_stop(name)
                 continue
@@ -127,10 +127,10 @@ class _Gate:
 
     def count(self) -> None:
         """Let all vehicles pass; each takes an admission when it enters the outer road."""
-        there = set(self.vehicles())
-        for _ in there - self.admitted:
+        present = set(self.vehicles())
+        for _ in present - self.admitted:
             self.pay()
-        self.admitted = there
+        self.admitted = present
 
     def admit(self, name: str) -> None:
         """Admit a vehicle."""

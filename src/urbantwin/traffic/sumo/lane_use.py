@@ -33,7 +33,9 @@ class LaneUse:
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
-        self.told = {road: one["lanes"] for road, one in told.items() if one["lanes"]}
+        self.told = {
+            road: requests["lanes"] for road, requests in told.items() if requests["lanes"]
+        }
         self.before = _before(self.told)
         self.came: Counter[tuple[str, str]] = Counter()
         self.given: Counter[tuple[str, str, int]] = Counter()
@@ -55,14 +57,14 @@ class LaneUse:
                 if road in follow and end_m - vehicle.getLanePosition(name) < _BEFORE_M:
                     lane = self._lane(name, road)
                     self._ask(name, [] if lane is None else follow[road].get(lane, []))
-        there = set(vehicle.getIDList())
-        self.lane_of = {name: lane for name, lane in self.lane_of.items() if name in there}
+        present = set(vehicle.getIDList())
+        self.lane_of = {name: lane for name, lane in self.lane_of.items() if name in present}
 
     def _ask(self, name: str, lanes: list[int]) -> None:
         """Request a change to the nearest of some lanes of the vehicle's road, or to stay there."""
         if lanes and libsumo.vehicle.getSpeed(name) >= _SLOWEST_MS:
             now = libsumo.vehicle.getLaneIndex(name)
-            lane = min(lanes, key=lambda one: (abs(one - now), one))
+            lane = min(lanes, key=lambda lane_index: (abs(lane_index - now), lane_index))
             libsumo.vehicle.changeLane(name, lane, _KEEPS_S)
 
     def _lane(self, name: str, road: str) -> int | None:
@@ -82,26 +84,28 @@ class LaneUse:
         if shares is None:
             return None
         self.came[road, turn] += 1
-        behind = {
+        deficit = {
             int(lane): share * self.came[road, turn] - self.given[road, turn, int(lane)]
             for lane, share in shares.items()
         }
-        lane = max(sorted(behind), key=behind.__getitem__)
+        lane = max(sorted(deficit), key=deficit.__getitem__)
         self.given[road, turn, lane] += 1
         return lane
 
 
 def _next(name: str, road: str | None = None) -> str:
     """Return the road after the one that a vehicle is on, or after a given one."""
-    route, at = libsumo.vehicle.getRoute(name), libsumo.vehicle.getRouteIndex(name)
+    route, route_index = libsumo.vehicle.getRoute(name), libsumo.vehicle.getRouteIndex(name)
     if road is not None:
-        at = next((k for k in range(at, len(route)) if route[k] == road), len(route))
-    return route[at + 1] if at + 1 < len(route) else ""
+        route_index = next(
+            (k for k in range(route_index, len(route)) if route[k] == road), len(route)
+        )
+    return route[route_index + 1] if route_index + 1 < len(route) else ""
 
 
 def _before(roads: dict[str, Any]) -> dict[str, dict[str, dict[int, list[int]]]]:
     """Return edge before a road -> the road -> index of its lane -> lanes that lead onto it."""
-    found: dict[str, dict[str, dict[int, list[int]]]] = defaultdict(lambda: defaultdict(dict))
+    leads_to: dict[str, dict[str, dict[int, list[int]]]] = defaultdict(lambda: defaultdict(dict))
     for lane in libsumo.lane.getIDList() if roads else ():
         if lane.startswith(":"):
             continue
@@ -109,5 +113,5 @@ def _before(roads: dict[str, Any]) -> dict[str, dict[str, dict[int, list[int]]]]
             road, _, onto = link[0].rpartition("_")
             if road in roads:
                 edge, _, number = lane.rpartition("_")
-                found[edge][road].setdefault(int(onto), []).append(int(number))
-    return {edge: {road: dict(x) for road, x in by.items()} for edge, by in found.items()}
+                leads_to[edge][road].setdefault(int(onto), []).append(int(number))
+    return {edge: {road: dict(x) for road, x in by.items()} for edge, by in leads_to.items()}

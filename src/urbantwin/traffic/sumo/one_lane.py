@@ -78,7 +78,9 @@ class OneLaneStreets:
         self.tried = {name: at_s for name, at_s in self.tried.items() if name in asking}
         slowed: set[str] = set()
         before: list[tuple[float, list[str]]] = []
-        for name in sorted(asking, key=lambda one: (self.waiting[one], len(one), one)):
+        for name in sorted(
+            asking, key=lambda vehicle_id: (self.waiting[vehicle_id], len(vehicle_id), vehicle_id)
+        ):
             edge, run, ahead_m = asking[name]
             oncoming = [since for since, other in before if _meet(run, other, self.street)]
             follows = now_s - self.entered.get(run[0], -math.inf) < FOLLOWS_S
@@ -104,12 +106,12 @@ class OneLaneStreets:
     def _motor(self, edge: str) -> list[str]:
         """Return the motor vehicles on an edge, the first one first."""
         vehicle = libsumo.vehicle
-        there = [
+        names = [
             name
             for name in libsumo.edge.getLastStepVehicleIDs(edge)
             if vehicle.getVehicleClass(name) not in _OTHERS
         ]
-        return sorted(there, key=lambda name: (-vehicle.getLanePosition(name), name))
+        return sorted(names, key=lambda name: (-vehicle.getLanePosition(name), name))
 
     def _own(self, name: str) -> list[str]:
         return self.passages[name][1] if name in self.passages else []
@@ -154,7 +156,7 @@ class OneLaneStreets:
         A queue behind a waiting vehicle may otherwise reach round to those that it waits for.
         """
         vehicle = libsumo.vehicle
-        route, at = vehicle.getRoute(name), vehicle.getRouteIndex(name)
+        route, route_index = vehicle.getRoute(name), vehicle.getRouteIndex(name)
         # A vehicle with own parameters has a type of its own, which ``findRoute`` does not know.
         kind = vehicle.getTypeID(name).removesuffix(f"@{name}")
         best: tuple[float, list[str]] | None = None
@@ -163,13 +165,13 @@ class OneLaneStreets:
             closed = vehicle.getVehicleClass(name) in libsumo.lane.getDisallowed(link[0])
             if first.startswith(":") or first in self.street or closed:
                 continue
-            for rest in range(at + 1, min(at + 1 + REJOINS, len(route))):
-                found = libsumo.simulation.findRoute(first, route[rest], kind)
-                around = found.edges and not self.street.keys() & set(found.edges)
-                if around and (best is None or found.travelTime < best[0]):
-                    best = found.travelTime, [*found.edges, *route[rest + 1 :]]
+            for rest in range(route_index + 1, min(route_index + 1 + REJOINS, len(route))):
+                detour = libsumo.simulation.findRoute(first, route[rest], kind)
+                around = detour.edges and not self.street.keys() & set(detour.edges)
+                if around and (best is None or detour.travelTime < best[0]):
+                    best = detour.travelTime, [*detour.edges, *route[rest + 1 :]]
         if best is not None:
-            vehicle.setRoute(name, [route[at], *best[1]])
+            vehicle.setRoute(name, [route[route_index], *best[1]])
 
     def _is_free(self, name: str, run: list[str]) -> bool:
         return not any(
@@ -205,13 +207,17 @@ class OneLaneStreets:
 
 def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
     """Return whether vehicles that drive over the given edges meet on a street."""
-    there: dict[str, set[str]] = {}
+    second_edges: dict[str, set[str]] = {}
     for edge in second:
-        there.setdefault(street[edge], set()).add(edge)
-    mine: dict[str, set[str]] = {}
+        second_edges.setdefault(street[edge], set()).add(edge)
+    first_edges: dict[str, set[str]] = {}
     for edge in first:
-        mine.setdefault(street[edge], set()).add(edge)
-    return any(len(edges | there[key]) > 1 for key, edges in mine.items() if key in there)
+        first_edges.setdefault(street[edge], set()).add(edge)
+    return any(
+        len(edges | second_edges[key]) > 1
+        for key, edges in first_edges.items()
+        if key in second_edges
+    )
 
 
 def _safe(gap_m: float) -> float:

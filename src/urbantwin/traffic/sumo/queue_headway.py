@@ -43,9 +43,9 @@ class QueueHeadways:
 
     def __init__(self, told: dict[str, Any], of_types: bool = True) -> None:
         self.roads = {
-            road: one["queue_headway_s"]
-            for road, one in told.items()
-            if one["queue_headway_s"] is not None
+            road: requests["queue_headway_s"]
+            for road, requests in told.items()
+            if requests["queue_headway_s"] is not None
         }
         self.of_any = of_types or bool(self.roads)
         self.kinds: dict[str, float | None] = {}
@@ -91,10 +91,10 @@ class QueueHeadways:
         If there is none within 150 m, only its own road.
         """
         vehicle = libsumo.vehicle
-        route, at = vehicle.getRoute(name), vehicle.getRouteIndex(name)
+        route, route_index = vehicle.getRoute(name), vehicle.getRouteIndex(name)
         ahead_m = libsumo.lane.getLength(vehicle.getLaneID(name)) - vehicle.getLanePosition(name)
         roads = [road]
-        for following in route[at + 1 :]:
+        for following in route[route_index + 1 :]:
             if not self._one_queue(roads[-1], following):
                 return tuple(roads)
             ahead_m += libsumo.lane.getLength(f"{following}_0")
@@ -114,7 +114,7 @@ class QueueHeadways:
             ]
             short = libsumo.lane.getLength(f"{following}_0") < _BETWEEN_M
             self.one_queue[road, following] = all(
-                one == _GOES_ON or (short and one not in _GIVES_WAY) for one in states
+                state == _GOES_ON or (short and state not in _GIVES_WAY) for state in states
             )
         return self.one_queue[road, following]
 
@@ -123,8 +123,8 @@ class QueueHeadways:
         # A vehicle with own parameters has a type of its own.
         kind = libsumo.vehicle.getTypeID(name).removesuffix(f"@{name}")
         if kind not in self.kinds:
-            told = libsumo.vehicletype.getParameter(kind, IN_QUEUES)
-            self.kinds[kind] = float(told) if told else None
+            text = libsumo.vehicletype.getParameter(kind, IN_QUEUES)
+            self.kinds[kind] = float(text) if text else None
         if libsumo.vehicle.getVehicleClass(name) in _OTHERS:
             return self.kinds[kind]
         own = (self.roads[road] for road in reversed(roads) if road in self.roads)

@@ -35,7 +35,9 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
     root = etree.Element("routes")
     types = _write_types(root, demand, asset)
     # SUMO requires the order of departure.
-    for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
+    for number, trip in sorted(
+        enumerate(demand.trips), key=lambda numbered_trip: numbered_trip[1].depart_s
+    ):
         if trip.beside:  # SUMO simulates only the leader of a group
             continue
         common = {"id": str(number), "type": types[number], "depart": f"{trip.depart_s:.2f}"}
@@ -80,7 +82,8 @@ def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], As
     """Write the vehicle types; return the name of each trip's type."""
     types = [_type_of(trip, demand) for trip in demand.trips]
     kinds = {
-        (trip.actor_class, trip.asset, *one) for trip, one in zip(demand.trips, types, strict=True)
+        (trip.actor_class, trip.asset, *type_and_gap)
+        for trip, type_and_gap in zip(demand.trips, types, strict=True)
     }
     for actor_class, name, type_name, gap_m in sorted(kinds):
         kind, mesh = ACTOR_KINDS[actor_class], asset(name)
@@ -89,11 +92,11 @@ def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], As
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        told = {key: values.pop(key) for key in (IN_BENDS, IN_QUEUES) if key in values}
+        params = {key: values.pop(key) for key in (IN_BENDS, IN_QUEUES) if key in values}
         if values.pop(GAP_SPREAD, None) is not None:
             values["minGap"] = gap_m
         made = etree.SubElement(root, "vType", id=type_name, vClass=kind.vclass, **values)
-        for key, value in told.items():
+        for key, value in params.items():
             etree.SubElement(made, "param", key=key, value=value)
     return [name for name, _ in types]
 

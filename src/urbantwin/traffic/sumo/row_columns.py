@@ -20,14 +20,14 @@ def row_columns(path: Path) -> dict[str, NDArray[Any]]:
         np.lib.format.read_magic(file)
         (count,), _, kinds = np.lib.format.read_array_header_1_0(file)
         names = kinds.names or ()
-        found = {name: np.empty(count, kinds[name]) for name in names if name not in "xy"}
-        found["front"] = np.empty((count, 2))
+        columns = {name: np.empty(count, kinds[name]) for name in names if name not in "xy"}
+        columns["front"] = np.empty((count, 2))
         for first in range(0, count, _ROWS_READ):
             rows = np.fromfile(file, kinds, min(_ROWS_READ, count - first))
             part = slice(first, first + len(rows))
             for name in names:
                 if name in "xy":
-                    found["front"][part, "xy".index(name)] = rows[name]
+                    columns["front"][part, "xy".index(name)] = rows[name]
                 else:
-                    found[name][part] = rows[name]
-    return found
+                    columns[name][part] = rows[name]
+    return columns

@@ -69,27 +69,27 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
         if float(item.get("length", "0")) < long_m + _LONG_M - _SHORT_M - _CURVED_M:
             continue
         ahead = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
-        mine = np.flatnonzero(simulated.lane == lanes[lane.id])
-        gone[mine[(simulated.front[mine] - points[0]) @ ahead < _FRONT_M]] = True
+        on_lane = np.flatnonzero(simulated.lane == lanes[lane.id])
+        gone[on_lane[(simulated.front[on_lane] - points[0]) @ ahead < _FRONT_M]] = True
     return simulated.only(~gone) if gone.any() else simulated
 
 
 def _lengthened(root: etree._Element, edges: Collection[str]) -> int:
     """Lengthen the short ones of some edges; return their number."""
-    found = 0
+    count = 0
     for edge in root.iterfind("edge"):
         lanes = edge.findall("lane")
         long_m = max((float(lane.get("length", "0")) for lane in lanes), default=0.0)
         if edge.get("id") not in edges or not 0 < long_m < _SHORT_M:
             continue
-        found += 1
+        count += 1
         for lane in lanes:
             points = [tuple(map(float, x.split(","))) for x in lane.get("shape", "").split()]
             more = _LONG_M - long_m
             shape = [_before(np.array(points), more), *points]
-            lane.set("shape", " ".join(",".join(f"{x:.3f}" for x in one) for one in shape))
+            lane.set("shape", " ".join(",".join(f"{x:.3f}" for x in point) for point in shape))
             lane.set("length", f"{float(lane.get('length', '0')) + more:.3f}")
-    return found
+    return count
 
 
 def _before(points: NDArray[np.float64], away_m: float) -> tuple[float, ...]:

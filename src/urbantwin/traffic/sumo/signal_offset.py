@@ -24,7 +24,7 @@ def net_with_offsets(net_path: Path, offsets: Mapping[str, float], out: Path) ->
         InputError: there is no such program.
     """
     tree = etree.parse(net_path)
-    programs = {one.get("id", ""): one for one in tree.getroot().iterfind("tlLogic")}
+    programs = {logic.get("id", ""): logic for logic in tree.getroot().iterfind("tlLogic")}
     for name, seconds in offsets.items():
         if name not in programs:
             raise InputError(

@@ -133,12 +133,12 @@ def with_rows(
         whole: list of one output.
         more: further rows, by the names of `ROWS`.
     """
-    one = whole.pop()
-    rows: dict[str, Any] = {name: getattr(one, name) for name in ROWS}
-    one = one.only(np.zeros(0, np.int64))
+    output = whole.pop()
+    rows: dict[str, Any] = {name: getattr(output, name) for name in ROWS}
+    output = output.only(np.zeros(0, np.int64))
     for name in ROWS:
         rows[name] = np.concatenate([rows[name], *(part[name] for part in more)])
-    return replace(one, **rows)
+    return replace(output, **rows)
 
 
 def simulate(  # noqa: PLR0913 - all inputs of SUMO
@@ -261,7 +261,7 @@ def _worked(
             "trams": trams,
             "one_lane": one_lane_streets(net_path),
             "approaches": demand.approaches,
-            "queue_headways": any(IN_QUEUES in told for told in demand.manners.values()),
+            "queue_headways": any(IN_QUEUES in manner for manner in demand.manners.values()),
             "boarding": boarding_job(demand.passengers),
             "gates": gates_of(demand, job["gates_until_s"], int(str(options["seed"]))),
         }
@@ -359,8 +359,8 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
         try:
             assert process.stdout is not None
             for line in process.stdout:
-                if progress and (found := re.match(r"progress ([0-9.]+)$", line)):
-                    progress(float(found[1]), "simulating traffic")
+                if progress and (match := re.match(r"progress ([0-9.]+)$", line)):
+                    progress(float(match[1]), "simulating traffic")
         except BaseException:
             process.kill()
             raise
@@ -376,8 +376,8 @@ def _first_error(messages: Path, returncode: int) -> str:
     for line in lines:
         if line.startswith("Error:"):
             return line.removeprefix("Error:").strip()
-        if found := re.match(r"[\w.]*TraCI(?:Exception|Error): (.+)", line):
-            return found[1]
+        if match := re.match(r"[\w.]*TraCI(?:Exception|Error): (.+)", line):
+            return match[1]
     if returncode < 0:
         return f"its process was ended by {signal.Signals(-returncode).name}"
     return next((line for line in reversed(lines) if line), f"exit code {returncode}")
@@ -404,11 +404,11 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
         signals=tuple((step, program, state) for step, program, state in outcome["signals"]),
         teleports=outcome["teleports"],
         collisions=len(outcome["collisions"]),
-        collided=tuple((at - warmup_s, *rest) for at, *rest in outcome["collisions"]),
+        collided=tuple((time_s - warmup_s, *rest) for time_s, *rest in outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
         staged=tuple(outcome["staged"]),
-        boarded=tuple((at - warmup_s, *rest) for at, *rest in outcome["boarded"]),
+        boarded=tuple((time_s - warmup_s, *rest) for time_s, *rest in outcome["boarded"]),
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],

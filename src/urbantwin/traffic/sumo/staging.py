@@ -84,21 +84,21 @@ class Staged(ABC):
 
     def _free(self, lane: str) -> list[str]:
         """Return the vehicles on a lane that take part in no event."""
-        there = filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
-        return [name for name in there if name not in self.taken]
+        names = filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
+        return [name for name in names if name not in self.taken]
 
     def _reaching(self, before_m: float, after_m: float) -> list[str]:
         """Return the moving vehicles between two distances before the place, the nearest first.
 
         Those on the place's lane precede those on the other acceptable lanes.
         """
-        found = []
+        vehicles = []
         for rank, lane in enumerate(self.told["lanes"]):
             for name in self._free(lane):
                 ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
                 if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
-                    found.append((rank, ahead, int(name), name))
-        return [found_one[-1] for found_one in sorted(found)]
+                    vehicles.append((rank, ahead, int(name), name))
+        return [vehicle[-1] for vehicle in sorted(vehicles)]
 
 
 class HardBrake(Staged):
@@ -107,13 +107,13 @@ class HardBrake(Staged):
     stopped_s = -1.0
 
     def _begin(self, now_s: float) -> bool:
-        found = self._reaching(6.0, -6.0)
-        if not found:
+        names = self._reaching(6.0, -6.0)
+        if not names:
             return False
-        self.who = found[:1]
-        self.note["speed_before"] = round(libsumo.vehicle.getSpeed(found[0]), 3)
-        libsumo.vehicle.setSpeedMode(found[0], _UNCHECKED)
-        libsumo.vehicle.setLaneChangeMode(found[0], _KEEPS_LANE)
+        self.who = names[:1]
+        self.note["speed_before"] = round(libsumo.vehicle.getSpeed(names[0]), 3)
+        libsumo.vehicle.setSpeedMode(names[0], _UNCHECKED)
+        libsumo.vehicle.setLaneChangeMode(names[0], _KEEPS_LANE)
         return True
 
     def _go_on(self, now_s: float, step_s: float) -> None:
@@ -141,23 +141,23 @@ class Collision(Staged):
                 continue
             leader = ahead[0]
             same = libsumo.vehicle.getLaneID(leader) == libsumo.vehicle.getLaneID(name)
-            aside = abs(
+            lateral_m = abs(
                 libsumo.vehicle.getLateralLanePosition(leader)
                 - libsumo.vehicle.getLateralLanePosition(name)
             )
-            if not same or aside > 0.6:
+            if not same or lateral_m > 0.6:
                 continue
             self.who = [name, leader]
-            for one in self.who:
-                libsumo.vehicle.setSpeedMode(one, _UNCHECKED)
-                libsumo.vehicle.setLaneChangeMode(one, _KEEPS_LANE)
+            for participant in self.who:
+                libsumo.vehicle.setSpeedMode(participant, _UNCHECKED)
+                libsumo.vehicle.setLaneChangeMode(participant, _KEEPS_LANE)
             self.note["speed_before"] = round(libsumo.vehicle.getSpeed(name), 3)
             return True
         return False
 
     def _go_on(self, now_s: float, step_s: float) -> None:
         follower, leader = self.who
-        speeds = [libsumo.vehicle.getSpeed(one) for one in self.who]
+        speeds = [libsumo.vehicle.getSpeed(participant) for participant in self.who]
         if self.touched_s < 0:
             braked = max(speeds[1] - self.told["deceleration"] * step_s, 0.0)
             libsumo.vehicle.setSpeed(leader, braked)
@@ -176,8 +176,8 @@ class Collision(Staged):
                     libsumo.vehicle.setSpeed(follower, max(gap, 0.0) / step_s + braked)
         else:
             self.common = max(self.common - _SLIDING_MS2 * step_s, 0.0)
-            for one in self.who:
-                libsumo.vehicle.setSpeed(one, self.common)
+            for participant in self.who:
+                libsumo.vehicle.setSpeed(participant, self.common)
 
 
 class RedLight(Staged):
@@ -193,13 +193,13 @@ class RedLight(Staged):
     def _runs(self, lane: str) -> bool:
         """Return whether the first vehicle on a lane approaches a red signal; it then drives on."""
         length = libsumo.lane.getLength(lane)
-        found = [
+        vehicles = [
             (length - libsumo.vehicle.getLanePosition(name), int(name), name)
             for name in self._free(lane)
         ]
-        if not found:
+        if not vehicles:
             return False
-        to_line, _, name = min(found)
+        to_line, _, name = min(vehicles)
         speed = libsumo.vehicle.getSpeed(name)
         signals = libsumo.vehicle.getNextTLS(name)
         if not signals or signals[0][3] not in "rR":
@@ -264,7 +264,7 @@ class Stalled(Staged):
 
         If the lane is short, they are still on the road before it when they have to brake.
         """
-        found = []
+        vehicles = []
         for name in filter(str.isdigit, libsumo.vehicle.getIDList()):
             if name in self.taken or libsumo.vehicle.getSpeed(name) <= _SLOWEST_MS:
                 continue
@@ -278,8 +278,8 @@ class Stalled(Staged):
                 name, edge, self.told["along_m"], int(number)
             )
             if 8.0 <= ahead <= _SEEN_M:
-                found.append((ahead, int(name), lane, name))
-        return [(lane, ahead, name) for ahead, _, lane, name in sorted(found)]
+                vehicles.append((ahead, int(name), lane, name))
+        return [(lane, ahead, name) for ahead, _, lane, name in sorted(vehicles)]
 
     def _go_on(self, now_s: float, step_s: float) -> None:
         name = self.who[0]
@@ -347,14 +347,17 @@ class Arrivals(Staged):
 
     def _look_ahead(self, name: str) -> None:
         """Record vehicles that make way for a blue light, and signals passed at red."""
-        road, at = libsumo.vehicle.getRoadID(name), libsumo.vehicle.getLanePosition(name)
+        road, position_m = libsumo.vehicle.getRoadID(name), libsumo.vehicle.getLanePosition(name)
         for other in libsumo.edge.getLastStepVehicleIDs(road):
-            if other == name or not 0 < libsumo.vehicle.getLanePosition(other) - at < _HEARS_M:
+            if (
+                other == name
+                or not 0 < libsumo.vehicle.getLanePosition(other) - position_m < _HEARS_M
+            ):
                 continue
-            aside = libsumo.vehicle.getLateralLanePosition(other)
+            lateral_m = libsumo.vehicle.getLateralLanePosition(other)
             lane = libsumo.vehicle.getLaneID(other)
-            first = self.first_aside.setdefault((other, lane), aside)
-            if abs(aside - first) >= _ASIDE_M:
+            first = self.first_aside.setdefault((other, lane), lateral_m)
+            if abs(lateral_m - first) >= _ASIDE_M:
                 self.made_way.add(other)
         self.note["made_way"] = len(self.made_way)
         if road.startswith(":"):
@@ -363,8 +366,8 @@ class Arrivals(Staged):
             self.signal = None
         else:
             ahead = libsumo.vehicle.getNextTLS(name)
-            near = ahead and ahead[0][2] < 15.0
-            self.signal = (ahead[0][0], ahead[0][3]) if near else None
+            is_near = ahead and ahead[0][2] < 15.0
+            self.signal = (ahead[0][0], ahead[0][3]) if is_near else None
 
 
 class Obstacle(Staged):
@@ -387,11 +390,11 @@ class Obstacle(Staged):
             self.note["along_m"] = [self.told["along_m"], round(end_m, 3)]
         # The lane is free, and no vehicle is too close to stop.
         for other in libsumo.lane.getLastStepVehicleIDs(self._lane):
-            at = libsumo.vehicle.getLanePosition(other)
+            position_m = libsumo.vehicle.getLanePosition(other)
             speed = libsumo.vehicle.getSpeed(other)
-            free_m = self.told["along_m"] - at
-            behind = at - libsumo.vehicle.getLength(other) - end_m
-            if free_m < speed * speed / (2 * _COMFORTABLE_MS2) + 3.0 and behind < 1.0:
+            free_m = self.told["along_m"] - position_m
+            behind_m = position_m - libsumo.vehicle.getLength(other) - end_m
+            if free_m < speed * speed / (2 * _COMFORTABLE_MS2) + 3.0 and behind_m < 1.0:
                 return False
         if name not in self._present():
             libsumo.vehicle.add(
@@ -465,12 +468,12 @@ class Staging:
         """Return the outcome of each event; times from SUMO's start."""
         return [
             {
-                "number": one.told["number"],
-                "state": one.state,
-                "trips": [int(name) for name in one.who if is_actor(name)],
-                "from_s": one.from_s,
-                "until_s": one.until_s,
-                "note": one.note,
+                "number": event.told["number"],
+                "state": event.state,
+                "trips": [int(name) for name in event.who if is_actor(name)],
+                "from_s": event.from_s,
+                "until_s": event.until_s,
+                "note": event.note,
             }
-            for one in self.events
+            for event in self.events
         ]

@@ -78,21 +78,21 @@ def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
     rails, whole = shapely.LineString(track.line[:, :2]), shapely.LineString(line)
     if rails.distance(whole) > REACH_M + CHORD_M2 * SHARPEST_PER_M:
         return []
-    at = np.linspace(0.0, whole.length, max(2, int(np.ceil(whole.length / STEP_M)) + 1))
-    points = shapely.line_interpolate_point(whole, at)
+    station_m = np.linspace(0.0, whole.length, max(2, int(np.ceil(whole.length / STEP_M)) + 1))
+    points = shapely.line_interpolate_point(whole, station_m)
     on_rails = shapely.line_locate_point(rails, points)
     swept = CHORD_M2 * np.interp(on_rails, *_bend(track.line[:, :2]))
-    near = shapely.distance(rails, points) <= REACH_M + swept
-    found = []
-    for run in np.split(np.arange(len(at)), np.flatnonzero(np.diff(near)) + 1):
-        if not near[run[0]]:
+    is_near = shapely.distance(rails, points) <= REACH_M + swept
+    zones = []
+    for run in np.split(np.arange(len(station_m)), np.flatnonzero(np.diff(is_near)) + 1):
+        if not is_near[run[0]]:
             continue
-        a, b = at[run[[0, -1]]]
+        a, b = station_m[run[[0, -1]]]
         c, d = on_rails[run].min(), on_rails[run].max()
-        along = np.diff(on_rails[run]) / max(float(at[1]), 1e-9)
+        along = np.diff(on_rails[run]) / max(float(station_m[1]), 1e-9)
         together = len(along) > 0 and bool(np.mean(along > SHARED_COS) > 0.9)
-        found.append([track.id, *np.round([a, b, c, d], 2).tolist(), together])
-    return found
+        zones.append([track.id, *np.round([a, b, c, d], 2).tolist(), together])
+    return zones
 
 
 def _bend(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -138,26 +138,28 @@ def _signals(
         if lane is None or lane.kind not in ("driving", "bus") or not link["straight"]:
             continue
         end, before = lane.centre[-1, :2], lane.centre[-2, :2]
-        at = rails.project(shapely.Point(end))
+        station_m = rails.project(shapely.Point(end))
         away = rails.distance(shapely.Point(end))
-        if away > BESIDE_M or not 0.5 < at < rails.length - 0.5:
+        if away > BESIDE_M or not 0.5 < station_m < rails.length - 0.5:
             continue
-        ahead = shapely.get_coordinates(rails.interpolate([at - 0.5, at + 0.5]))
+        ahead = shapely.get_coordinates(rails.interpolate([station_m - 0.5, station_m + 0.5]))
         turn = np.diff(ahead, axis=0)[0] @ (end - before)
         if turn > SHARED_COS * np.linalg.norm(np.diff(ahead, axis=0)) * np.linalg.norm(
             end - before
         ):
-            beside[link["program"]].append((float(away), float(at), link["link"]))
-    found = []
+            beside[link["program"]].append((float(away), float(station_m), link["link"]))
+    stops = []
     for program in sorted(crossing.keys() | beside.keys()):
         rows = sorted(crossing[program])
         own = sorted(beside[program])
         if own:
-            near = [
-                one for one in own if abs(one[1] - own[0][1]) < SAME_M and one[0] < own[0][0] + 4
+            same_stop = [
+                signal
+                for signal in own
+                if abs(signal[1] - own[0][1]) < SAME_M and signal[0] < own[0][0] + 4
             ]
             stop = own[0][1] - 0.5
-            found.append([round(stop, 2), program, sorted({x[2] for x in near}), []])
+            stops.append([round(stop, 2), program, sorted({x[2] for x in same_stop}), []])
         elif rows and (stop := rows[0][0] - BEFORE_M) > 1.0:
-            found.append([round(stop, 2), program, [], sorted({row[2] for row in rows})])
-    return sorted(found)
+            stops.append([round(stop, 2), program, [], sorted({row[2] for row in rows})])
+    return sorted(stops)

@@ -56,12 +56,12 @@ class _Tram:
         self.length = libsumo.vehicle.getLength(name)
         self.speed = libsumo.vehicle.getSpeed(name)
         self.nose = np.array(libsumo.vehicle.getPosition(name))
-        at = libsumo.vehicle.getLanePosition(name)
+        lane_position_m = libsumo.vehicle.getLanePosition(name)
         first = index
-        behind = self.length + 5.0 - at
-        while behind > 0 and first > 0:
+        left_m = self.length + 5.0 - lane_position_m
+        while left_m > 0 and first > 0:
             first -= 1
-            behind -= tracks[route[first]][1][-1]
+            left_m -= tracks[route[first]][1][-1]
         points: list[Floats] = []
         self.starts: dict[str, float] = {}
         total, k = 0.0, first
@@ -71,7 +71,7 @@ class _Tram:
             # Of a track that occurs twice, the part near the front counts.
             self.starts[route[k]] = total
             if k == index:
-                self.front = total + at
+                self.front = total + lane_position_m
             points.append(line if not points else line[1:])
             total += along[-1]
             k += 1
@@ -90,12 +90,12 @@ class _Tram:
     def locate(self, points: Floats) -> tuple[Floats, Floats]:
         """Return positions along the path and lateral distances of points (M, 2)."""
         rel = points[:, None] - self.line[None, :-1]
-        at = np.clip((rel * self.unit[None]).sum(axis=2), 0.0, self.legs[None])
-        off = rel - at[..., None] * self.unit[None]
+        station_m = np.clip((rel * self.unit[None]).sum(axis=2), 0.0, self.legs[None])
+        off = rel - station_m[..., None] * self.unit[None]
         away = np.hypot(off[..., 0], off[..., 1])
         best = away.argmin(axis=1)
         rows = np.arange(len(points))
-        return self.along[best] + at[rows, best], away[rows, best]
+        return self.along[best] + station_m[rows, best], away[rows, best]
 
 
 class Trams:
@@ -144,11 +144,11 @@ class Trams:
         trams = {tram.name for tram in now}
         for tram in seen:
             self._obey_signals(tram, step_s)
-            near = np.flatnonzero(np.hypot(*(places - tram.nose).T) < AROUND_M)
-            in_way = self._vehicles_ahead(tram, [names[k] for k in near], trams)
+            nearby = np.flatnonzero(np.hypot(*(places - tram.nose).T) < AROUND_M)
+            in_way = self._vehicles_ahead(tram, [names[k] for k in nearby], trams)
             waiting |= self._people(tram, people, where)
             reserved = self._reserved(tram)
-            for k in near.tolist():
+            for k in nearby.tolist():
                 name = names[k]
                 if name in trams:
                     continue
@@ -183,9 +183,9 @@ class Trams:
     def _is_out(self, name: str) -> bool:
         if libsumo.vehicle.getRoadID(name) not in self.outer:
             return False
-        at, length = libsumo.vehicle.getLanePosition(name), libsumo.vehicle.getLength(name)
+        position_m, length = libsumo.vehicle.getLanePosition(name), libsumo.vehicle.getLength(name)
         lane = libsumo.vehicle.getLaneID(name)
-        return bool(at > length and libsumo.lane.getLength(lane) - at > AHEAD_M)
+        return bool(position_m > length and libsumo.lane.getLength(lane) - position_m > AHEAD_M)
 
     def _obey_signals(self, tram: _Tram, step_s: float) -> None:
         """Stop a tram at signals; one that was passed no longer counts on the same junction."""
@@ -219,37 +219,41 @@ class Trams:
 
     def _vehicles_ahead(self, tram: _Tram, names: list[str], trams: set[str]) -> set[str]:
         """Limit a tram's free distance by vehicles in its way; return their names."""
-        found = set()
+        in_way = set()
         for name in names:
             if name == tram.name:
                 continue
             body = self._body(name, name in trams)
-            at, away = tram.locate(body)
-            half = np.interp(at, tram.along, tram.half) + (
+            station_m, away = tram.locate(body)
+            half = np.interp(station_m, tram.along, tram.half) + (
                 libsumo.vehicle.getWidth(name) / 2 - 0.25 if name in trams else 0.0
             )
-            inside = (away < half) & (at > tram.front - 1.0) & (at < tram.front + AHEAD_M)
+            inside = (
+                (away < half) & (station_m > tram.front - 1.0) & (station_m < tram.front + AHEAD_M)
+            )
             if not inside.any():
                 continue
-            found.add(name)
-            gap = float(at[inside].min()) - tram.front - GAP_M
+            in_way.add(name)
+            gap = float(station_m[inside].min()) - tram.front - GAP_M
             # A vehicle driving ahead moves on; a crossing one does not.
             yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
-            k = int(np.searchsorted(tram.along[:-1], at[inside].min(), "right")) - 1
+            k = int(np.searchsorted(tram.along[:-1], station_m[inside].min(), "right")) - 1
             along = float(tram.unit[k] @ np.array([math.cos(yaw), math.sin(yaw)]))
             speed = libsumo.vehicle.getSpeed(name) * max(along, 0.0)
             if along > 0.9:
                 gap = max(gap, 0.0) + speed**2 / (2 * CAR_BRAKING)
                 tram.room = min(tram.room, gap)
             tram.free = min(tram.free, max(gap, 0.0))
-        return found
+        return in_way
 
     def _body(self, name: str, is_tram: bool) -> Floats:
         """Return points (M, 2) around a vehicle, or along the middle of a tram."""
         if is_tram:
             other = _Tram(name, self.tracks)
-            at = np.linspace(max(other.front - other.length, 0.0), other.front, 24)
-            return np.column_stack([np.interp(at, other.along, other.line[:, k]) for k in (0, 1)])
+            station_m = np.linspace(max(other.front - other.length, 0.0), other.front, 24)
+            return np.column_stack(
+                [np.interp(station_m, other.along, other.line[:, k]) for k in (0, 1)]
+            )
         x, y = libsumo.vehicle.getPosition(name)
         yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
         length, half = libsumo.vehicle.getLength(name), libsumo.vehicle.getWidth(name) / 2
@@ -263,12 +267,12 @@ class Trams:
 
     def _people(self, tram: _Tram, people: list[str], where: Floats) -> set[str]:
         """Brake for pedestrians on the rails; return those that wait until a tram has passed."""
-        near = np.flatnonzero(np.hypot(*(where - tram.nose).T) < AROUND_M)
-        if not len(near):
+        nearby = np.flatnonzero(np.hypot(*(where - tram.nose).T) < AROUND_M)
+        if not len(nearby):
             return set()
-        at, away = tram.locate(where[near])
+        station_m, away = tram.locate(where[nearby])
         waits = set()
-        for k, along, off in zip(near.tolist(), at.tolist(), away.tolist(), strict=True):
+        for k, along, off in zip(nearby.tolist(), station_m.tolist(), away.tolist(), strict=True):
             ahead = along - tram.front
             if off > 4.0 or not -tram.length - 1.0 < ahead < AHEAD_M:
                 continue
@@ -289,15 +293,15 @@ class Trams:
 
     def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
         """Return, by lane, the stretches that a tram occupies now or soon."""
-        found: dict[str, list[Any]] = {}
+        reserved: dict[str, list[Any]] = {}
         reach = tram.front + min(tram.room, tram.speed * COMING_S + 12.0)
         if tram.stops:
             reach = tram.front
         for edge, start in tram.starts.items():
             for lane, (_, a, b, c, d, together) in self.on_track.get(edge, ()):
                 if start + d > tram.front - tram.length - 0.5 and start + c < reach + 1.0:
-                    found.setdefault(lane, []).append((a, b, start + c, start + d, together))
-        return found
+                    reserved.setdefault(lane, []).append((a, b, start + c, start + d, together))
+        return reserved
 
     def _most(  # noqa: PLR0912 - all effects of a tram on others
         self, tram: _Tram, name: str, reserved: dict[str, list[Any]], in_way: bool
@@ -307,16 +311,16 @@ class Trams:
         tail = tram.front - tram.length
         most = math.inf
         crossed: list[_Stretch] = []
-        for one, offset in self._way_of(name):
-            for a, b, c, d, together in reserved.get(one, ()):
+        for lane, offset in self._way_of(name):
+            for a, b, c, d, together in reserved.get(lane, ()):
                 if not (together and c < tram.front and offset + b > 0) or in_way:
                     continue
                 # Behind a tram: follow its tail.
                 gap = offset + a + (tail - c) * (b - a) / max(d - c, 0.1) - GAP_M
                 if gap + GAP_M > -0.5:
                     most = min(most, _safe(max(gap, 0.0), tram.speed, CAR_BRAKING))
-            taken = [row[:3] for row in reserved.get(one, ())]
-            for row in self.zones.get(one, ()):
+            taken = [row[:3] for row in reserved.get(lane, ())]
+            for row in self.zones.get(lane, ()):
                 trams_at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
                 if row[5] and trams_at:
                     continue
@@ -336,31 +340,31 @@ class Trams:
                 if begin - 0.2 > speed**2 / (2.6 * CAR_BRAKING):
                     most = min(most, _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
                     continue
-            for first, _, is_taken, at in group:
+            for first, _, is_taken, station_m in group:
                 if not is_taken:
                     continue
                 if first < 0.3:
                     continue  # already on the rails, where the tram reacts to it
                 if first > speed**2 / (2 * CAR_HARDEST):
                     most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
-                elif at > tram.front:
-                    tram.free = min(tram.free, max(at - tram.front - 1.0, 0.0))
+                elif station_m > tram.front:
+                    tram.free = min(tram.free, max(station_m - tram.front - 1.0, 0.0))
         return None if most == math.inf else most
 
     def _way_of(self, name: str) -> list[tuple[str, float]]:
         """Return the lanes of a vehicle's path with the distance to the start of each."""
         lane = str(libsumo.vehicle.getLaneID(name))
         offset = -float(libsumo.vehicle.getLanePosition(name))
-        found = [(lane, offset)]
+        lanes = [(lane, offset)]
         links: Any = libsumo.vehicle.getNextLinks(name)
         for link in links:
             for following in filter(None, (link[4], link[0])):
                 offset += libsumo.lane.getLength(lane)
                 if offset > WAY_M:
-                    return found
+                    return lanes
                 lane = following
-                found.append((lane, offset))
-        return found
+                lanes.append((lane, offset))
+        return lanes
 
     def _room(self, name: str) -> float:
         """Return the distance to a standing vehicle ahead, metres; infinite without one."""
@@ -371,22 +375,22 @@ class Trams:
 
     def _beside(self, tram: _Tram, name: str, place: Floats) -> set[str]:
         """Return the vehicle if it drives beside a tram."""
-        at, away = tram.locate(place[None])
-        ahead = float(at[0]) - tram.front
+        station_m, away = tram.locate(place[None])
+        ahead = float(station_m[0]) - tram.front
         return {name} if float(away[0]) < 7.0 and -tram.length - 8.0 < ahead < 12.0 else set()
 
 
 def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
     """Return stretches of a path in groups between which there is no room for a car."""
-    found: list[list[_Stretch]] = []
+    groups: list[list[_Stretch]] = []
     for row in sorted(rows):
         if row[1] < 0:
             continue
-        if found and row[0] < max(one[1] for one in found[-1]) + ROOM_M:
-            found[-1].append(row)
+        if groups and row[0] < max(stretch[1] for stretch in groups[-1]) + ROOM_M:
+            groups[-1].append(row)
         else:
-            found.append([row])
-    return found
+            groups.append([row])
+    return groups
 
 
 def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:

@@ -136,8 +136,8 @@ class Watch:
 
         Two-wheelers that overtake halfway on another lane would otherwise stand for ever.
         """
-        aside = abs(libsumo.vehicle.getLateralLanePosition(name)) > ASIDE_M
-        if halt_s > WEDGED_S and aside and name not in self.freed:
+        is_beside = abs(libsumo.vehicle.getLateralLanePosition(name)) > ASIDE_M
+        if halt_s > WEDGED_S and is_beside and name not in self.freed:
             libsumo.vehicle.setParameter(name, SIDEWAYS, SLIDES_MS)
             self.freed.add(name)
 
@@ -156,12 +156,12 @@ class Watch:
 
     def _back_to_usual(self) -> None:
         """Restore SUMO's control of freed and unlocked vehicles once they move on."""
-        there = set(libsumo.vehicle.getIDList())
-        for name in self.freed & there:
+        present = set(libsumo.vehicle.getIDList())
+        for name in self.freed & present:
             if libsumo.vehicle.getSpeed(name) > 1.0:
                 libsumo.vehicle.setParameter(name, SIDEWAYS, "0")
                 self.freed.discard(name)
-        for name in self.unlocked & there:
+        for name in self.unlocked & present:
             if not libsumo.vehicle.getRoadID(name).startswith(":"):
                 libsumo.vehicle.setSpeedMode(name, USUAL_CHECKS)
                 libsumo.vehicle.setSpeed(name, -1)
@@ -232,12 +232,12 @@ class Recorder:
 
     def _write_header(self) -> None:
         """Write the header with the number of rows; NumPy reserves space for its growth."""
-        told = {
+        header = {
             "descr": np.lib.format.dtype_to_descr(np.dtype(TYPES)),
             "fortran_order": False,
             "shape": (self.count,),
         }
-        np.lib.format.write_array_header_1_0(self.file, told)
+        np.lib.format.write_array_header_1_0(self.file, header)
 
     def write(
         self,

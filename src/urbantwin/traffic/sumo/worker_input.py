@@ -44,17 +44,17 @@ def curves_of(net_path: Path) -> dict[str, Any]:
 
     In SUMO a lane has one speed, although a street with a curve is not slow throughout.
     """
-    found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
+    curves: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
     root = _root_of(net_path)
     if root is None:
-        return found
+        return curves
     limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
-    found["speeds"] = {
+    curves["speeds"] = {
         name: np.round(speeds, 2).tolist()
         for name, speeds in lane_speeds(root).items()
         if speeds.min() < _FASTEST * limit[name]
     }
-    return found
+    return curves
 
 
 def one_lane_streets(net_path: Path) -> dict[str, Any]:

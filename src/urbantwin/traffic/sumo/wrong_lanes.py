@@ -30,9 +30,9 @@ def go_on(name: str, halt_s: float) -> None:
     far = libsumo.lane.getLength(lane) - vehicle.getLanePosition(name) > NEAR_M
     if far and halt_s < LONG_S:
         return
-    if any(one[0] == lane and one[4] for one in vehicle.getBestLanes(name)):
+    if any(lane_option[0] == lane and lane_option[4] for lane_option in vehicle.getBestLanes(name)):
         return
-    at, route = vehicle.getRouteIndex(name), vehicle.getRoute(name)
+    route_index, route = vehicle.getRouteIndex(name), vehicle.getRoute(name)
     # A vehicle with own parameters has a type of its own, which ``findRoute`` does not know.
     kind = vehicle.getTypeID(name).removesuffix(f"@{name}")
     best: tuple[float, tuple[str, ...]] | None = None
@@ -42,9 +42,9 @@ def go_on(name: str, halt_s: float) -> None:
             link[0]
         ):
             continue
-        for rest in range(at + 1, min(at + 1 + AHEAD, len(route))):
-            found = libsumo.simulation.findRoute(first, route[rest], kind)
-            if found.edges and (best is None or found.travelTime < best[0]):
-                best = found.travelTime, (*found.edges, *route[rest + 1 :])
+        for rest in range(route_index + 1, min(route_index + 1 + AHEAD, len(route))):
+            detour = libsumo.simulation.findRoute(first, route[rest], kind)
+            if detour.edges and (best is None or detour.travelTime < best[0]):
+                best = detour.travelTime, (*detour.edges, *route[rest + 1 :])
     if best is not None:
-        vehicle.setRoute(name, [route[at], *best[1]])
+        vehicle.setRoute(name, [route[route_index], *best[1]])
