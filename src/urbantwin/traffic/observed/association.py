@@ -63,8 +63,8 @@ class SeenTrack:
         kind = one.detected_class
         if kind != last.detected_class:
             return NEVER
-        way = one.middle - last.middle
-        gone = float(np.linalg.norm(way))
+        step = one.middle - last.middle
+        gone = float(np.linalg.norm(step))
         large = kind is None and max(one.diagonal, last.diagonal) > LARGE_M
         on_foot = kind == "pedestrian"
         if kind is None:
@@ -82,14 +82,14 @@ class SeenTrack:
         ):
             return NEVER
         if large and gone > 2 * ERROR_M:
-            heading = np.arctan2(way[1], way[0])
+            heading = np.arctan2(step[1], step[0])
             for each in (one, last):
                 off = abs(float(wrapped(2 * (heading - each.long_way)))) / 2
                 if each.diagonal > LARGE_M and off > ALONG:
                     return NEVER
         if self.velocity is None:
             return gone / 2 + abs(one.diagonal - last.diagonal) + taller
-        off = float(np.linalg.norm(way - self.velocity * seconds))
+        off = float(np.linalg.norm(step - self.velocity * seconds))
         return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
     @property
@@ -133,30 +133,30 @@ def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list
     """
     done: list[SeenTrack] = []
     active: list[SeenTrack] = []
-    at, group = times.time_s, times.group()
+    times_s, group = times.time_s, times.group()
     for number, objects in enumerate(frames):
         followed, stood = list[SeenTrack](), list[SeenTrack]()
-        for one in active:
-            last = one.seen[-1].frame
+        for track in active:
+            last = track.seen[-1].frame
             here = group[last] == group[number]
-            kept = number - last <= LOST + 1 and (here or one.stands)
-            (done if not kept else followed if here else stood).append(one)
+            stays_open = number - last <= LOST + 1 and (here or track.stands)
+            (done if not stays_open else followed if here else stood).append(track)
         active = followed + stood
         taken = set[int]()
         if active and objects:
-            since = [float(at[number] - at[one.seen[-1].frame]) for one in active]
+            since = [float(times_s[number] - times_s[track.seen[-1].frame]) for track in active]
             cost = np.array(
                 [
                     *(
-                        [one.cost(each, s) for each in objects]
-                        for one, s in zip(followed, since, strict=False)
+                        [track.cost(item, s) for item in objects]
+                        for track, s in zip(followed, since, strict=False)
                     ),
-                    *([one.cost_standing(each) for each in objects] for one in stood),
+                    *([track.cost_standing(item) for item in objects] for track in stood),
                 ]
             )
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < NEVER:
                     active[row].add(objects[column], since[row])
                     taken.add(int(column))
-        active += [SeenTrack([one]) for k, one in enumerate(objects) if k not in taken]
+        active += [SeenTrack([item]) for k, item in enumerate(objects) if k not in taken]
     return done + active

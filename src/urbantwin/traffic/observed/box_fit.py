@@ -69,7 +69,7 @@ def with_points(
         points: (N, 3) points above the ground, metres.
     """
     free = np.ones(len(points), np.bool_)
-    for actor in sorted(actors, key=lambda one: (-one.score, *one.place)):
+    for actor in sorted(actors, key=lambda detection: (-detection.score, *detection.place)):
         length, width, _ = actor.size
         column = np.array([*actor.place, 0.0, length, width, np.inf, actor.yaw])
         inside = points_in_box(points, column, BESIDE_M)
@@ -197,10 +197,10 @@ def unseen_above(
     """
     passes = np.inf
     here = above <= top
-    for one in np.unique(sensor[here]):
-        mine = here & (sensor == one)
-        rings = np.unique(ring[mine])
-        tops = np.sort([above[mine & (ring == each)].max() for each in rings])
+    for number in np.unique(sensor[here]):
+        from_sensor = here & (sensor == number)
+        rings = np.unique(ring[from_sensor])
+        tops = np.sort([above[from_sensor & (ring == each)].max() for each in rings])
         if len(tops) > 1 and (over := 2 * tops[-1] - tops[-2]) > top:
             passes = min(passes, over)
     return float(min(passes - top, UNSEEN_M) / 2) if np.isfinite(passes) else 0.0
@@ -221,9 +221,9 @@ def fitted_yaw(
     yaws = np.arange(-within, within - 1e-9, STEP) + (np.pi / 4 if near is None else near)
     c, s = np.cos(yaws), np.sin(yaws)
     along = points[:, :1] * c + points[:, 1:] * s
-    aside = -points[:, :1] * s + points[:, 1:] * c
+    across = -points[:, :1] * s + points[:, 1:] * c
     gaps = []
-    for each in (along, aside):
+    for each in (along, across):
         to_low, to_high = each - each.min(axis=0), each.max(axis=0) - each
         nearer = np.linalg.norm(to_low, axis=0) < np.linalg.norm(to_high, axis=0)
         gaps.append(np.where(nearer, to_low, to_high))

@@ -48,9 +48,9 @@ def _parted(
         for north in range(reach + 1):
             grid[cell[:, 0] + east, cell[:, 1] + north] = True
     number, _ = label(grid, np.ones((3, 3)))
-    found = number[cell[:, 0], cell[:, 1]]
-    order = np.argsort(found, kind="stable")
-    starts = np.flatnonzero(np.diff(found[order])) + 1
+    component = number[cell[:, 0], cell[:, 1]]
+    order = np.argsort(component, kind="stable")
+    starts = np.flatnonzero(np.diff(component[order])) + 1
     for part in np.split(rows[order], starts):
         if len(part) < LEAST:
             continue

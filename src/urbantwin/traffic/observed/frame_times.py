@@ -73,10 +73,10 @@ def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
         rows = list(csv.DictReader(file.read_text("utf-8-sig").splitlines(), strict=True))
     except (OSError, UnicodeDecodeError, csv.Error):
         raise InputError("cannot be read", file=file, expected=_EXPECTED) from None
-    column = next((one for one in _SECONDS if rows and one in rows[0]), None)
+    column = next((name for name in _SECONDS if rows and name in rows[0]), None)
     if column is None or "frame" not in rows[0]:
         raise InputError("lacks columns or rows", file=file, expected=_EXPECTED)
-    told: dict[str, float] = {}
+    seconds_of: dict[str, float] = {}
     for line, row in enumerate(rows, 2):
         try:
             seconds = float(row[column])
@@ -85,12 +85,12 @@ def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
         if not abs(seconds) < _MOST_S:
             place = f"line {line}"
             raise InputError("has no time", file=file, place=place, expected="seconds")
-        told.setdefault(_name(row["frame"] or ""), seconds)
-    missing = [name for name in names if _name(name) not in told]
+        seconds_of.setdefault(_name(row["frame"] or ""), seconds)
+    missing = [name for name in names if _name(name) not in seconds_of]
     if missing:
         raise InputError(f"does not say when frame {missing[0]} was taken", file=file,
                          expected=_EXPECTED)  # fmt: skip
-    time_s = np.array([told[_name(name)] for name in names])
+    time_s = np.array([seconds_of[_name(name)] for name in names])
     passed = np.diff(time_s)
     if (back := np.flatnonzero(passed <= 0)).size:
         raise InputError(

@@ -46,23 +46,23 @@ class LanesBeneath:
 
     def headings(self, place: NDArray[np.float64], kinds: Sequence[str]) -> list[float]:
         """Return the driving directions at a point (2,), radians."""
-        found = []
+        yaws = []
         for number in sorted(self._tree.query(shapely.Point(place), predicate="intersects")):
             lane = self._lanes[number]
             if lane.kind in kinds:
                 k = int(np.linalg.norm(lane.centre[:, :2] - place, axis=1).argmin())
                 k = min(max(k, 1), len(lane.centre) - 1)
                 ahead = lane.centre[k, :2] - lane.centre[k - 1, :2]
-                found.append(float(np.arctan2(ahead[1], ahead[0])))
-        return found
+                yaws.append(float(np.arctan2(ahead[1], ahead[0])))
+        return yaws
 
     def lane_heading(self, place: NDArray[np.float64], yaw: float) -> float | None:
         """Return the driving direction at a point, if known, nearest to ``yaw``."""
         streets = self.headings(place, ("driving",))
-        ways = streets or self.headings(place, ("connection",))
-        if not ways:
+        yaws = streets or self.headings(place, ("connection",))
+        if not yaws:
             return None
         # Fitted sides have no front: headings are compared modulo half a turn.
-        gap = [abs(float(wrapped(2 * (way - yaw))) / 2) for way in ways]
+        gap = [abs(float(wrapped(2 * (lane_yaw - yaw))) / 2) for lane_yaw in yaws]
         best = int(np.argmin(gap))
-        return ways[best] if streets or gap[best] < SAME else None
+        return yaws[best] if streets or gap[best] < SAME else None

@@ -51,19 +51,19 @@ def looked_through(
         deep_m: half depth, metres.
     """
     through, met = 0, 0
-    for number, at in enumerate(sensors):
-        way = place - at[:2]
-        distance = float(np.linalg.norm(way))
+    for number, origin in enumerate(sensors):
+        to_place = place - origin[:2]
+        distance = float(np.linalg.norm(to_place))
         if distance < 2 * deep_m:
             continue
-        ahead = way / distance
-        seen = frame.points[frame.sensor == number] - at
+        ahead = to_place / distance
+        seen = frame.points[frame.sensor == number] - origin
         along = seen[:, :2] @ ahead
         seen, along = seen[along > distance - deep_m], along[along > distance - deep_m]
         share = distance / along
-        aside = np.abs(seen[:, 1] * ahead[0] - seen[:, 0] * ahead[1]) * share
-        above = at[2] + seen[:, 2] * share - ground_m
-        here = (aside < beside_m) & (above > _LOW_M) & (above < _HIGH_M)
+        lateral_m = np.abs(seen[:, 1] * ahead[0] - seen[:, 0] * ahead[1]) * share
+        above = origin[2] + seen[:, 2] * share - ground_m
+        here = (lateral_m < beside_m) & (above > _LOW_M) & (above < _HIGH_M)
         beyond = along > distance + deep_m
         through += int((here & beyond).sum())
         met += int((here & ~beyond).sum())
@@ -112,12 +112,12 @@ def parts_in_sight(
         nobody: returns whether no vehicle can have been at a place (2,) in a frame, by its number.
     """
     first = 0
-    for k, (last, one) in enumerate(zip(track.seen, track.seen[1:], strict=False), 1):
-        if min(last.diagonal, one.diagonal) <= LARGE_M:
+    for k, (last, current) in enumerate(zip(track.seen, track.seen[1:], strict=False), 1):
+        if min(last.diagonal, current.diagonal) <= LARGE_M:
             continue
-        steps = one.frame - last.frame
+        steps = current.frame - last.frame
         between = (
-            (last.frame + step, last.middle + step / steps * (one.middle - last.middle))
+            (last.frame + step, last.middle + step / steps * (current.middle - last.middle))
             for step in range(1, steps)
         )
         if any(nobody(*moment) for moment in between):

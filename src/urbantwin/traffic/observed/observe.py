@@ -94,9 +94,11 @@ def observe(
     looks = Looks(frames, between(tell, 0.0, 0.5))
     looks.check_standing()
     still = [~looks.moving(frames.read(k)) for k in range(len(frames))]
-    share = max(1, sum(int(one.sum()) for one in still) // (GROUND_POINTS * 12))
+    share = max(1, sum(int(is_still.sum()) for is_still in still) // (GROUND_POINTS * 12))
     ground = recorded_ground(
-        np.concatenate([frames.read(k).points[one][::share] for k, one in enumerate(still)])
+        np.concatenate(
+            [frames.read(k).points[is_still][::share] for k, is_still in enumerate(still)]
+        )
     )
     lanes = LanesBeneath(network) if network is not None else None
     stand = np.array([sensor.place for sensor in frames.sensors])
@@ -104,8 +106,8 @@ def observe(
     for number in each(range(len(frames)), between(tell, 0.5, 0.9), "objects"):
         frame = frames.read(number)
         boxes = detected[number] if detected is not None else None
-        found, moving = _objects(number, frame, ~still[number], ground, lanes, stand, boxes)
-        objects.append(found)
+        seen_objects, moving = _objects(number, frame, ~still[number], ground, lanes, stand, boxes)
+        objects.append(seen_objects)
         trails.append(moving)
     tell(0.9, "tracks")
 
@@ -116,12 +118,12 @@ def observe(
         times = found_times(objects, rate_hz)
     tracks = [
         observed_track(part.seen, lanes, times.time_s, small=detected is None)
-        for one in tracks_of(objects, times)
-        for part in parts_in_sight(one, nobody)
+        for track in tracks_of(objects, times)
+        for part in parts_in_sight(track, nobody)
     ]
-    kept = [one for one in tracks if one is not None]
+    actors = [track for track in tracks if track is not None]
     return Observation(
-        tuple(sorted(kept, key=lambda one: (one.frames[0], tuple(one.boxes[0])))),
+        tuple(sorted(actors, key=lambda track: (track.frames[0], tuple(track.boxes[0])))),
         ground,
         np.concatenate(trails),
         times,
@@ -146,13 +148,13 @@ def _objects(
         of = np.bincount(np.maximum(frame.sensor[rows], 0), minlength=len(sensors))
         most = int(of.argmax())
         plan = frame.points[rows, :2]
-        stands = beneath_gap(above[rows])
+        heights = beneath_gap(above[rows])
         yaw = fitted_yaw(plan)
-        one = SeenObject(
+        item = SeenObject(
             number,
             plan,
-            float(np.quantile(stands, 0.98)),
-            highest(stands),
+            float(np.quantile(heights, 0.98)),
+            highest(heights),
             float(np.quantile(above[rows], 0.02)),
             sensors[most, :2],
             float(moves[rows].mean()),
@@ -160,15 +162,15 @@ def _objects(
             actor,
             silhouette(plan, above[rows], yaw) if detected is None else None,
         )
-        if actor is not None or one.diagonal <= LARGE_M:
-            over = unseen_above(above[rows], frame.sensor[rows], frame.ring[rows], one.highest)
-            return replace(one, highest=one.highest + over)
-        own, below = plan[frame.sensor[rows] == most], _height(ground, one.middle)
-        return replace(one, length=seen_length(own, one.long_way, frame, sensors, below))
+        if actor is not None or item.diagonal <= LARGE_M:
+            over = unseen_above(above[rows], frame.sensor[rows], frame.ring[rows], item.highest)
+            return replace(item, highest=item.highest + over)
+        own, below = plan[frame.sensor[rows] == most], _height(ground, item.middle)
+        return replace(item, length=seen_length(own, item.long_way, frame, sensors, below))
 
-    found, theirs = [], np.zeros(len(above), np.bool_)
+    objects, theirs = [], np.zeros(len(above), np.bool_)
     for actor, rows in with_points(detected or (), frame.points[rises]):
-        found.append(seen(rises[rows], actor))
+        objects.append(seen(rises[rows], actor))
         theirs[rises[rows]] = True
     left = rises[~theirs[rises]]
     wanted = moves[left]
@@ -179,10 +181,10 @@ def _objects(
         rows = left[part]
         group = apart(frame.points[rows, :2], above[rows]) if detected is None else []
         for own in group or [np.arange(len(rows))]:
-            one = seen(rows[own])
-            if one.top >= LEAST_TOP_M:
-                found.append(one)
-    return found, np.column_stack([trail[:, :2], np.full(len(trail), float(number))])
+            item = seen(rows[own])
+            if item.top >= LEAST_TOP_M:
+                objects.append(item)
+    return objects, np.column_stack([trail[:, :2], np.full(len(trail), float(number))])
 
 
 def _height(ground: RecordedGround, place: NDArray[np.float64]) -> float:

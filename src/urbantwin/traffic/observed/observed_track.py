@@ -98,28 +98,28 @@ def observed_track(
         time_s: (N,) times of all frames, seconds.
         small: classify pedestrians and riders by size; else only the detector's actors are such.
     """
-    frames = np.array([one.frame for one in seen])
-    middles = np.array([one.middle for one in seen])
+    frames = np.array([item.frame for item in seen])
+    middles = np.array([item.middle for item in seen])
     velocity = _velocities(time_s[frames], middles)
-    moving = float(np.mean([one.moves for one in seen]))
+    moving = float(np.mean([item.moves for item in seen]))
     moves = moving > 0.5
     if seen[0].actor is not None:
         return _detected_track(seen, frames, velocity) if moves else None
-    top = float(np.median([one.top for one in seen]))
+    top = float(np.median([item.top for item in seen]))
     speeds = np.linalg.norm(velocity, axis=1)
     speed = float(np.median(speeds))
     yaws = _headings(seen, middles, velocity, lanes)
     low, high = (
         np.array(each)
         for each in zip(
-            *(extents(one.points, yaw) for one, yaw in zip(seen, yaws, strict=True)), strict=True
+            *(extents(item.points, yaw) for item, yaw in zip(seen, yaws, strict=True)), strict=True
         )
     )
     spans = high - low
     length, width = np.quantile(spans, 0.75, axis=0)
-    whole = np.array([_both_flanks(one, yaw) for one, yaw in zip(seen, yaws, strict=True)])
+    whole = np.array([_both_flanks(item, yaw) for item, yaw in zip(seen, yaws, strict=True)])
     on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
-    outlines = [one.silhouette for one in seen if one.silhouette is not None]
+    outlines = [item.silhouette for item in seen if item.silhouette is not None]
     rides = outlines.count("bicycle") > len(outlines) / 2
     if len(outlines) > len(seen) / 2 and (moves or (rides and on_lane)):
         name: str | None = "bicycle" if rides else "pedestrian"
@@ -129,7 +129,7 @@ def observed_track(
     if name in SMALL and (
         not small
         or (gone < GONE_M and moving < SURELY and "bicycle" not in outlines)
-        or min(one.bottom for one in seen) > OFF_GROUND_M
+        or min(item.bottom for item in seen) > OFF_GROUND_M
         or not SHORT_M < top < TALL_M
     ):
         return None
@@ -140,7 +140,7 @@ def observed_track(
     usual = USUAL[name]
     # For people the expected height above the highest ring is included, so that the median is
     # unbiased.
-    height = float(np.quantile([one.highest for one in seen], 0.5 if name in SMALL else 0.75))
+    height = float(np.quantile([item.highest for item in seen], 0.5 if name in SMALL else 0.75))
     if whole.any():
         # The median of these frames, which show both flanks; sensors that are not synchronised see
         # a moving vehicle at several places.
@@ -148,7 +148,7 @@ def observed_track(
     if not whole.any() or width < WHOLE * usual[1]:
         width = max(width, usual[1])
     width = min(width, WIDEST.get(name, width))
-    ended = [one.length for one in seen if one.length is not None]
+    ended = [item.length for item in seen if item.length is not None]
     if ended and name in LENGTHS:
         # Both have the same error, a quarter of a metre.
         length = (np.clip(np.median(ended), *LENGTHS[name]) + usual[0]) / 2
@@ -159,8 +159,8 @@ def observed_track(
         strides = name == "pedestrian" and len(seen) == 1 and _strides(seen[0])
         size = (STRIDES_M if strides else usual[0], usual[1], height)
     if name == "pedestrian":
-        yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
-    boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
+        yaws = [_faces(item, step) for item, step in zip(seen, velocity, strict=True)]
+    boxes = np.array([_completed(item, yaw, size) for item, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
 
 
@@ -168,20 +168,20 @@ def _detected_track(
     seen: Sequence[SeenObject], frames: NDArray[np.int64], velocity: NDArray[np.float64]
 ) -> ObservedTrack:
     """Return an actor of a detector, with the observed height if plausible."""
-    actors = [one.actor for one in seen if one.actor is not None]
-    length, width, height = np.median([one.size for one in actors], axis=0)
-    tall = float(np.median([one.highest for one in seen]))
+    actors = [item.actor for item in seen if item.actor is not None]
+    length, width, height = np.median([actor.size for actor in actors], axis=0)
+    tall = float(np.median([item.highest for item in seen]))
     if SHORT_M < tall < TALL_M:
         height = tall
     name = actors[0].actor_class
     speed = float(np.median(np.linalg.norm(velocity, axis=1)))
     if name == "pedestrian":
-        yaws = np.array([_faces(one, step) for one, step in zip(seen, velocity, strict=True)])
+        yaws = np.array([_faces(item, step) for item, step in zip(seen, velocity, strict=True)])
     else:
         rides = np.hypot(*velocity.T) >= CREEPS_M_S
-        way = np.arctan2(velocity[:, 1], velocity[:, 0])
-        yaws = np.where(rides, way, [one.yaw for one in actors])
-    boxes = np.column_stack([[one.place for one in actors], yaws])
+        direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+        yaws = np.where(rides, direction, [actor.yaw for actor in actors])
+    boxes = np.column_stack([[actor.place for actor in actors], yaws])
     size = (float(length), float(width), float(height))
     return ObservedTrack(name, frames, boxes, size, speed, moves=True)
 
@@ -210,21 +210,21 @@ def _headings(
     lanes: LanesBeneath | None,
 ) -> list[float]:
     """Return the heading in each frame, radians."""
-    found: list[float] = []
-    for one, middle, (east, north) in zip(seen, middles, velocity, strict=True):
+    headings: list[float] = []
+    for item, middle, (east, north) in zip(seen, middles, velocity, strict=True):
         moves = np.hypot(east, north) >= CREEPS_M_S
-        way = float(np.arctan2(north, east)) if moves else None
+        direction = float(np.arctan2(north, east)) if moves else None
         lane = None
-        if lanes is not None and one.diagonal > LANE_M:
-            lane = lanes.lane_heading(middle, one.long_way if way is None else way)
+        if lanes is not None and item.diagonal > LANE_M:
+            lane = lanes.lane_heading(middle, item.long_way if direction is None else direction)
         if lane is not None:
             # Consecutive samples may be different vehicles; a lane has one direction.
-            found.append(_nearest_side(one, lane, TURNS if way is not None else OFF))
-        elif way is not None:
-            found.append(_nearest_side(one, way, TURNS))
+            headings.append(_nearest_side(item, lane, TURNS if direction is not None else OFF))
+        elif direction is not None:
+            headings.append(_nearest_side(item, direction, TURNS))
         else:
-            found.append(found[-1] if found else one.long_way)
-    return found
+            headings.append(headings[-1] if headings else item.long_way)
+    return headings
 
 
 def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
@@ -248,8 +248,8 @@ def _nearest_side(one: SeenObject, way: float, within: float) -> float:
     quarter = one.yaw + np.pi / 2 * np.arange(4.0, dtype=np.float64)
     gap: NDArray[np.float64] = np.asarray(quarter - way, np.float64)
     off = np.abs(wrapped(gap))
-    near = float(quarter[off.argmin()])
-    return near if off.min() < within else fitted_yaw(one.points, way, within)
+    nearest_yaw = float(quarter[off.argmin()])
+    return nearest_yaw if off.min() < within else fitted_yaw(one.points, way, within)
 
 
 def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -270,7 +270,9 @@ def _both_flanks(one: SeenObject, yaw: float) -> bool:
     low, high = extents(one.points, yaw)
     needed = FLANK * (high - low)[0]
     flanks = (across < low[1] + FLANK_M, across > high[1] - FLANK_M)
-    return all(near.sum() >= FLANK_POINTS and np.ptp(along[near]) > needed for near in flanks)
+    return all(
+        on_flank.sum() >= FLANK_POINTS and np.ptp(along[on_flank]) > needed for on_flank in flanks
+    )
 
 
 def _completed(

@@ -64,9 +64,9 @@ class ObservedTracks:
     def only(self, rows: NDArray[np.bool_]) -> ObservedTracks:
         """Return some of the rows (N,)."""
         columns = {
-            one.name: getattr(self, one.name)[rows]
-            for one in fields(self)
-            if one.name != "sensors" and getattr(self, one.name) is not None
+            column.name: getattr(self, column.name)[rows]
+            for column in fields(self)
+            if column.name != "sensors" and getattr(self, column.name) is not None
         }
         return replace(self, **columns)
 
@@ -82,7 +82,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     Raises:
         InputError: it is no observation, or nothing was observed.
     """
-    told = validated(
+    summary = validated(
         read_json(folder / "observation.json", kind="observation"),
         _Observation,
         file=folder / "observation.json",
@@ -92,13 +92,13 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     try:
         table = pa_csv.read_csv(file)
         name, *rest = (table[column].to_numpy(zero_copy_only=False) for column in _COLUMNS)
-        numbers = [one.astype(np.float64) for one in rest]
+        numbers = [side.astype(np.float64) for side in rest]
     except (OSError, KeyError, ValueError, pa.ArrowInvalid) as error:
         raise InputError("is no table of tracks", file=file, expected=_EXPECTED) from error
     if not len(name):
         raise InputError("nobody was observed", file=file, expected="frames in which one moves")
     order = np.lexsort((numbers[1], numbers[0]))
-    track, time_s, x, y, yaw, *sides = (one[order] for one in numbers)
+    track, time_s, x, y, yaw, *sides = (column[order] for column in numbers)
     name, xy = name[order], np.column_stack([x, y])
     # Speeds to the previous and next frame: an actor slow in either stands.
     ways = np.full((2, len(track)), np.nan)
@@ -107,10 +107,10 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     ways[0, same], ways[1, same + 1] = along, along
     slowest = np.fmin(*ways)
     speed = np.where(np.isnan(ways).any(axis=0), slowest, ways.mean(axis=0))
-    times = _times(told, folder / "observation.json")
+    times = _times(summary, folder / "observation.json")
     once = np.isnan(speed) if times.gap.any() else None
-    sensors = np.array(told.sensors, np.float64).reshape(-1, 2)
-    found = ObservedTracks(
+    sensors = np.array(summary.sensors, np.float64).reshape(-1, 2)
+    observed = ObservedTracks(
         track.astype(np.int64),
         name.astype(object),
         time_s,
@@ -122,7 +122,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
         sensors,
         once,
     )
-    return found, times
+    return observed, times
 
 
 def _times(told: _Observation, file: Path) -> FrameTimes:

@@ -78,8 +78,8 @@ def apart(plan: NDArray[np.float64], above: NDArray[np.float64]) -> list[NDArray
     heads = _heads(plan[above > _TRUNK_M])
     if len(heads) < 2:
         return []
-    whose = cdist(plan, heads).argmin(axis=1)
-    parts = [np.flatnonzero(whose == k) for k in range(len(heads))]
+    nearest_head = cdist(plan, heads).argmin(axis=1)
+    parts = [np.flatnonzero(nearest_head == k) for k in range(len(heads))]
     theirs = [
         part
         for part in parts
@@ -95,13 +95,13 @@ def _heads(plan: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(plan) < 2 * _FEWEST_HIGH:
         return nobody
     number = fcluster(linkage(plan, "single"), _GAP_M, "distance")
-    found = [plan[number == k] for k in range(1, number.max() + 1)]
-    found = [one for one in found if len(one) >= _FEWEST_HIGH]
-    if any(np.linalg.norm(np.ptp(one, axis=0)) > _ABOVE_M for one in found):
+    clusters = [plan[number == k] for k in range(1, number.max() + 1)]
+    clusters = [cluster for cluster in clusters if len(cluster) >= _FEWEST_HIGH]
+    if any(np.linalg.norm(np.ptp(cluster, axis=0)) > _ABOVE_M for cluster in clusters):
         return nobody
     middles: list[NDArray[np.float64]] = []
-    for one in sorted(found, key=len, reverse=True):
-        middle = one.mean(axis=0)
+    for cluster in sorted(clusters, key=len, reverse=True):
+        middle = cluster.mean(axis=0)
         if all(np.linalg.norm(middle - other) > _ABREAST_M for other in middles):
             middles.append(middle)
     return np.array(middles).reshape(-1, 2)

@@ -94,36 +94,36 @@ def found_times(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> Frame
     evenly = evenly_spaced(len(frames), rate_hz)
     if 1 / rate_hz > LONGEST_S or len(frames) < _APART + 2:
         return evenly
-    asked = [_asked(one) for one in frames]
-    count, seconds = len(asked), 1 / rate_hz
+    frame_objects = [_asked(frame) for frame in frames]
+    count, seconds = len(frame_objects), 1 / rate_hz
     apart = max(_APART, count // 4)
     pairs = [(first, other) for first in range(count) for other in range(first + apart, count)]
     chance = _SUPPOSED * _CHANCE + sum(
-        _counted(asked[first], asked[other], seconds)
+        _counted(frame_objects[first], frame_objects[other], seconds)
         for first, other in pairs[:: max(1, len(pairs) // _CHANCE_PAIRS)]
     )
-    counted = np.array([_counted(*pair, seconds) for pair in pairwise(asked)])
+    counted = np.array([_counted(*pair, seconds) for pair in pairwise(frame_objects)])
     likely = _gaps(counted, chance / chance.sum(axis=1, keepdims=True))
     gap = likely > 0.5
     return FrameTimes(evenly.time_s, gap, np.where(gap, likely, 1 - likely))
 
 
 def _asked(objects: Sequence[SeenObject]) -> _Objects:
-    kept = [
-        one
-        for one in objects
-        if len(one.points) >= _POINTS
-        and (one.moves >= _MOVES or one.diagonal > LARGE_M)
-        and np.linalg.norm(one.middle - one.sensor) < _REACH_M
+    clear = [
+        item
+        for item in objects
+        if len(item.points) >= _POINTS
+        and (item.moves >= _MOVES or item.diagonal > LARGE_M)
+        and np.linalg.norm(item.middle - item.sensor) < _REACH_M
     ]
     names = {"pedestrian": 1, "bicycle": 2}
     return _Objects(
-        np.array([one.middle for one in kept]).reshape(-1, 2),
-        np.array([one.top for one in kept]),
-        np.array([one.diagonal for one in kept]),
-        np.array([one.long_way for one in kept]),
+        np.array([item.middle for item in clear]).reshape(-1, 2),
+        np.array([item.top for item in clear]),
+        np.array([item.diagonal for item in clear]),
+        np.array([item.long_way for item in clear]),
         np.array(
-            [names.get(one.silhouette or "", 3 * (one.diagonal > LARGE_M)) for one in kept],
+            [names.get(item.silhouette or "", 3 * (item.diagonal > LARGE_M)) for item in clear],
             np.int64,
         ),
     )
@@ -135,21 +135,21 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     The result (2, 3) is for small and large objects; large ones within a vehicle's range count as
     the first. An object in one frame alone counts as half.
     """
-    way = other.place[None] - one.place[:, None]
-    gone = np.linalg.norm(way, axis=2)
+    step = other.place[None] - one.place[:, None]
+    gone = np.linalg.norm(step, axis=2)
     large = np.maximum(one.diagonal[:, None], other.diagonal) > LARGE_M
     fits = gone <= np.where(large, DRIVES_M_S, RIDES_M_S) * seconds + ERROR_M
     alike = fits.copy()
-    for mine, its, most in (
+    for own, its, most in (
         (one.diagonal, other.diagonal, _LONGER_M),
         (one.top, other.top, _TALLER_M),
     ):
-        alike &= np.abs(mine[:, None] - its) < np.where(large, most[1], most[0])
+        alike &= np.abs(own[:, None] - its) < np.where(large, most[1], most[0])
     both = (one.outline[:, None] > 0) & (other.outline > 0)
     fits &= ~(both & (one.outline[:, None] != other.outline) & (gone > 2 * ERROR_M))
     walks = (one.outline[:, None] == 1) & (other.outline == 1)
     fits &= ~(walks & (gone > WALKS_M_S * seconds + ERROR_M))
-    heading = np.arctan2(way[..., 1], way[..., 0])
+    heading = np.arctan2(step[..., 1], step[..., 0])
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
         fits &= ~(large & (gone > _MOVED_M) & (off > _ALONG))
@@ -158,25 +158,25 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     fits &= alike | alone
     cost = np.where(fits, gone, np.inf)
     stays = _STAYS_M if seconds > _STEP_S else 0.0
-    still, kept = _matched(np.where(cost < stays, cost, np.inf))
+    still, still_later = _matched(np.where(cost < stays, cost, np.inf))
     left = ~np.isin(np.arange(len(one.top)), still)
-    came = ~np.isin(np.arange(len(other.top)), kept)
-    found = []
+    came = ~np.isin(np.arange(len(other.top)), still_later)
+    counts = []
     for kind in (False, True):
         among = cost[np.ix_(left & (one.large == kind), came & (other.large == kind))]
         met = among[_matched(among)]
-        near = len(met) if kind else int((met <= WALKS_M_S * seconds + ERROR_M).sum())
+        nearby = len(met) if kind else int((met <= WALKS_M_S * seconds + ERROR_M).sum())
         alone = sum(among.shape) / 2 - len(met)
-        found.append([near, len(met) - near, alone])
-    return np.array(found, np.float64)
+        counts.append([nearby, len(met) - nearby, alone])
+    return np.array(counts, np.float64)
 
 
 def _matched(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows and columns of a minimum-cost assignment, without infinite costs."""
     far = 1e3
     rows, columns = linear_sum_assignment(np.minimum(cost, far))
-    kept = cost[rows, columns] < far
-    return rows[kept], columns[kept]
+    is_finite = cost[rows, columns] < far
+    return rows[is_finite], columns[is_finite]
 
 
 def _gaps(counted: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -187,8 +187,8 @@ def _gaps(counted: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[
         chance: (2, 3) shares of the same by chance.
     """
     by_chance = (counted * np.log(chance + _NEVER)).sum(axis=(1, 2))
-    found = [_fitted(counted, chance, by_chance, share) for share in (_FIRST, 0.0)]
-    return found[0][0] if found[0][1] - found[1][1] > _GAINED else np.zeros(len(counted))
+    fits = [_fitted(counted, chance, by_chance, share) for share in (_FIRST, 0.0)]
+    return fits[0][0] if fits[0][1] - fits[1][1] > _GAINED else np.zeros(len(counted))
 
 
 def _fitted(

@@ -32,10 +32,10 @@ def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
     with (folder / "tracks.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow("track_id time_s class x y yaw_rad length width height".split())
-        for number, one in enumerate(found.tracks, 1):
-            for frame, (x, y, yaw) in zip(one.frames, one.boxes, strict=True):
-                size = [f"{value:.2f}" for value in one.size]
-                row = [f"{time_s[frame]:.3f}", one.actor_class, f"{x:.3f}", f"{y:.3f}"]
+        for number, track in enumerate(found.tracks, 1):
+            for frame, (x, y, yaw) in zip(track.frames, track.boxes, strict=True):
+                size = [f"{value:.2f}" for value in track.size]
+                row = [f"{time_s[frame]:.3f}", track.actor_class, f"{x:.3f}", f"{y:.3f}"]
                 table.writerow([number, *row, f"{yaw:.4f}", *size])
     (folder / "proposal.geojson").write_text(_proposal(found.tracks), encoding="utf-8")
     return observed_summary(found)
@@ -44,13 +44,15 @@ def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
 def observed_summary(found: Observation) -> dict[str, Any]:
     """Return, by class, numbers of moving and waiting actors, and the median speed."""
     rows = {}
-    for name in sorted({one.actor_class for one in found.tracks}):
-        mine = [one for one in found.tracks if one.actor_class == name]
-        speeds = [one.speed for one in mine if one.moves and len(one.frames) > 1]
+    for name in sorted({track.actor_class for track in found.tracks}):
+        of_class = [track for track in found.tracks if track.actor_class == name]
+        speeds = [track.speed for track in of_class if track.moves and len(track.frames) > 1]
         rows[name] = {
-            "tracks": len(mine),
-            "wait": sum(not one.moves for one in mine),
-            "a_frame": round(sum(len(one.frames) for one in mine) / max(found.frames, 1), 1),
+            "tracks": len(of_class),
+            "wait": sum(not track.moves for track in of_class),
+            "a_frame": round(
+                sum(len(track.frames) for track in of_class) / max(found.frames, 1), 1
+            ),
             "median_speed_m_s": round(float(np.median(speeds)), 2) if speeds else None,
         }
     return rows
@@ -58,13 +60,13 @@ def observed_summary(found: Observation) -> dict[str, Any]:
 
 def spacing_summary(times: FrameTimes, names: Sequence[str]) -> dict[str, Any]:
     """Return the known gaps between frames (N names); empty if they are even."""
-    told: dict[str, Any] = {}
+    summary: dict[str, Any] = {}
     if times.gap.any():
-        told = {"gaps": int(times.gap.sum()), "of_pairs": len(times.gap)}
+        summary = {"gaps": int(times.gap.sum()), "of_pairs": len(times.gap)}
         if times.confidence is not None:
-            told["confidence"] = round(float(times.confidence.mean()), 3)
-        told["gap_after"] = [names[k] for k in np.flatnonzero(times.gap).tolist()]
-    return told
+            summary["confidence"] = round(float(times.confidence.mean()), 3)
+        summary["gap_after"] = [names[k] for k in np.flatnonzero(times.gap).tolist()]
+    return summary
 
 
 def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
@@ -85,17 +87,17 @@ def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
 def _proposal(tracks: tuple[ObservedTrack, ...]) -> str:
     """Return the paths of vehicles as a sketch, which a person then connects to streets."""
     features = []
-    for number, one in enumerate(tracks, 1):
-        driven = np.linalg.norm(one.boxes[-1, :2] - one.boxes[0, :2])
-        if one.actor_class in ("pedestrian", "bicycle") or driven < LONG_M:
+    for number, track in enumerate(tracks, 1):
+        driven = np.linalg.norm(track.boxes[-1, :2] - track.boxes[0, :2])
+        if track.actor_class in ("pedestrian", "bicycle") or driven < LONG_M:
             continue
-        points = np.round(one.boxes[:: max(1, len(one.boxes) // 6), :2], 1).tolist()
+        points = np.round(track.boxes[:: max(1, len(track.boxes) // 6), :2], 1).tolist()
         properties = {
             "kind": "street",
             "lanes": 1,
-            "note": f"track {number}, {one.actor_class}, {one.speed:.1f} m/s",
+            "note": f"track {number}, {track.actor_class}, {track.speed:.1f} m/s",
         }
         line = {"type": "LineString", "coordinates": points}
         features.append({"type": "Feature", "properties": properties, "geometry": line})
-    rows = ",\n".join(json.dumps(one) for one in features)
+    rows = ",\n".join(json.dumps(feature) for feature in features)
     return f'{{\n"type": "FeatureCollection",\n"crs": "site",\n"features": [\n{rows}\n]\n}}\n'

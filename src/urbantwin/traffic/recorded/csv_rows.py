@@ -110,9 +110,9 @@ def read_csv(path: Path, expected: str) -> pa.Table:
     except UnicodeDecodeError:
         raise InputError("is not text", file=path, expected=expected) from None
     except pa.ArrowInvalid as error:
-        found = re.search(r"Row #(\d+): (.*?)(?:: |$)", str(error))
-        line = f"line {found[1]}" if found else None
-        problem = f"is no table ({found[2] if found else str(error)[:80]})"
+        match = re.search(r"Row #(\d+): (.*?)(?:: |$)", str(error))
+        line = f"line {match[1]}" if match else None
+        problem = f"is no table ({match[2] if match else str(error)[:80]})"
         raise InputError(problem, file=path, place=line, expected=expected) from None
     if not table.num_rows:
         raise InputError("has no rows", file=path, expected=expected)
@@ -160,8 +160,8 @@ def texts_of(table: pa.Table, name: str) -> NDArray[np.object_]:
 
 def time_unit_of(column: str) -> str:
     """Return the unit of a column of times by its name (``timestamp_ms``), by default seconds."""
-    found = re.search(r"[_ (\[](ns|us|ms|s)[)\]]?$", column.lower())
-    return found[1] if found else "s"
+    match = re.search(r"[_ (\[](ns|us|ms|s)[)\]]?$", column.lower())
+    return match[1] if match else "s"
 
 
 def _columns(table: pa.Table, spec: TracksSpec, path: Path) -> dict[str, str]:
@@ -178,8 +178,8 @@ def _columns(table: pa.Table, spec: TracksSpec, path: Path) -> dict[str, str]:
                     expected=f"one of {', '.join(table.column_names)}",
                 )
             named[what] = spec.columns[what]
-        elif found := next((plain[one] for one in usual if one in plain), None):
-            named[what] = found
+        elif column := next((plain[name] for name in usual if name in plain), None):
+            named[what] = column
     have = set(named)
     for needed in ({"track"}, {"time", "frame"}, {"x", "longitude"}, {"y", "latitude"}):
         if not have & needed:

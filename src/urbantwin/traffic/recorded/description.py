@@ -56,7 +56,14 @@ def class_of(name: str) -> str | None:
         return plain
     for word, classes in _WORDS:
         if word in plain:
-            return next((one for one in classes if one in (*ACTOR_CLASSES, IGNORED)), IGNORED)
+            return next(
+                (
+                    actor_class
+                    for actor_class in classes
+                    if actor_class in (*ACTOR_CLASSES, IGNORED)
+                ),
+                IGNORED,
+            )
     return None
 
 
@@ -122,7 +129,7 @@ class SignalsSpec(Strict):
         if not isinstance(value, dict):
             return value
         return {
-            str(group): [tuple(one) if isinstance(one, list) else one for one in lines]
+            str(group): [tuple(point) if isinstance(point, list) else point for point in lines]
             if isinstance(lines, list)
             else lines
             for group, lines in value.items()
@@ -186,8 +193,8 @@ class TracksSpec(Strict):
     @field_validator("pose")
     @classmethod
     def _lies_in_one_place(cls, value: Any, info: Any) -> Any:  # noqa: ANN401
-        given = [name for name in ("origin", "crs") if info.data.get(name) is not None]
-        if len(given) + (value is not None) > 1:
+        frames = [name for name in ("origin", "crs") if info.data.get(name) is not None]
+        if len(frames) + (value is not None) > 1:
             raise wrong("is given twice", "one of origin, crs and pose")
         return value
 

@@ -57,9 +57,9 @@ class RowList:
             InputError: a number is missing or invalid.
         """
         numbers = (time_s, *xyz, yaw, *size)
-        if len(xyz) != 3 or len(size) != 3 or not all(_is_number(one) for one in numbers):
+        if len(xyz) != 3 or len(size) != 3 or not all(_is_number(number) for number in numbers):
             raise self.error(place, "holds something else than numbers")
-        if not all(math.isfinite(one) for one in (time_s, *xyz[:2])):
+        if not all(math.isfinite(number) for number in (time_s, *xyz[:2])):
             raise self.error(place, "has a number that is not finite")
         self.places.append(place)
         x, y, z = map(float, xyz)
@@ -80,7 +80,9 @@ class RowList:
         """
         if not self.rows:
             raise InputError("has no tracks", file=self.file, expected=self.expected)
-        rows = sorted(zip(self.rows, self.places, strict=True), key=lambda one: one[0][1])
+        rows = sorted(
+            zip(self.rows, self.places, strict=True), key=lambda row_and_place: row_and_place[0][1]
+        )
         columns = list(zip(*(row for row, _ in rows), strict=True))
         numbers = np.array(columns[3:], np.float64)
         places = [place for _, place in rows]
@@ -170,8 +172,8 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     if isinstance(whole, dict) and isinstance(whole.get("results"), dict):
         items = [
             (f"results.{sample}[{k}]", item, "tracking_id")
-            for sample, found in whole["results"].items()
-            for k, item in enumerate(found if isinstance(found, list) else [None])
+            for sample, sample_items in whole["results"].items()
+            for k, item in enumerate(sample_items if isinstance(sample_items, list) else [None])
         ]
         kinds: dict[str, str] = {}
     elif isinstance(whole, list):
@@ -188,7 +190,7 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
             value = item.get(name)
             if not isinstance(value, list) or len(value) != count:
                 raise rows.error(f"{place}.{name}", f"is not {count} numbers")
-            if not all(isinstance(one, int | float) for one in value):
+            if not all(isinstance(number, int | float) for number in value):
                 raise rows.error(f"{place}.{name}", "holds something else than numbers")
         sample, track = str(item.get("sample_token")), item.get(key)
         if sample not in times:
@@ -208,8 +210,8 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
 def _times(folder: Path, samples: list[str], spec: TracksSpec, rows: RowList) -> dict[str, float]:
     """Return sample -> time, seconds."""
     if (folder / "sample.json").is_file():
-        found = _table(folder / "sample.json")
-        return {token: float(row.get("timestamp", 0)) * _US for token, row in found.items()}
+        by_token = _table(folder / "sample.json")
+        return {token: float(row.get("timestamp", 0)) * _US for token, row in by_token.items()}
     if spec.rate_hz is None:
         raise rows.error("sample_token", "sample.json is not beside it, and there is no rate_hz")
     return {token: k / spec.rate_hz for k, token in enumerate(dict.fromkeys(samples))}
@@ -274,7 +276,7 @@ def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
             here = f"{place}.objects.{name}.object_data.cuboid"
             if not isinstance(values, list) or len(values) not in _ENOUGH:
                 raise rows.error(here, "has not 9 or 10 values")
-            if not all(isinstance(one, int | float) for one in values):
+            if not all(isinstance(number, int | float) for number in values):
                 raise rows.error(here, "holds something else than numbers")
             if len(values) == _ENOUGH[1]:
                 yaw = yaw_of_quaternion(values[6], *values[3:6])
@@ -344,7 +346,8 @@ def openscenario_rows(
         line = f"line {error.lineno}"
         raise InputError("is not XML", file=path, place=line, expected=_OPENSCENARIO) from None
     bodies = {
-        str(one.get("name")): _body(one, rows) for one in root.iterfind("Entities/ScenarioObject")
+        str(element.get("name")): _body(element, rows)
+        for element in root.iterfind("Entities/ScenarioObject")
     }
     for group in root.iter("ManeuverGroup", "Private"):
         story = next(group.iterancestors("Story"), None)
@@ -384,9 +387,9 @@ def _body(
     """Return an object's class, its size, and the offset of its box's centre."""
     kind = "unknown"
     for name in ("vehicleCategory", "pedestrianCategory", "miscObjectCategory"):
-        found = item.xpath(f".//@{name}")
-        if found:
-            kind = str(found[0])
+        values = item.xpath(f".//@{name}")
+        if values:
+            kind = str(values[0])
     box = item.find(".//BoundingBox")
     if box is None:
         return kind, (math.nan, math.nan, math.nan), (0.0, 0.0)
@@ -398,4 +401,8 @@ def _body(
     middle = [finite_number(centre.get(name)) for name in ("x", "y")]
     if None in (*size, *middle):
         raise rows.error(place, "holds something else than numbers")
-    return kind, tuple(float(one or 0.0) for one in size), (middle[0] or 0.0, middle[1] or 0.0)
+    return (
+        kind,
+        tuple(float(side_m or 0.0) for side_m in size),
+        (middle[0] or 0.0, middle[1] or 0.0),
+    )

@@ -81,34 +81,34 @@ def read_recording(path: Path, frame: SiteFrame) -> Recording:
     tracks, left_out = [], Counter[str]()
     order = np.argsort(rows.track.astype(str), kind="stable")
     names = rows.track[order].astype(str)
-    for mine in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1):
-        actor_class = _class(rows, mine, spec)
+    for rows_of_track in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1):
+        actor_class = _class(rows, rows_of_track, spec)
         if actor_class == IGNORED:
-            left_out[str(rows.kind[mine[0]])] += 1
+            left_out[str(rows.kind[rows_of_track[0]])] += 1
             continue
-        check_order(rows, mine, xy[mine], actor_class)
-        size = _median(rows.size[mine])
+        check_order(rows, rows_of_track, xy[rows_of_track], actor_class)
+        size = _median(rows.size[rows_of_track])
         tracks.append(
             RecordedTrack(
-                str(rows.track[mine[0]]),
+                str(rows.track[rows_of_track[0]]),
                 actor_class,
-                rows.time_s[mine] - begins_s,
-                _middle(xy[mine], yaw[mine], size[0], spec),
-                yaw[mine],
-                rows.xyz[mine, 2] + (spec.pose.z if spec.pose else 0.0),
+                rows.time_s[rows_of_track] - begins_s,
+                _middle(xy[rows_of_track], yaw[rows_of_track], size[0], spec),
+                yaw[rows_of_track],
+                rows.xyz[rows_of_track, 2] + (spec.pose.z if spec.pose else 0.0),
                 size,
             )
         )
     if not tracks:
         raise InputError("has no tracks of actors", file=file, expected=", ".join(ACTOR_CLASSES))
-    tracks.sort(key=lambda one: (one.time_s[0], len(one.name), one.name))
-    ends_s = max(float(one.time_s[-1]) for one in tracks)
+    tracks.sort(key=lambda track: (track.time_s[0], len(track.name), track.name))
+    ends_s = max(float(track.time_s[-1]) for track in tracks)
     signals = None
     if spec.signals is not None:
         shown = states_of(path.parent / spec.signals.file, spec.signals, begins_s)
         lines = {
-            group: tuple(map(tuple, place(np.array(found, np.float64)).tolist()))
-            for group, found in spec.signals.places.items()
+            group: tuple(map(tuple, place(np.array(points, np.float64)).tolist()))
+            for group, points in spec.signals.places.items()
         }
         signals = RecordedSignals(shown, lines)
     return Recording(file, tuple(tracks), begins_s, ends_s, dict(left_out), signals, assumed)
@@ -121,21 +121,21 @@ def _format_of(file: Path) -> str:
         InputError: it is unknown.
     """
     suffix = file.suffix.lower()
-    found = {".csv": "csv", ".tsv": "csv", ".xosc": "openscenario", ".txt": "kitti"}.get(suffix)
-    if found is None and suffix == ".json":
+    name = {".csv": "csv", ".tsv": "csv", ".xosc": "openscenario", ".txt": "kitti"}.get(suffix)
+    if name is None and suffix == ".json":
         try:
             with file.open("rb") as opened:
                 head = opened.read(4096)
         except OSError:
             raise InputError("not found", file=file, expected="tracks") from None
-        found = "openlabel" if b'"openlabel"' in head else "nuscenes"
-    if found is None:
+        name = "openlabel" if b'"openlabel"' in head else "nuscenes"
+    if name is None:
         raise InputError(
             "is of an unknown format",
             file=file,
             expected=f"format: {', '.join(_READERS)} in a description of the tracks",
         )
-    return found
+    return name
 
 
 def _placing(
@@ -188,12 +188,12 @@ def _check_site(rows: RecordedRows, xy: NDArray[np.float64], assumed: tuple[str,
     away = np.linalg.norm(xy, axis=1)
     if not np.isfinite(away).all() or away.min() > _ELSEWHERE_M:
         row = int(np.argmin(np.where(np.isfinite(away), away, np.inf)))
-        at = ", ".join(f"{value:.9g}" for value in rows.xyz[row, :2])
+        place = ", ".join(f"{value:.9g}" for value in rows.xyz[row, :2])
         far = f", {away[row] / 1000:.0f} km away" if np.isfinite(away[row]) else ""
-        told = assumed[0] if assumed else "the description's origin, crs or pose is another's"
+        reason = assumed[0] if assumed else "the description's origin, crs or pose is another's"
         raise rows.error(
             row,
-            f"no track comes near the site: the nearest moment is at {at}{far} ({told})",
+            f"no track comes near the site: the nearest moment is at {place}{far} ({reason})",
             "the origin (latitude, longitude), crs or pose of the tracks in a description",
         )
 
@@ -231,20 +231,23 @@ def _class(rows: RecordedRows, mine: NDArray[np.int64], spec: TracksSpec) -> str
         InputError: it is unknown.
     """
     kinds = Counter(rows.kind[mine].tolist())
-    name = max(kinds, key=lambda one: (kinds[one], one))
-    found = spec.classes.get(name) or class_of(name)
-    if found is None:
+    name = max(kinds, key=lambda kind: (kinds[kind], kind))
+    actor_class = spec.classes.get(name) or class_of(name)
+    if actor_class is None:
         row = int(mine[np.argmax(rows.kind[mine] == name)])
         raise rows.error(
             row,
             f"unknown class {name[:40]!r}",
             f"under classes: of a description, one of {', '.join((*ACTOR_CLASSES, IGNORED))}",
         )
-    return found
+    return actor_class
 
 
 def _median(size: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the medians (3,) of sizes; nan if unknown."""
     return np.array(
-        [np.median(one[known]) if (known := one > 0).any() else np.nan for one in size.T]
+        [
+            np.median(values[is_known]) if (is_known := values > 0).any() else np.nan
+            for values in size.T
+        ]
     )

@@ -46,35 +46,35 @@ def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...]
 
     Nothing is interpolated: a gap remains, short enough to be filled later.
     """
-    found = [
+    joined = [
         tracks[chain[0]] if len(chain) == 1 else _joined([tracks[k] for k in chain])
         for chain in chains(tracks)
     ]
-    return tuple(found), len(tracks) - len(found)
+    return tuple(joined), len(tracks) - len(joined)
 
 
 def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
     """Return the numbers of tracks of the same actor, in order of time."""
     by_class: dict[str, list[int]] = defaultdict(list)
-    for number, one in enumerate(tracks):
-        if len(one.time_s) >= _OF:
-            by_class[one.actor_class].append(number)
+    for number, track in enumerate(tracks):
+        if len(track.time_s) >= _OF:
+            by_class[track.actor_class].append(number)
     after: dict[int, int] = {}
     for numbers in by_class.values():
         ends = [_end(k, tracks[k], slice(None, None, -1)) for k in numbers]
         starts = [_end(k, tracks[k], slice(None)) for k in numbers]
-        starts.sort(key=lambda one: one.time_s)
+        starts.sort(key=lambda start: start.time_s)
         after |= _pairs(ends, starts, tracks)
     followers = set(after.values())
-    found = []
+    numbers_by_actor = []
     for number in range(len(tracks)):
         if number in followers:
             continue
         chain = [number]
         while chain[-1] in after:
             chain.append(after[chain[-1]])
-        found.append(chain)
-    return found
+        numbers_by_actor.append(chain)
+    return numbers_by_actor
 
 
 def _end(number: int, track: RecordedTrack, order: slice) -> _End:
@@ -89,7 +89,7 @@ def _pairs(
     ends: Sequence[_End], starts: Sequence[_End], tracks: Sequence[RecordedTrack]
 ) -> dict[int, int]:
     """Return the continuation of each track that has one."""
-    begins = np.array([one.time_s for one in starts])
+    begins = np.array([start.time_s for start in starts])
     rows: list[tuple[int, int, float]] = []
     for k, end in enumerate(ends):
         first, last = np.searchsorted(begins, [end.time_s + 1e-6, end.time_s + LONGEST_FILLED_S])
@@ -120,23 +120,27 @@ def _off(end: _End, start: _End, tracks: Sequence[RecordedTrack]) -> float | Non
     share = max(
         missed / (_OFF_M + _OFF_MS2 * passed**2), changed / (_OFF_MS + _CHANGES_MS2 * passed)
     )
-    one, other = (tracks[x.number].size[0] for x in (end, start))
-    if share > 1.0 or (one > 0 and other > 0 and not 1 / _SAME_SIZE < one / other < _SAME_SIZE):
+    end_length_m, start_length_m = (tracks[x.number].size[0] for x in (end, start))
+    if share > 1.0 or (
+        end_length_m > 0
+        and start_length_m > 0
+        and not 1 / _SAME_SIZE < end_length_m / start_length_m < _SAME_SIZE
+    ):
         return None
     return share
 
 
 def _joined(parts: Sequence[RecordedTrack]) -> RecordedTrack:
-    sizes = np.array([one.size for one in parts])
-    known = np.isfinite(sizes).any(axis=0)
+    sizes = np.array([part.size for part in parts])
+    is_known = np.isfinite(sizes).any(axis=0)
     size = np.full(3, np.nan)
-    size[known] = np.nanmedian(sizes[:, known], axis=0)
+    size[is_known] = np.nanmedian(sizes[:, is_known], axis=0)
     return RecordedTrack(
         parts[0].name,
         parts[0].actor_class,
-        np.concatenate([one.time_s for one in parts]),
-        np.concatenate([one.xy for one in parts]),
-        np.concatenate([one.yaw for one in parts]),
-        np.concatenate([one.z for one in parts]),
+        np.concatenate([part.time_s for part in parts]),
+        np.concatenate([part.xy for part in parts]),
+        np.concatenate([part.yaw for part in parts]),
+        np.concatenate([part.z for part in parts]),
         size,
     )

@@ -79,16 +79,18 @@ def states_of(
                 expected=f"one of {', '.join(_STATES)}, or its letter under signals.states",
             )
     shown: dict[str, tuple[tuple[float, str], ...]] = {}
-    for name in sorted(np.unique(group.astype(str)), key=lambda one: (len(one), one)):
+    for name in sorted(
+        np.unique(group.astype(str)), key=lambda group_name: (len(group_name), group_name)
+    ):
         rows = np.flatnonzero(group == name)
         if (back := np.flatnonzero(np.diff(seconds[rows]) < 0)).size:
             row = int(rows[back[0] + 1])
             problem = f"time goes back for group {name}"
             raise InputError(problem, file=path, place=f"line {row + 2}", expected="rows in order")
         changes: list[tuple[float, str]] = []
-        for at, name_of_state in zip(seconds[rows], state[rows], strict=True):
+        for time_s, name_of_state in zip(seconds[rows], state[rows], strict=True):
             letter = letters[name_of_state]
             if not changes or changes[-1][1] != letter:
-                changes.append((round(float(at) - begins_s, 6), letter))
+                changes.append((round(float(time_s) - begins_s, 6), letter))
         shown[name] = tuple(changes)
     return shown

@@ -78,27 +78,27 @@ def smooth_track(track: RecordedTrack, step_s: float, *, smooth: bool = True) ->
     pieces = _pieces(track.time_s, absent)
     xy, velocity = np.empty((len(times), 2)), np.empty((len(times), 2))
     moved = np.zeros(len(track.time_s))
-    for mine in pieces:
-        begin, end = track.time_s[mine[0]] - 1e-6, track.time_s[mine[-1]] + 1e-6
+    for piece in pieces:
+        begin, end = track.time_s[piece[0]] - 1e-6, track.time_s[piece[-1]] + 1e-6
         here = (times >= begin) & (times <= end)
-        own = track.time_s[mine]
-        at, going = smooth_positions(
-            own, track.xy[mine], np.concatenate([times[here], own]), smooth=smooth
+        own = track.time_s[piece]
+        position, going = smooth_positions(
+            own, track.xy[piece], np.concatenate([times[here], own]), smooth=smooth
         )
         count = int(here.sum())
-        xy[here], velocity[here] = at[:count], going[:count]
-        moved[mine] = np.linalg.norm(at[count:] - track.xy[mine], axis=1)
+        xy[here], velocity[here] = position[:count], going[:count]
+        moved[piece] = np.linalg.norm(position[count:] - track.xy[piece], axis=1)
     between = np.zeros(len(times), np.bool_)
     for gone, back in absent:
         between |= (times > gone + 1e-6) & (times < back - 1e-6)
     if between.all():
         return None
-    kept = ~between
-    times, xy, velocity = times[kept], xy[kept], velocity[kept]
+    present = ~between
+    times, xy, velocity = times[present], xy[present], velocity[present]
     yaw = _heading(track, times, xy, velocity, step_s, smooth=smooth)
     speed = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
-    known = np.isfinite(track.z)
-    z = np.interp(times, track.time_s[known], track.z[known]) if known.any() else None
+    has_z = np.isfinite(track.z)
+    z = np.interp(times, track.time_s[has_z], track.z[has_z]) if has_z.any() else None
     return SmoothTrack(times, xy, yaw, speed, z, filled, absent, moved)
 
 
@@ -122,21 +122,23 @@ def smooth_positions(
     if len(time_s) < _FEWEST:
         velocity = np.gradient(xy, time_s, axis=0)
         return tuple(  # type: ignore[return-value]
-            np.column_stack([np.interp(at_s, time_s, values) for values in one.T])
-            for one in (xy, velocity)
+            np.column_stack([np.interp(at_s, time_s, values) for values in columns.T])
+            for columns in (xy, velocity)
         )
     # Relative to the first sample, for better conditioning.
     since, ask, weight = time_s - time_s[0], at_s - time_s[0], np.ones(len(time_s))
     price = _STIFFNESS / float(np.median(np.diff(time_s)))
-    near = xy - xy[0]
+    shifted = xy - xy[0]
     for turn in range(1 + _REWEIGHTED):
         if smooth:
-            lines = [make_smoothing_spline(since, one, weight, lam=price) for one in near.T]
+            lines = [make_smoothing_spline(since, axis, weight, lam=price) for axis in shifted.T]
         else:
-            lines = [CubicSpline(since, one, bc_type="natural") for one in near.T]
+            lines = [CubicSpline(since, axis, bc_type="natural") for axis in shifted.T]
         if not smooth or turn == _REWEIGHTED:
             break
-        beside = np.hypot(*(line(since) - one for line, one in zip(lines, near.T, strict=True)))
+        beside = np.hypot(
+            *(line(since) - axis for line, axis in zip(lines, shifted.T, strict=True))
+        )
         usual = max(_BESIDE * 1.4826 * float(np.median(beside)), _BESIDE_M)
         weight = np.minimum(1.0, usual / np.maximum(beside, 1e-9))
     place = np.column_stack([line(ask) for line in lines]) + xy[0]
@@ -151,8 +153,8 @@ def _gaps(
     usual = float(np.median(passed)) if len(passed) else 0.0
     wide = np.flatnonzero(passed > _GAP * usual)
     spans = [(float(time_s[k]), float(time_s[k + 1])) for k in wide]
-    short = tuple(one for one in spans if one[1] - one[0] <= LONGEST_FILLED_S)
-    return short, tuple(one for one in spans if one not in short)
+    short = tuple(span for span in spans if span[1] - span[0] <= LONGEST_FILLED_S)
+    return short, tuple(span for span in spans if span not in short)
 
 
 def _pieces(
@@ -173,13 +175,13 @@ def _heading(
     smooth: bool,
 ) -> NDArray[np.float64]:
     """Return the heading (N,), rad: recorded, else of travel; standing actors keep it."""
-    known = np.isfinite(track.yaw)
+    has_yaw = np.isfinite(track.yaw)
     pace = np.linalg.norm(velocity, axis=1)
     far = bool(np.ptp(xy, axis=0).max() >= _SHORT_M)
     sure = pace >= _SLOW_MS
-    if known.any():
-        recorded = np.unwrap(track.yaw[known])
-        yaw = np.interp(times, track.time_s[known], recorded)
+    if has_yaw.any():
+        recorded = np.unwrap(track.yaw[has_yaw])
+        yaw = np.interp(times, track.time_s[has_yaw], recorded)
         if not smooth:
             return yaw
         if not far:
@@ -190,8 +192,8 @@ def _heading(
         moved = track.xy[-1] - track.xy[0]
         return np.full(len(times), float(np.arctan2(moved[1], moved[0])))
     if sure.any():
-        at = np.flatnonzero(sure)
-        yaw = np.interp(np.arange(len(times)), at, np.unwrap(yaw[at]))
+        moving_steps = np.flatnonzero(sure)
+        yaw = np.interp(np.arange(len(times)), moving_steps, np.unwrap(yaw[moving_steps]))
     half = round(_HEADING_S / step_s / 2)
     padded = np.pad(yaw, half, mode="edge")
     return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"))
