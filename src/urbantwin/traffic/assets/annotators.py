@@ -61,8 +61,8 @@ def drawn_size(annotators: str, actor_class: str, size: Size, track: int, seed: 
     key = [seed, _STREAM + track]
     away = np.random.Generator(np.random.Philox(key=key)).standard_normal(3)
     length, width, height = (
-        float(drawn_side(habits[side], true, at)) if side in habits else true
-        for side, true, at in zip(("length", "width", "height"), size, away, strict=True)
+        float(drawn_side(habits[side], true, draw)) if side in habits else true
+        for side, true, draw in zip(("length", "width", "height"), size, away, strict=True)
     )
     return length, width, height
 
@@ -78,9 +78,9 @@ def drawn_side(
         away: offset of each object, standard deviations.
     """
     place = true + habit["scatter"] * np.clip(away, -_FARTHEST, _FARTHEST)
-    known, drawn = np.asarray(habit["actual"]), np.asarray(habit["drawn"])
-    inside = np.clip(place, known[0], known[-1])
-    side = np.interp(inside, known, drawn) + (place - inside)
+    actual, drawn = np.asarray(habit["actual"]), np.asarray(habit["drawn"])
+    inside = np.clip(place, actual[0], actual[-1])
+    side = np.interp(inside, actual, drawn) + (place - inside)
     return np.asarray(np.maximum(np.round(side / _ROUNDED_M) * _ROUNDED_M, _LEAST * true))
 
 

@@ -53,9 +53,9 @@ class AssetName(NamedTuple):
     @classmethod
     def of(cls, text: str) -> AssetName:
         """Parse a name."""
-        found = _SIZED.fullmatch(text)
-        size = None if found is None else (float(found[2]), float(found[3]), float(found[4]))
-        bare = text if found is None else found[1]
+        match = _SIZED.fullmatch(text)
+        size = None if match is None else (float(match[2]), float(match[3]), float(match[4]))
+        bare = text if match is None else match[1]
         body, between, coat = bare.rpartition("_")
         return cls(body, coat, size) if between and coat in COATS else cls(bare, "", size)
 
@@ -92,10 +92,10 @@ def scaled_mesh(mesh: LabelledMesh, factors: tuple[float, float, float]) -> Labe
     part = np.zeros(len(vertices), np.int64)
     part[mesh.faces.reshape(-1)] = np.repeat(mesh.part, 3)
     for number in np.unique(part[mesh.vertices[:, 2] < _ON_GROUND_M]):
-        mine = part == number
-        x = mesh.vertices[mine, 0].astype(np.float64)
+        of_part = part == number
+        x = mesh.vertices[of_part, 0].astype(np.float64)
         middle = (x.min() + x.max()) / 2
-        vertices[mine, 0] = middle * factors[0] + (x - middle) * factors[2]
+        vertices[of_part, 0] = middle * factors[0] + (x - middle) * factors[2]
     return replace(mesh, vertices=vertices)
 
 

@@ -101,17 +101,19 @@ def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
     """Return the shell of an entry, closed between its wheels."""
     length, width, height = entry["size"]
     wheels = entry["wheels"]
-    axles = [length / 2 - behind for behind in wheels["axles"]]
+    axles = [length / 2 - from_nose for from_nose in wheels["axles"]]
     radius = wheels["diameter"] / 2
     outline = arched_outline(
-        [(length / 2 - behind, z, tag) for behind, z, tag in entry["upper"]],
+        [(length / 2 - from_nose, z, tag) for from_nose, z, tag in entry["upper"]],
         axles,
         arch_centre_z=radius,
         arch_radius=wheels["arch"],
     )
     section = _section(entry)
     panels = [
-        Panel(tuple((length / 2 - behind, z) for behind, z in corners), material, corner, side)
+        Panel(
+            tuple((length / 2 - from_nose, z) for from_nose, z in corners), material, corner, side
+        )
         for key, material, corner, side in PANELS
         for corners in entry.get(key, ())
     ]
@@ -131,7 +133,9 @@ def _section(entry: Mapping[str, Any]) -> Section:
     return Section(
         half_width=width / 2,
         by_height=tuple((z, factor) for z, factor in entry["section"]),
-        by_length=tuple((length / 2 - behind, factor) for behind, factor in entry["plan"][::-1]),
+        by_length=tuple(
+            (length / 2 - from_nose, factor) for from_nose, factor in entry["plan"][::-1]
+        ),
         edge_radius=entry["edge"],
         nose_bulge=entry["bulge"][0],
         tail_bulge=entry["bulge"][1],
@@ -144,9 +148,9 @@ def axle_wheels(entry: Mapping[str, Any]) -> list[Solid]:
     length = entry["size"][0]
     wheels = entry["wheels"]
     solids = []
-    for number, behind in enumerate(wheels["axles"]):
-        one = wheel(wheels["diameter"], _tyre_width(entry, number))
-        left = one.moved([length / 2 - behind, _wheel_y(entry, number), 0])
+    for number, from_nose in enumerate(wheels["axles"]):
+        tyre = wheel(wheels["diameter"], _tyre_width(entry, number))
+        left = tyre.moved([length / 2 - from_nose, _wheel_y(entry, number), 0])
         solids += [left, left.mirrored()]
     return solids
 
@@ -155,8 +159,8 @@ def contact_points(entry: Mapping[str, Any]) -> list[list[float]]:
     """Return the wheels' contact points (K, 3), metres: axles from the front, left then right."""
     length = entry["size"][0]
     return [
-        [length / 2 - behind, side * _wheel_y(entry, number), 0.0]
-        for number, behind in enumerate(entry["wheels"]["axles"])
+        [length / 2 - from_nose, side * _wheel_y(entry, number), 0.0]
+        for number, from_nose in enumerate(entry["wheels"]["axles"])
         for side in (1, -1)
     ]
 
@@ -224,9 +228,9 @@ def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
     arch = entry["wheels"]["arch"] + REFLECTOR_M[0]
     solids = []
     for place in places:
-        near = axles[np.abs(axles - place) < arch]
-        beside = near + np.copysign(arch, place - near)
-        low = len(near) and z < entry["wheels"]["diameter"] / 2 + arch
+        near_axles = axles[np.abs(axles - place) < arch]
+        beside = near_axles + np.copysign(arch, place - near_axles)
+        low = len(near_axles) and z < entry["wheels"]["diameter"] / 2 + arch
         x = length / 2 - float(beside[0] if low else place)
         y = float(section.at(np.array([[x, z]]))[0]) - 0.012
         solid = box([REFLECTOR_M[0], 0.04, REFLECTOR_M[1]], [x, y, z], "reflex-reflector")
@@ -252,8 +256,8 @@ def seats(entry: Mapping[str, Any]) -> list[Solid]:
     length, width, height = entry["size"]
     floor, top = entry.get("seat_heights", (0.30, 0.78 * height))
     solids = []
-    for behind in entry["seats"]:
-        x = length / 2 - behind
+    for from_nose in entry["seats"]:
+        x = length / 2 - from_nose
         for y in (0.2 * width, -0.2 * width):
             back = top - floor - 0.2
             solids += [

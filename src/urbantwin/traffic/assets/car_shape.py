@@ -122,7 +122,7 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
     # Nose and tail are cut back below, but not as far as the wheel arches.
     arch = 0.5 * shape.wheel + 0.08
     front = min(0.09, shape.axles[0] - arch)
-    behind = min(0.08, length - shape.axles[1] - arch)
+    tail_cut = min(0.08, length - shape.axles[1] - arch)
     points: list[list[Any]] = [
         [front, sill, "dark"],
         [0.02, sill + 0.4 * (bumper - sill) + 0.04, "grille"],
@@ -152,7 +152,7 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
     points.append([length - 0.045, low, "paint"])
     points.append([length, min(max(sill + 0.22, 0.30 * height), low - 0.12), "dark"])
     points.append([length - 0.015, sill + 0.10, "dark"])
-    points.append([length - behind, sill + 0.02, "under"])
+    points.append([length - tail_cut, sill + 0.02, "under"])
     return points
 
 
@@ -179,9 +179,9 @@ def _windows(shape: CarShape, upper: list[list[Any]]) -> list[list[list[float]]]
     glass = cabin - shapely.union_all(cut) if cut else cabin
     # Remove slivers beside a pillar.
     glass = glass.buffer(-0.03, join_style="mitre").buffer(0.03, join_style="mitre")
-    found = []
+    windows = []
     for piece in shapely.get_parts(glass):
         if piece.geom_type == "Polygon" and piece.area > _LEAST_WINDOW_M2:
             corners = np.round(shapely.get_coordinates(piece.exterior.simplify(0.012))[:-1], 3)
-            found.append(corners.tolist())
-    return sorted(found)
+            windows.append(corners.tolist())
+    return sorted(windows)

@@ -216,9 +216,9 @@ def asset(name: str) -> Asset:
         case "tram" | "coupled":
             bodies = _bodies(name)
             contacts = [
-                [float(x) + entry["size"][0] / 2 - one.middle_m, float(y), 0.0]
-                for one in bodies
-                for x, y, _ in asset(one.asset).contacts
+                [float(x) + entry["size"][0] / 2 - part.middle_m, float(y), 0.0]
+                for part in bodies
+                for x, y, _ in asset(part.asset).contacts
             ]
         case "thing":
             pass
@@ -291,13 +291,13 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
             return _posed(name, phase, halted=halted)
         case "tram" | "coupled":
             return [
-                solid.moved([entry["size"][0] / 2 - one.middle_m, 0.0, 0.0])
-                for one in _bodies(name)
-                for solid in _solids(one.asset, 0, halted=False)
+                solid.moved([entry["size"][0] / 2 - part.middle_m, 0.0, 0.0])
+                for part in _bodies(name)
+                for solid in _solids(part.asset, 0, halted=False)
             ]
         case "accompanied":
-            walks, follows = (_solids(one.asset, phase, halted=halted) for one in _bodies(name))
-            return walks + [one.moved([BESIDE_M[0], -BESIDE_M[1], 0.0]) for one in follows]
+            walks, follows = (_solids(part.asset, phase, halted=halted) for part in _bodies(name))
+            return walks + [solid.moved([BESIDE_M[0], -BESIDE_M[1], 0.0]) for solid in follows]
     return fitted(_STIFF[entry["builder"]](entry), entry["size"])
 
 
@@ -349,9 +349,9 @@ def _bodies(name: str) -> tuple[Body, ...]:
     if entry["builder"] == "tram":
         return tram_bodies(name)
     if entry["builder"] == "accompanied":
-        return tuple(Body(one, 0.0, (0.0, 0.0)) for one in entry["bodies"])
-    names = [one["asset"] for one in entry["bodies"]]
-    return bodies_of(entry, {one: _entry(one)["size"][0] for one in names})
+        return tuple(Body(part, 0.0, (0.0, 0.0)) for part in entry["bodies"])
+    names = [part["asset"] for part in entry["bodies"]]
+    return bodies_of(entry, {part: _entry(part)["size"][0] for part in names})
 
 
 def _coated(body: Body, coat: str) -> Body:
@@ -380,8 +380,8 @@ def _entry(name: str) -> dict[str, Any]:
     try:
         return _entries()[name]
     except KeyError:
-        known = [key for key, entry in _entries().items() if "american" not in entry]
-        raise InputError(f"unknown asset '{name}'", expected=f"one of {', '.join(known)}") from None
+        names = [key for key, entry in _entries().items() if "american" not in entry]
+        raise InputError(f"unknown asset '{name}'", expected=f"one of {', '.join(names)}") from None
 
 
 def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:

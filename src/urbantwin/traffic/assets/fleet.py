@@ -116,34 +116,34 @@ class Fleet:
             bends: allow articulated road vehicles.
         """
         kinds = _kinds(region_of(self.country), actor_class, bends=bends)
-        at = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
+        draws = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
         taken = 0.0
         for name, share_of in self.own.of_class(actor_class):
             taken += share_of
-            if at[0] < taken:
+            if draws[0] < taken:
                 return name
-        at[0] = (at[0] - taken) / (1.0 - taken)
+        draws[0] = (draws[0] - taken) / (1.0 - taken)
         share = np.cumsum([kind["share"] for kind in kinds])
-        place = float(at[0] * share[-1])
+        place = float(draws[0] * share[-1])
         which = min(int(np.searchsorted(share, place, side="right")), len(kinds) - 1)
         kind = kinds[which]
         within = (place - float(share[which] - kind["share"])) / kind["share"]
         bodies = kind["bodies"]
         body = bodies[min(int(within * len(bodies)), len(bodies) - 1)]
-        coat = coat_at(float(at[4]), actor_class) if actor_class in COATED_CLASSES else ""
-        return str(AssetName(body, coat, _size(kind, body, at)))
+        coat = coat_at(float(draws[4]), actor_class) if actor_class in COATED_CLASSES else ""
+        return str(AssetName(body, coat, _size(kind, body, draws)))
 
 
 def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | None:
     """Return the size of an actor, rounded to steps; ``None``: that of its body."""
     if not kind.keys() & {"scatter", "length", "width", "height"}:
         return None
-    found = asset(body)
+    own = asset(body)
     away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
     if "scatter" in kind:
         factor = 1.0 + kind["scatter"] * float(away[0])
         factor = round(factor / _COARSE) * _COARSE
-        return found.length * factor, found.width * factor, found.height * factor
+        return own.length * factor, own.width * factor, own.height * factor
     along, across, up = away.tolist()
     across = _TOGETHER * along + (1 - _TOGETHER**2) ** 0.5 * across
     sides = []
@@ -152,7 +152,7 @@ def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | No
         ("width", across, _STEPS_M[1]),
         ("height", up, _STEPS_M[2]),
     ):
-        mean, deviation = kind.get(side, (getattr(found, side), 0.0))
+        mean, deviation = kind.get(side, (getattr(own, side), 0.0))
         sides.append(round((mean + deviation * scatter) / step) * step)
     return sides[0], sides[1], sides[2]
 
@@ -183,13 +183,13 @@ def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]
     Without a table, all assets of the class are equally frequent, in their own size.
     """
     tables = _tables()
-    found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
-    if not found:
+    table = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
+    if not table:
         return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
-    kinds = [kind for kind in found.values() if bends or not any(map(_bends, kind["bodies"]))]
+    kinds = [kind for kind in table.values() if bends or not any(map(_bends, kind["bodies"]))]
     if region != _AMERICA:
         return kinds
-    return [{**kind, "bodies": [american_body(one) for one in kind["bodies"]]} for kind in kinds]
+    return [{**kind, "bodies": [american_body(name) for name in kind["bodies"]]} for kind in kinds]
 
 
 def _bends(body: str) -> bool:

@@ -50,8 +50,12 @@ def bodies_of(entry: Mapping[str, Any], lengths: Mapping[str, float]) -> tuple[B
         lengths: lengths of its bodies by name, metres.
     """
     return tuple(
-        Body(one["asset"], one["nose"] + lengths[one["asset"]] / 2, tuple(one["guides"]))
-        for one in entry["bodies"]
+        Body(
+            body_entry["asset"],
+            body_entry["nose"] + lengths[body_entry["asset"]] / 2,
+            tuple(body_entry["guides"]),
+        )
+        for body_entry in entry["bodies"]
     )
 
 
@@ -70,7 +74,7 @@ def bus_section(entry: Mapping[str, Any]) -> list[Solid]:
         before = entry["size"][0] - entry["shell"][0]
         inner["wheels"] = {
             **entry["wheels"],
-            "axles": [behind - before for behind in entry["wheels"]["axles"]],
+            "axles": [from_nose - before for from_nose in entry["wheels"]["axles"]],
         }
     shell, outline = body(inner)
     signs = plates(inner, outline, plate_z=(0.5, 0.7))
@@ -119,27 +123,27 @@ WINDOW_M, PILLAR_M = 1.35, 0.22
 
 def tram_entries() -> dict[str, dict[str, Any]]:
     """Return the catalogue's entries of trams and of their bodies."""
-    found: dict[str, dict[str, Any]] = {}
+    entries: dict[str, dict[str, Any]] = {}
     for name, tram in TRAMS.items():
         lengths, height = tram["bodies"], tram["height"]
         size = [sum(lengths) + GAP_M * (len(lengths) - 1), tram["width"], height]
-        found[name] = {"class": "tram", "builder": "tram", "size": size}
+        entries[name] = {"class": "tram", "builder": "tram", "size": size}
         for number, length in enumerate(lengths):
             ends = number == 0, number == len(lengths) - 1
-            found[_part(name, number)] = {
+            entries[_part(name, number)] = {
                 **_entry([length, tram["width"], height], *ends),
                 "class": "tram",
                 "builder": "tram-body",
                 "part_of": name,
             }
-    return found
+    return entries
 
 
 def tram_bodies(name: str) -> tuple[Body, ...]:
     """Return the bodies of a tram, from its nose."""
     lengths = TRAMS[name]["bodies"]
     starts = np.concatenate([[0.0], np.cumsum(np.add(lengths, GAP_M))])
-    found = []
+    bodies = []
     for number, length in enumerate(lengths):
         first, last = starts[number] - GAP_M / 2, starts[number] + length + GAP_M / 2
         if number == 0:
@@ -147,8 +151,8 @@ def tram_bodies(name: str) -> tuple[Body, ...]:
         if number == len(lengths) - 1:
             last = starts[number] + length - float(np.mean(CAB_AXLES_M))
         middle = float(starts[number] + length / 2)
-        found.append(Body(_part(name, number), middle, (float(first), float(last))))
-    return tuple(found)
+        bodies.append(Body(_part(name, number), middle, (float(first), float(last))))
+    return tuple(bodies)
 
 
 def tram_section(entry: Mapping[str, Any]) -> list[Solid]:
@@ -185,8 +189,8 @@ def _part(name: str, number: int) -> str:
 def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
     """Return the entry of one body: its shell lies between its bellows."""
     length, width, height = size
-    ahead, behind = (0.0 if front else BELLOWS_M), (0.0 if rear else BELLOWS_M)
-    inner, roof = length - ahead - behind, height - ROOF_M
+    front_bellows_m, rear_bellows_m = (0.0 if front else BELLOWS_M), (0.0 if rear else BELLOWS_M)
+    inner, roof = length - front_bellows_m - rear_bellows_m, height - ROOF_M
     axles: list[float] = list(CAB_AXLES_M) if front else [END_AXLE_M]
     axles += [length - x for x in reversed(CAB_AXLES_M)] if rear else [length - END_AXLE_M]
     wheels: dict[str, Any] = {
@@ -222,14 +226,14 @@ def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
     windows, doors = [], []
     for k in range(count):
         x0, x1 = begin + k * step + PILLAR_M / 2, begin + (k + 1) * step - PILLAR_M / 2
-        if k % 3 == 1 and not any(x0 - 0.5 < x - ahead < x1 + 0.5 for x in axles):
+        if k % 3 == 1 and not any(x0 - 0.5 < x - front_bellows_m < x1 + 0.5 for x in axles):
             doors.append([[x0, 0.48], [x0, 2.55], [x1, 2.55], [x1, 0.48]])
         else:
             windows.append([[x0, 1.15], [x0, 2.55], [x1, 2.55], [x1, 1.15]])
     clear = np.arange(1.9, inner - 1.0, 1.7).tolist()
     shell = {
         "size": [inner, width, roof],
-        "wheels": {**wheels, "axles": [x - ahead for x in axles]},
+        "wheels": {**wheels, "axles": [x - front_bellows_m for x in axles]},
         "upper": upper,
         "windows": windows + doors,
         "section": [[SKIRT_M, 0.97], [0.6, 1.0], [1.4, 1.0], [roof, 0.94]],
@@ -250,6 +254,6 @@ def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
         "size": size,
         "wheels": wheels,
         "shell": shell,
-        "shift": (behind - ahead) / 2,
+        "shift": (rear_bellows_m - front_bellows_m) / 2,
         "cabs": (front, rear),
     }

@@ -163,8 +163,8 @@ def _trunk(figure: Figure, posture: Posture) -> Solid:
         (1.10, 0.026, 0.035, 0.0),
     )
     sections = [
-        _oval(posture.pelvis + up * at * length + ahead * shift * h, ahead, d * h * g, w * h * g)
-        for at, d, w, shift in levels
+        _oval(posture.pelvis + up * level * length + ahead * shift * h, ahead, d * h * g, w * h * g)
+        for level, d, w, shift in levels
     ]
     return loft(sections, "cloth")
 
@@ -236,9 +236,9 @@ def _shoe(figure: Figure, ankle: NDArray[np.float64], tip: NDArray[np.float64]) 
     )
     oval = superellipse(1.0, 1.0, sides=10, power=3.0)
     sections = []
-    for at, high, half in levels:
+    for level, high, half in levels:
         u, v = oval[:, 0] * half * h, (np.maximum(oval[:, 1], -0.9) / 1.9 + 0.9 / 1.9) * high * h
-        sections.append(sole + at * h * ahead + u[:, None] * across + v[:, None] * up)
+        sections.append(sole + level * h * ahead + u[:, None] * across + v[:, None] * up)
     return loft(sections, "rubber")
 
 
@@ -263,12 +263,12 @@ def _backpack(figure: Figure, posture: Posture) -> Solid:
     _, ahead = _trunk_frame(posture)
     h = figure.stature
     sections = []
-    for at, depth, half in (
+    for level, depth, half in (
         (0.30, 0.05, 0.07),
         (0.36, 0.065, 0.085),
         (0.85, 0.06, 0.085),
         (0.97, 0.035, 0.06),
     ):
-        centre = posture.pelvis + (posture.neck - posture.pelvis) * at - ahead * 0.105 * h
+        centre = posture.pelvis + (posture.neck - posture.pelvis) * level - ahead * 0.105 * h
         sections.append(_oval(centre, ahead, depth * h, half * h))
     return loft(sections, "cloth")

@@ -273,14 +273,14 @@ def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[n
 
 def _spaced(ring: NDArray[np.float64], least: float) -> list[int]:
     """Return the indices of a path's points that keep a least distance between neighbours."""
-    kept = [0]
+    indices = [0]
     places = ring.tolist()
     for index in range(1, len(places)):
         x, z = places[index]
-        near = (places[kept[-1]], places[0])
-        if all(math.sqrt((u - x) ** 2 + (w - z) ** 2) >= least for u, w in near):
-            kept.append(index)
-    return kept
+        neighbours = (places[indices[-1]], places[0])
+        if all(math.sqrt((u - x) ** 2 + (w - z) ** 2) >= least for u, w in neighbours):
+            indices.append(index)
+    return indices
 
 
 def _distance_to_upper(outline: Outline, flat: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -55,8 +55,8 @@ class Solid:
         if isinstance(material, str):
             numbers = np.full(len(triangles), material_id(material), np.uint8)
         else:
-            known = {name: material_id(name) for name in set(material)}
-            numbers = np.array([known[name] for name in material], np.uint8)
+            ids = {name: material_id(name) for name in set(material)}
+            numbers = np.array([ids[name] for name in material], np.uint8)
         return cls(np.asarray(vertices, np.float64).reshape(-1, 3), triangles, numbers)
 
     def moved(self, offset: ArrayLike) -> Solid:
@@ -354,8 +354,8 @@ def parts(entry: Mapping[str, Any]) -> list[Solid]:
 
 def place(behind_left_up: Sequence[float], length: float) -> NDArray[np.float64]:
     """Return a point (3,) of the catalogue in the asset frame."""
-    behind, left, up = behind_left_up
-    return np.array([length / 2 - behind, left, up])
+    from_nose, left, up = behind_left_up
+    return np.array([length / 2 - from_nose, left, up])
 
 
 def _both(solid: Solid, y: float) -> list[Solid]:
@@ -364,8 +364,8 @@ def _both(solid: Solid, y: float) -> list[Solid]:
 
 def _hull(stations: Sequence[Sequence[float]], power: float, material: str, length: float) -> Solid:
     sections = []
-    for behind, z, half_height, half_width in stations[::-1]:
+    for from_nose, z, half_height, half_width in stations[::-1]:
         oval = superellipse(half_width, half_height, sides=HULL_SIDES, power=power)
-        x = np.full(len(oval), length / 2 - behind)
+        x = np.full(len(oval), length / 2 - from_nose)
         sections.append(np.column_stack([x, oval[:, 0], z + oval[:, 1]]))
     return loft(sections, material)

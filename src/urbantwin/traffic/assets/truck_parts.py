@@ -55,18 +55,18 @@ def truck_parts(name: str) -> tuple[TruckPart, ...]:
     if cab_m is None:
         return ()
     corners = asset_mesh(name).vertices.astype(np.float64)
-    behind = corners[:, 0].max() - corners[:, 0]
-    found = []
-    for kind, mine, from_m, to_m in (
-        ("truck", behind <= cab_m + _OVER_M, 0.0, cab_m),
-        ("trailer", behind > cab_m, cab_m, length),
+    from_nose = corners[:, 0].max() - corners[:, 0]
+    truck = []
+    for kind, in_part, from_m, to_m in (
+        ("truck", from_nose <= cab_m + _OVER_M, 0.0, cab_m),
+        ("trailer", from_nose > cab_m, cab_m, length),
     ):
-        width, height = float(np.ptp(corners[mine, 1])), float(corners[mine, 2].max())
+        width, height = float(np.ptp(corners[in_part, 1])), float(corners[in_part, 2].max())
         size = (to_m - from_m, width, height)
-        found.append(TruckPart(kind, f"{name}{_MARK}{kind}", size, (length - from_m - to_m) / 2))
+        truck.append(TruckPart(kind, f"{name}{_MARK}{kind}", size, (length - from_m - to_m) / 2))
     if not asset(name).loaded:
-        return (found[0]._replace(name=name),)
-    return tuple(found)
+        return (truck[0]._replace(name=name),)
+    return tuple(truck)
 
 
 def mesh_of_part(meshes: Callable[[str, int], LabelledMesh], name: str, phase: int) -> LabelledMesh:
@@ -83,6 +83,6 @@ def mesh_of_part(meshes: Callable[[str, int], LabelledMesh], name: str, phase: i
         return mesh
     middles = mesh.triangles()[..., 0].mean(axis=1)
     count = np.maximum(np.bincount(mesh.part), 1)
-    behind = mesh.vertices[:, 0].max() - np.bincount(mesh.part, middles) / count
-    cab = behind[mesh.part] <= cab_m
+    from_nose = mesh.vertices[:, 0].max() - np.bincount(mesh.part, middles) / count
+    cab = from_nose[mesh.part] <= cab_m
     return mesh.select(cab if kind == "truck" else ~cab)

@@ -29,8 +29,8 @@ def two_wheeler(entry: Mapping[str, Any], phase: int = 0, *, halted: bool = Fals
     """
     length = entry["size"][0]
     solids = parts(entry)
-    for behind in entry["wheels"]["hubs"]:
-        wheel = _wheel(entry["wheels"], length / 2 - behind)
+    for from_nose in entry["wheels"]["hubs"]:
+        wheel = _wheel(entry["wheels"], length / 2 - from_nose)
         for y in _tracks(entry):
             solids += [solid.moved([0.0, y, 0.0]) for solid in wheel]
     feet = np.array([place(foot, length) for foot in entry["rider"]["feet"]])
@@ -50,7 +50,7 @@ def hub_contacts(entry: Mapping[str, Any]) -> list[list[float]]:
     """Return the wheels' contact points (K, 3), the front first, left before right."""
     length = entry["size"][0]
     hubs = entry["wheels"]["hubs"]
-    return [[length / 2 - behind, y, 0.0] for behind in hubs for y in _tracks(entry)]
+    return [[length / 2 - from_nose, y, 0.0] for from_nose in hubs for y in _tracks(entry)]
 
 
 def _tracks(entry: Mapping[str, Any]) -> tuple[float, ...]:
@@ -125,17 +125,17 @@ def _seated(
         length: length of the vehicle, metres.
         halted: whether the vehicle stands.
     """
-    behind, up = person["pelvis"]
+    from_nose, up = person["pelvis"]
     lean = np.radians(person["lean"])
     ground = [False, False]
     if halted and "halt" in person:
         halt = person["halt"]
-        (behind, up), (foot_behind, foot_left) = halt["pelvis"], halt["foot"]
+        (from_nose, up), (foot_behind, foot_left) = halt["pelvis"], halt["foot"]
         lean = np.radians(halt.get("lean", person["lean"]))
         ground = [True, halt.get("both", False)]
         down = place([foot_behind, foot_left, 0.0], length)
         feet = np.where(np.array(ground)[:, None], [down, down * [1, -1, 1]], feet)
-    pelvis = place([behind, 0.0, up], length)
+    pelvis = place([from_nose, 0.0, up], length)
     spine = np.array([np.sin(lean), 0.0, np.cos(lean)])
     neck = pelvis + figure.length("trunk") * spine
     legs, arms = [], []

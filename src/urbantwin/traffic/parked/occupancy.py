@@ -108,42 +108,44 @@ def park(
         if space.kind == "street" and driveways.intersects(space.beyond()):
             count["driveway"] += 1
             continue
-        found = _vehicle(space, number, random, fleet, asset)
-        if found is None:
+        candidate = _vehicle(space, number, random, fleet, asset)
+        if candidate is None:
             count["too_small"] += 1
         else:
-            tried.append(found)
-    for one, why in zip(tried, _hindered(tried, network, mesh), strict=True):
-        counts[one.space.kind][why or "taken"] += 1
-        one.stays = not why
+            tried.append(candidate)
+    for vehicle, why in zip(tried, _hindered(tried, network, mesh), strict=True):
+        counts[vehicle.space.kind][why or "taken"] += 1
+        vehicle.stays = not why
     rows: list[dict[str, Any]] = []
-    for one in (one for one in tried if one.stays):
-        ceiling = np.array([one.space.place[2] + 1.5])
-        contacts, yaw = one.asset.contacts, np.array([one.yaw])
-        z, pitch, roll = stand(ground, contacts, one.xy[None], yaw, ceiling)
+    for vehicle in (vehicle for vehicle in tried if vehicle.stays):
+        ceiling = np.array([vehicle.space.place[2] + 1.5])
+        contacts, yaw = vehicle.asset.contacts, np.array([vehicle.yaw])
+        z, pitch, roll = stand(ground, contacts, vehicle.xy[None], yaw, ceiling)
         if not np.isfinite(z[0]):
-            counts[one.space.kind].update(taken=-1, no_ground=1)
+            counts[vehicle.space.kind].update(taken=-1, no_ground=1)
             continue
         rows.append(
             {
                 "track": FIRST_PARKED_TRACK + len(rows),
-                "class": one.asset.actor_class,
-                "asset": one.asset.name,
-                "phase": one.asset.standing,
-                **dict(zip("xy", one.xy.tolist(), strict=True)),
+                "class": vehicle.asset.actor_class,
+                "asset": vehicle.asset.name,
+                "phase": vehicle.asset.standing,
+                **dict(zip("xy", vehicle.xy.tolist(), strict=True)),
                 "z": float(z[0]),
-                "yaw": float(np.angle(np.exp(1j * one.yaw))),
+                "yaw": float(np.angle(np.exp(1j * vehicle.yaw))),
                 "pitch": float(pitch[0]),
                 "roll": float(roll[0]),
-                "length": one.asset.length,
-                "width": one.asset.width,
-                "height": one.asset.height,
+                "length": vehicle.asset.length,
+                "width": vehicle.asset.width,
+                "height": vehicle.asset.height,
                 "speed": 0.0,
-                "lane": one.space.lane,
+                "lane": vehicle.space.lane,
                 "time_s": 0.0,
             }
         )
-    return ParkedVehicles(rows, {kind: dict(sorted(one.items())) for kind, one in counts.items()})
+    return ParkedVehicles(
+        rows, {kind: dict(sorted(counter.items())) for kind, counter in counts.items()}
+    )
 
 
 @dataclass(eq=False)
@@ -166,24 +168,24 @@ def _hindered(tried: Sequence[_Tried], network: RoadNetwork, mesh: LabelledMesh)
     if not tried:
         return []
     kept_free = _kept_free(network)
-    outlines = [one.outline() for one in tried]
+    outlines = [vehicle.outline() for vehicle in tried]
     boxes = PlanBoxes(
         np.zeros(len(tried), np.int64),
-        np.array([one.xy for one in tried]),
-        np.array([one.yaw for one in tried]),
-        np.array([[one.asset.length, one.asset.width] for one in tried]) / 2 + 0.05,
+        np.array([vehicle.xy for vehicle in tried]),
+        np.array([vehicle.yaw for vehicle in tried]),
+        np.array([[vehicle.asset.length, vehicle.asset.width] for vehicle in tried]) / 2 + 0.05,
     )
-    z = np.array([one.space.place[2] for one in tried])
-    met = Obstacles(mesh).met(boxes, z, np.array([one.asset.height for one in tried]))
+    z = np.array([vehicle.space.place[2] for vehicle in tried])
+    met = Obstacles(mesh).met(boxes, z, np.array([vehicle.asset.height for vehicle in tried]))
     why = [
         "kept_free" if kept_free.intersects(outline) else "in_the_way" if what else ""
         for outline, what in zip(outlines, met, strict=True)
     ]
     # The first vehicle stays.
     pairs = shapely.STRtree(outlines).query(outlines, predicate="intersects").T
-    for one, other in sorted(pairs.tolist()):
-        if one < other and not why[one] and not why[other]:
-            why[other] = "next_to_another"
+    for first, second in sorted(pairs.tolist()):
+        if first < second and not why[first] and not why[second]:
+            why[second] = "next_to_another"
     return why
 
 
@@ -233,8 +235,8 @@ def _kept_free(network: RoadNetwork) -> shapely.Geometry:
         lane = network.lane_by_id.get(stop.lane)
         if lane is not None:
             line = shapely.LineString(lane.centre[:, :2])
-            places = [line.interpolate(at) for at in (stop.start_m, stop.end_m)]
+            places = [line.interpolate(station_m) for station_m in (stop.start_m, stop.end_m)]
             areas.append(shapely.LineString(places).buffer(STOP_M))
-    found = shapely.union_all([area for area in areas if not area.is_empty], grid_size=1e-3)
-    shapely.prepare(found)
-    return found
+    free_area = shapely.union_all([part for part in areas if not part.is_empty], grid_size=1e-3)
+    shapely.prepare(free_area)
+    return free_area

@@ -97,12 +97,12 @@ def street_spaces(network: RoadNetwork) -> Iterator[Space]:
 
 def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[Space]:
     steps = np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(steps)])
-    if at[-1] < 1e-6:
+    station_m = np.concatenate([[0.0], np.cumsum(steps)])
+    if station_m[-1] < 1e-6:
         return
-    widths = lane.widths if len(lane.widths) else np.full(len(at), lane.width)
-    fine = np.arange(0.0, at[-1], 0.25)
-    wide = fine[np.interp(fine, at, widths) >= NARROWEST_M]
+    widths = lane.widths if len(lane.widths) else np.full(len(station_m), lane.width)
+    fine = np.arange(0.0, station_m[-1], 0.25)
+    wide = fine[np.interp(fine, station_m, widths) >= NARROWEST_M]
     if not len(wide):
         return
     widest = float(np.max(widths))
@@ -112,16 +112,16 @@ def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[S
     count = int((wide[-1] - wide[0] + 0.25 - lean) // pitch)
     for s in (wide[0] + wide[-1]) / 2 + pitch * (np.arange(count) - (count - 1) / 2):
         beside = (pitch + lean) / 2
-        if np.interp([s - beside, s + beside], at, widths).min() < NARROWEST_M:
+        if np.interp([s - beside, s + beside], station_m, widths).min() < NARROWEST_M:
             continue
-        place = np.array([np.interp(s, at, lane.centre[:, axis]) for axis in range(3)])
+        place = np.array([np.interp(s, station_m, lane.centre[:, axis]) for axis in range(3)])
         before, after = (
-            np.array([np.interp(k, at, lane.centre[:, axis]) for axis in range(2)])
+            np.array([np.interp(k, station_m, lane.centre[:, axis]) for axis in range(2)])
             for k in (s - 0.5, s + 0.5)
         )
         yaw = float(np.arctan2(*(after - before)[::-1]))
-        near = driving[int(tree.nearest(shapely.Point(place[:2])))]
-        line = shapely.LineString(near.centre[:, :2])
+        nearest_lane = driving[int(tree.nearest(shapely.Point(place[:2])))]
+        line = shapely.LineString(nearest_lane.centre[:, :2])
         foot = line.project(shapely.Point(place[:2]))
         ends = [shapely.get_coordinates(line.interpolate(foot + d))[0] for d in (-0.5, 0.5)]
         traffic = ends[1] - ends[0]
@@ -129,7 +129,7 @@ def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[S
             yaw += np.pi
         away = place[:2] - (ends[0] + ends[1]) / 2
         left = -np.sin(yaw) * away[0] + np.cos(yaw) * away[1] > 0
-        width = float(np.interp(s, at, widths))
+        width = float(np.interp(s, station_m, widths))
         if slanted:
             # A car of usual width keeps its corners within the lane.
             yaw += np.pi / 4 if left else -np.pi / 4
@@ -171,10 +171,12 @@ def car_park_spaces(mesh: LabelledMesh, network: RoadNetwork) -> Iterator[Space]
 def service_ground(mesh: LabelledMesh, network: RoadNetwork) -> shapely.Geometry:
     """Return the ground of service ways: road beside the lanes of streets."""
     ground = _level_ground(mesh, "road").difference(network.carriageway(0).buffer(STREET_M))
-    inside = shapely.union_all([one.polygon for one in network.junctions if one.level == 0])
-    found = ground.difference(inside.buffer(STREET_M)).buffer(-0.5).buffer(0.5)
-    shapely.prepare(found)
-    return found
+    inside = shapely.union_all(
+        [junction.polygon for junction in network.junctions if junction.level == 0]
+    )
+    area = ground.difference(inside.buffer(STREET_M)).buffer(-0.5).buffer(0.5)
+    shapely.prepare(area)
+    return area
 
 
 def _level_ground(mesh: LabelledMesh, name: str) -> shapely.Geometry:
@@ -199,13 +201,13 @@ def _rows(area: shapely.Polygon) -> Iterator[tuple[NDArray[np.float64], float]]:
     room = area.buffer(0.05)
     shapely.prepare(room)
     # Depth of the middle of each row, and the side it faces: away from its aisle.
-    rows, at = [], 0.0
-    while at + DEEP_M <= deep + 1e-6:
-        rows.append((at + DEEP_M / 2, -1.0))
-        at += DEEP_M + AISLE_M
-        if at + DEEP_M <= deep + 1e-6:
-            rows.append((at + DEEP_M / 2, 1.0))
-            at += DEEP_M
+    rows, depth_m = [], 0.0
+    while depth_m + DEEP_M <= deep + 1e-6:
+        rows.append((depth_m + DEEP_M / 2, -1.0))
+        depth_m += DEEP_M + AISLE_M
+        if depth_m + DEEP_M <= deep + 1e-6:
+            rows.append((depth_m + DEEP_M / 2, 1.0))
+            depth_m += DEEP_M
     count = int(long // WIDE_M)
     for depth, side in rows:
         yaw = float(np.arctan2(*(across * side)[::-1]))
