@@ -59,9 +59,9 @@ def actor_rows(
     ceiling = ground.ceiling(columns["xy"], columns["lane"], lanes)
     z, pitch, roll = np.full((3, len(trip)), np.nan)
     phase = np.zeros(len(trip), np.int16)
-    known, kind = np.unique(names.astype(str), return_inverse=True)
+    distinct, kind = np.unique(names.astype(str), return_inverse=True)
     for name in sorted(set(names[trip])):
-        rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
+        rows = np.flatnonzero(kind[trip] == np.searchsorted(distinct, name))
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
         z[rows], pitch[rows], roll[rows] = stand(ground, mesh.supports, xy, yaw, ceiling[rows])
@@ -96,7 +96,9 @@ def actor_rows(
         "lane": _texts(lanes, columns["lane"][order]),
     }
     arrays = [
-        one if isinstance(one := values[field.name], pa.Array) else pa.array(one, field.type)
+        column
+        if isinstance(column := values[field.name], pa.Array)
+        else pa.array(column, field.type)
         for field in ACTOR_SCHEMA
     ]
     return pa.table(arrays, names=ACTOR_SCHEMA.names), beside
@@ -191,12 +193,12 @@ class KeptRows:
         begin = 0
         some = (rows.slice(k, _ROWS) for rows in self for k in range(0, rows.num_rows, _ROWS))
         for rows in some:
-            mine = slice(begin, begin + rows.num_rows)
-            begin = mine.stop
-            tracks = pa.array(track[mine], pa.int32())
+            part_rows = slice(begin, begin + rows.num_rows)
+            begin = part_rows.stop
+            tracks = pa.array(track[part_rows], pa.int32())
             part = rows.set_column(rows.schema.get_field_index("track"), "track", tracks)
-            if not kept[mine].all():
-                part = part.filter(pa.array(kept[mine]))
+            if not kept[part_rows].all():
+                part = part.filter(pa.array(kept[part_rows]))
             yield part.cast(ACTOR_SCHEMA)
 
 

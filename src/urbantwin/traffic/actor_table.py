@@ -167,7 +167,7 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         every = stretches(*ways.steps, step_s)
         lead = ways.who == vehicles(ways.who)
         left, outside, posed, poses = None, 0, 0, []
-        kept = KeptRows(folder, place.region)
+        stored = KeptRows(folder, place.region)
         rows_of = partial(
             actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
         )
@@ -188,27 +188,27 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
                     parted["step"] < min(stretch.end, steps)
                 )
                 shows = {name: parted[name][decided] for name in _SHOWN}
-                outside += sum(one.result() for one in made)
+                outside += sum(rows_beside.result() for rows_beside in made)
                 posed += len(shows["trip"])
-                made = [beside_it.submit(kept.stood, shows, rows_of)]
+                made = [beside_it.submit(stored.stood, shows, rows_of)]
                 del parted, shows
             while wait(made, timeout=0.5).not_done:
                 standing = between(tell, _PARTED, _STOOD)
-                standing(kept.taken / max(posed, 1), "standing on the ground")
-            outside += sum(one.result() for one in made)
+                standing(stored.taken / max(posed, 1), "standing on the ground")
+            outside += sum(rows_beside.result() for rows_beside in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
         tell(_STOOD, "who passes through whom")
-        trip = kept.trips()
+        trip = stored.trips()
         absent = absent_from(
-            kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
+            stored, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
         hand_back_freed_memory()
         tell(0.97, "who passes through whom")
         number = ways.who if by_trip else None
-        rows = kept.rows(trip, ~absent.rows, number, file if folder else None)
+        rows = stored.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)
     return Tabled(rows, outside, ways.rigid, tuple(poses), absent, overlaps)
 

@@ -97,15 +97,15 @@ class _Between:
         yaw, distance, speed = np.empty((3, len(order)))
         tracks = np.split(np.arange(len(order)), breaks) if len(order) else []
         for rows in each(tracks, tell, "smoothing their paths"):
-            whose, source = demand.trips[trip[rows[0]]], order[rows]
-            steers = steering_part(self.asset(whose.asset), self.asset)
+            actor, source = demand.trips[trip[rows[0]]], order[rows]
+            steers = steering_part(self.asset(actor.asset), self.asset)
             path = smoothed(
                 simulated.front[source],
                 simulated.angle_deg[source],
                 simulated.speed[source],
                 step_s=self.step_s,
                 length_m=steers.length,
-                walks=whose.actor_class == "pedestrian",
+                walks=actor.actor_class == "pedestrian",
             )
             xy[rows], distance[rows], speed[rows] = path.xy, path.distance_m, path.speed
             yaw[rows] = steered(path.xy, path.yaw, rear_of(steers))
@@ -149,52 +149,52 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         folder: folder for long paths; ``None`` keeps them in memory.
         tell: called with the fraction done (0..1) and what is being done.
     """
-    way = _Between(roads, ground, low, solids, simulated.lanes, step_s, asset)
+    stages = _Between(roads, ground, low, solids, simulated.lanes, step_s, asset)
     step = simulated.step
     steps = (int(step.min()), int(step.max()) + 1) if len(step) else (0, 1)
-    kept = KeptColumns(folder)
+    stored = KeptColumns(folder)
     if folder is None:
-        columns = way.ways(simulated, demand, tell)
-        bent, trips, who = way.bent(columns, demand, simulated)
-        rigid = way.cutters(bent, trips, who) if rigid is None else rigid
+        columns = stages.ways(simulated, demand, tell)
+        bent, trips, actor_ids = stages.bent(columns, demand, simulated)
+        rigid = stages.cutters(bent, trips, actor_ids) if rigid is None else rigid
         if rigid:
             demand = with_rigid(demand, rigid, asset)
-            again = way.smooth(_of_trips(simulated, rigid), demand, untold)
-            bent, trips, who = way.bent(_exchanged(columns, again), demand, simulated)
+            again = stages.smooth(_of_trips(simulated, rigid), demand, untold)
+            bent, trips, actor_ids = stages.bent(_exchanged(columns, again), demand, simulated)
         # An animal beside its owner avoids obstacles, too, and is longer.
-        kept.add(way.round(bent, trips, led=True))
-        return KeptWays(kept, trips, who, rigid, frozenset(), 0, steps)
+        stored.add(stages.round(bent, trips, led=True))
+        return KeptWays(stored, trips, actor_ids, rigid, frozenset(), 0, steps)
     every, number = list(demand.trips), list(range(len(demand.trips)))
     count = 0
     parts = list(some_actors(simulated.trip))
     for n, rows in enumerate(parts):
         telling = between(tell, n / len(parts), (n + 1) / len(parts))
         seen = simulated.only(rows)
-        bent, trips, who = way.bent(way.ways(seen, demand, telling), demand, seen)
-        bent = way.round(bent, trips, led=True)
+        bent, trips, actor_ids = stages.bent(stages.ways(seen, demand, telling), demand, seen)
+        bent = stages.round(bent, trips, led=True)
         further = bent["trip"] >= len(demand.trips)
         bent["trip"][further] += len(every) - len(demand.trips)
-        for one in np.unique(seen.trip).tolist():
-            every[one] = trips[one]
+        for number_of_trip in np.unique(seen.trip).tolist():
+            every[number_of_trip] = trips[number_of_trip]
         every += trips[len(demand.trips) :]
-        number += who[len(demand.trips) :].tolist()
+        number += actor_ids[len(demand.trips) :].tolist()
         count += len(bent["trip"])
-        kept.add(bent)
+        stored.add(bent)
         del seen, bent, rows
     del parts
     hand_back_freed_memory()
-    trips, who = tuple(every), np.array(number, np.int64)
+    trips, actor_ids = tuple(every), np.array(number, np.int64)
     if rigid is None:
         rigid = frozenset().union(
-            *(way.cutters(some, trips, who) for some in _some_steps(kept, steps))
+            *(stages.cutters(some, trips, actor_ids) for some in _some_steps(stored, steps))
         )
     gone: frozenset[int] = frozenset()
     if rigid:
-        gone = frozenset(np.flatnonzero(np.isin(vehicles(who), list(rigid))).tolist())
+        gone = frozenset(np.flatnonzero(np.isin(vehicles(actor_ids), list(rigid))).tolist())
         demand = with_rigid(demand, rigid, asset)
-        kept.add(way.smooth(_of_trips(simulated, rigid), demand, untold))
+        stored.add(stages.smooth(_of_trips(simulated, rigid), demand, untold))
         trips = tuple(demand.trips[n] if n in rigid else trip for n, trip in enumerate(trips))
-    return KeptWays(kept, trips, who, rigid, gone, count, steps)
+    return KeptWays(stored, trips, actor_ids, rigid, gone, count, steps)
 
 
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:

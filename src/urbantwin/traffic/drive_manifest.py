@@ -66,7 +66,9 @@ def manifest_of_drive(
         ],
         "teleports": simulated.teleports,
         "collisions": simulated.collisions,
-        "collided": [_collided(*one, demand=demand) for one in simulated.collided[:_TOLD]],
+        "collided": [
+            _collided(*collision, demand=demand) for collision in simulated.collided[:_TOLD]
+        ],
     }
     if demand.counted:
         manifest["counts"] = counted_report(
@@ -115,7 +117,7 @@ def _counts(
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, the numbers of actors requested, driven, and seen in the motion."""
     tracks = actors.distinct(["track", "class", "asset"])
-    behind = {
+    towed_bodies = {
         body.asset
         for kind in ACTOR_CLASSES
         for name in asset_names(kind)
@@ -123,7 +125,7 @@ def _counts(
         if class_of(body.asset) == kind
     }
     shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
-    seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in behind)
+    seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in towed_bodies)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:
@@ -145,7 +147,7 @@ def _collided(
     time_s: float, x: float, y: float, lane: str, *pair: str, demand: Demand
 ) -> dict[str, Any]:
     """Return an entry of a collision that SUMO reported: assets, first time, place and lane."""
-    known = {str(number): trip.asset for number, trip in enumerate(demand.trips)}
-    who = [known.get(name, name) for name in pair]
+    assets = {str(number): trip.asset for number, trip in enumerate(demand.trips)}
+    involved = [assets.get(name, name) for name in pair]
     place = {"x": round(x, 1), "y": round(y, 1), "lane": lane}
-    return {"who": who, "time_s": round(time_s, 3), **place}
+    return {"who": involved, "time_s": round(time_s, 3), **place}

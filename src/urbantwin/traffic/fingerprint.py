@@ -42,9 +42,9 @@ def table_sha256(table: pa.Table | ActorRows) -> str:
             texts, chunks = _coded(table, field.name)
             digest.update(json.dumps(texts).encode())
         else:
-            chunks = (one for part in _parts(table, field.name) for one in part.chunks)
-        for one in chunks:
-            digest.update(np.ascontiguousarray(one.to_numpy(zero_copy_only=False)).data)
+            chunks = (chunk for part in _parts(table, field.name) for chunk in part.chunks)
+        for chunk in chunks:
+            digest.update(np.ascontiguousarray(chunk.to_numpy(zero_copy_only=False)).data)
     return digest.hexdigest()
 
 
@@ -57,8 +57,8 @@ def _parts(table: pa.Table | ActorRows, name: str) -> Iterator[pa.ChunkedArray]:
 def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
     """Return the distinct texts of a column in order of appearance, and the column as indices."""
     parts = _parts(table, name)
-    found = [one for part in parts for one in part.dictionary_encode().chunks]
-    chunks = pa.chunked_array(found, pa.dictionary(pa.int32(), pa.string()))
+    encoded = [chunk for part in parts for chunk in part.dictionary_encode().chunks]
+    chunks = pa.chunked_array(encoded, pa.dictionary(pa.int32(), pa.string()))
     chunks = chunks.unify_dictionaries().chunks
     texts = chunks[0].dictionary.to_pylist() if chunks else []
-    return texts, [one.indices for one in chunks]
+    return texts, [chunk.indices for chunk in chunks]

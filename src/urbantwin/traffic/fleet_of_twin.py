@@ -19,9 +19,9 @@ def fleet_of(twin: Twin, seed: int) -> Fleet:
 
 def own_bodies(twin: Twin) -> OwnBodies:
     """Return the assets that a twin's site defines."""
-    told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
+    specs = [OwnAssetSpec.model_validate(entry) for entry in twin.site["traffic"].get("assets", ())]
     return OwnBodies(
-        {one.name: one.actor_class for one in told},
-        {one.name: one.share for one in told},
+        {spec.name: spec.actor_class for spec in specs},
+        {spec.name: spec.share for spec in specs},
         {(name, 0): mesh for name, mesh in twin.own_meshes.items()},
     )

@@ -113,8 +113,8 @@ def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, 
     """Return a manifest's counts per class, increased by the added actors."""
     tracks = rows.group_by(["track", "class"]).aggregate([])
     counted = {name: dict(row) for name, row in classes.items()}
-    known = next(iter(classes.values()), {"seen": 0})
+    fields = next(iter(classes.values()), {"seen": 0})
     for name, count in Counter(tracks["class"].to_pylist()).items():
-        row = counted.setdefault(name, dict.fromkeys(known, 0))
+        row = counted.setdefault(name, dict.fromkeys(fields, 0))
         row["seen"] = row["seen"] + count
     return counted

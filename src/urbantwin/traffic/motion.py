@@ -228,7 +228,7 @@ class Motion:
                 place="version",
                 expected=str(MOTION_VERSION),
             )
-        told = validated(manifest, MotionManifest, file=path, expected="a motion's manifest")
+        checked = validated(manifest, MotionManifest, file=path, expected="a motion's manifest")
         motion = cls(
             manifest,
             read_rows(folder / "actors.parquet"),
@@ -236,7 +236,7 @@ class Motion:
             read_meshes(folder / "meshes.npz"),
             **_read_parked(folder / _PARKED),
         )
-        check_motion(motion.rows, motion.signals, told.steps * told.step_s, folder)
+        check_motion(motion.rows, motion.signals, checked.steps * checked.step_s, folder)
         if motion.parked.num_rows:
             check_actors(motion.parked, folder / _PARKED)
         return motion

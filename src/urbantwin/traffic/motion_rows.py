@@ -92,15 +92,15 @@ class ActorRows(ABC):
     def distinct(self, columns: Sequence[str]) -> pa.Table:
         """Return the distinct combinations of values of some columns, unordered."""
         names = list(columns)
-        every = [one.group_by(names).aggregate([]) for one in self._groups(names)]
+        every = [group.group_by(names).aggregate([]) for group in self._groups(names)]
         empty = pa.schema([ACTOR_SCHEMA.field(name) for name in names]).empty_table()
         return pa.concat_tables([empty, *every]).group_by(names).aggregate([])
 
     def where(self, column: str, values: Sequence[Any]) -> pa.Table:
         """Return the rows whose column has one of the given values."""
         some = pa.array(list(values), ACTOR_SCHEMA.field(column).type)
-        found = [one.filter(pc.is_in(one[column], some)) for one in self._groups(None)]
-        return pa.concat_tables([ACTOR_SCHEMA.empty_table(), *found])
+        selected = [group.filter(pc.is_in(group[column], some)) for group in self._groups(None)]
+        return pa.concat_tables([ACTOR_SCHEMA.empty_table(), *selected])
 
     def write(self, to: Path | pa.NativeFile) -> None:
         """Write a Parquet file; the same rows give the same bytes."""
@@ -149,7 +149,7 @@ class RowsInFile(ActorRows):
         self._stat = path.stat()
         self._read: dict[int, pa.Table] = {}
         self.num_rows = self._file.num_rows
-        ends = [_ends(one["time_s"].to_numpy()) for one in self._groups(["time_s"])]
+        ends = [_ends(group["time_s"].to_numpy()) for group in self._groups(["time_s"])]
         self._ends = np.array(ends, np.float64).reshape(-1, 2)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:

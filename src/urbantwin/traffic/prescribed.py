@@ -75,7 +75,7 @@ class PrescribedPath:
             row = int(np.argmax(np.diff(self.time_s) <= 0)) + 1
             raise InputError("time does not go on", place=f"moment {row}", expected="later times")
         every = (self.time_s, self.xy, self.yaw, self.speed, self.z)
-        if not all(one is None or np.isfinite(one).all() for one in every):
+        if not all(column is None or np.isfinite(column).all() for column in every):
             raise InputError("a path with values that are not finite")
 
     def heading(self) -> NDArray[np.float64]:
@@ -84,10 +84,10 @@ class PrescribedPath:
             return np.unwrap(self.yaw)
         moved = np.zeros_like(self.xy) if len(self.xy) < 2 else np.gradient(self.xy, axis=0)
         facing = np.arctan2(moved[:, 1], moved[:, 0])
-        known = np.flatnonzero(np.linalg.norm(moved, axis=1) > 1e-3)
-        if not len(known) or float(np.ptp(self.xy, axis=0).max()) < _SHORT_M:
-            return np.full(len(self.xy), facing[known[0]] if len(known) else 0.0)
-        return np.asarray(np.interp(np.arange(len(facing)), known, np.unwrap(facing[known])))
+        moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 1e-3)
+        if not len(moving) or float(np.ptp(self.xy, axis=0).max()) < _SHORT_M:
+            return np.full(len(self.xy), facing[moving[0]] if len(moving) else 0.0)
+        return np.asarray(np.interp(np.arange(len(facing)), moving, np.unwrap(facing[moving])))
 
     def pace(self, heading: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the speed (N,) along a heading (N,), m/s."""
@@ -149,13 +149,13 @@ def prescribed_table(
     parts, outside = [], 0
     for number, path in each(list(enumerate(paths)), tell, "on the ground"):
         begin, end = path.time_s[0] - _SLACK_S, path.time_s[-1] + _SLACK_S
-        there = times[(times >= begin) & (times <= end)]
+        present_s = times[(times >= begin) & (times <= end)]
         for gone, back in path.absent:
-            there = there[(there <= gone + _SLACK_S) | (there >= back - _SLACK_S)]
-        rows = _rows(path, there, first_track + number, surface)
-        kept = np.isfinite(rows["z"])
-        outside += int((~kept).sum())
-        parts.append({name: values[kept] for name, values in rows.items()})
+            present_s = present_s[(present_s <= gone + _SLACK_S) | (present_s >= back - _SLACK_S)]
+        rows = _rows(path, present_s, first_track + number, surface)
+        on_ground = np.isfinite(rows["z"])
+        outside += int((~on_ground).sum())
+        parts.append({name: values[on_ground] for name, values in rows.items()})
     if not parts:
         return ACTOR_SCHEMA.empty_table(), 0
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -197,7 +197,7 @@ def _rows(
         "speed": speed,
         "lane": lane,
     }
-    return {name: np.broadcast_to(np.asarray(one), times.shape) for name, one in values.items()}
+    return {name: np.broadcast_to(np.asarray(value), times.shape) for name, value in values.items()}
 
 
 def _phases(

@@ -72,10 +72,10 @@ def _rows(
     until_s: float,
 ) -> list[Row]:
     """Return the rows of a link: its state at 0 s, and each change."""
-    first = max((at for at, _ in shown if at <= 0), default=shown[0][0])
+    first = max((time_s for time_s, _ in shown if time_s <= 0), default=shown[0][0])
     return [
-        (max(at, 0.0), program, link, letter, x, y)
-        for at, letter in shown
-        if first <= at < until_s
+        (max(time_s, 0.0), program, link, letter, x, y)
+        for time_s, letter in shown
+        if first <= time_s < until_s
         for x, y in places
     ]

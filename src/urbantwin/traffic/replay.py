@@ -116,8 +116,8 @@ def _replayed(
     smoothed: list[SmoothTrack] = []
     strange: dict[str, Counter[str]] = defaultdict(Counter)
     for track in each(recording.tracks, between(tell, 0.0, 0.4), "smoothing their paths"):
-        one = smooth_track(track, step_s, smooth=smooth)
-        if one is None:
+        states = smooth_track(track, step_s, smooth=smooth)
+        if states is None:
             continue
         name = (
             _asset_of(track, len(paths), strange)
@@ -125,17 +125,17 @@ def _replayed(
             else usual_asset(track.actor_class, len(paths))
         )
         tracks.append(track)
-        smoothed.append(one)
+        smoothed.append(states)
         paths.append(
             PrescribedPath(
                 track.actor_class,
                 name,
-                one.time_s,
-                one.xy,
-                one.yaw,
-                _speed_of(track, one),
-                one.z,
-                one.absent,
+                states.time_s,
+                states.xy,
+                states.yaw,
+                _speed_of(track, states),
+                states.z,
+                states.absent,
             )
         )
     actors, outside = prescribed_table(
@@ -148,8 +148,8 @@ def _replayed(
             expected="tracks within the twin's region; is their origin or CRS another?",
         )
     seen_tracks = [
-        SeenTrack(track, one.time_s, one.xy, one.yaw, one.speed)
-        for track, one in zip(tracks, smoothed, strict=True)
+        SeenTrack(track, states.time_s, states.xy, states.yaw, states.speed)
+        for track, states in zip(tracks, smoothed, strict=True)
     ]
     signals, without_place = recorded_signal_table(
         recording.signals, twin, seen_tracks, steps * step_s
@@ -196,19 +196,19 @@ def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[s
     """
     names = asset_names(track.actor_class)
     sizes = np.array([[getattr(asset(name), side) for side in _SIDES] for name in names])
-    known = np.isfinite(track.size)
-    if not known.any():
+    is_known = np.isfinite(track.size)
+    if not is_known.any():
         return usual_asset(track.actor_class, number)
     low, high = sizes.min(axis=0) * _LEAST, sizes.max(axis=0) * _MOST
-    beside = known & ((track.size < low) | (track.size > high))
+    beside = is_known & ((track.size < low) | (track.size > high))
     if beside.any():
-        told = " x ".join(f"{side:.2f}" for side in track.size[known])
-        strange[track.actor_class][told] += 1
+        size_text = " x ".join(f"{side:.2f}" for side in track.size[is_known])
+        strange[track.actor_class][size_text] += 1
         return usual_asset(track.actor_class, number)
-    away = np.abs(np.log(sizes[:, known] / track.size[known])).sum(axis=1)
+    away = np.abs(np.log(sizes[:, is_known] / track.size[is_known])).sum(axis=1)
     chosen = int(np.argmin(away))
-    size = np.where(known, track.size, sizes[chosen])
-    if track.actor_class == "pedestrian" and known[2]:
+    size = np.where(is_known, track.size, sizes[chosen])
+    if track.actor_class == "pedestrian" and is_known[2]:
         # A figure's length depends on its stride: scaled to the recorded length, its trunk would be
         # flat.
         size = sizes[chosen] * (track.size[2] / sizes[chosen][2])
@@ -227,13 +227,13 @@ def _recorded(
 ) -> dict[str, Any]:
     """Return the manifest's entry about the recording."""
     moved: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
-    for track, one in zip(tracks, smoothed, strict=True):
-        moved[track.actor_class].append(one.moved_m)
+    for track, states in zip(tracks, smoothed, strict=True):
+        moved[track.actor_class].append(states.moved_m)
     spans = {
         kind: [
             {"track": number, "from_s": round(begin, 6), "to_s": round(end, 6)}
-            for number, one in enumerate(smoothed, 1)
-            for begin, end in getattr(one, kind)
+            for number, states in enumerate(smoothed, 1)
+            for begin, end in getattr(states, kind)
         ]
         for kind in ("filled", "absent")
     }
@@ -242,10 +242,10 @@ def _recorded(
         "smoothing": "robust cubic smoothing splines" if smooth else "none",
         "moved_m": {
             name: {
-                "rms": round(float(np.sqrt(np.mean(np.concatenate(found) ** 2))), 4),
-                "most": round(float(np.concatenate(found).max()), 4),
+                "rms": round(float(np.sqrt(np.mean(np.concatenate(of_class) ** 2))), 4),
+                "most": round(float(np.concatenate(of_class).max()), 4),
             }
-            for name, found in sorted(moved.items())
+            for name, of_class in sorted(moved.items())
         },
         **spans,
     }
@@ -259,10 +259,10 @@ def _warnings(
     without_place: list[str],
 ) -> list[ResultWarning]:
     """Return the warnings of a replayed motion."""
-    found = [ResultWarning("tracks", one) for one in recording.assumed]
+    warnings = [ResultWarning("tracks", assumption) for assumption in recording.assumed]
     for name, sizes in strange.items():
         (size, count), total = sizes.most_common(1)[0], sum(sizes.values())
-        found.append(
+        warnings.append(
             ResultWarning(
                 f"tracks {name}",
                 f"{total} have sizes that no {name} has ({count}: {size} m)",
@@ -271,7 +271,7 @@ def _warnings(
             )
         )
     if outside > _SHARE * (outside + poses):
-        found.append(
+        warnings.append(
             ResultWarning(
                 "tracks",
                 f"{outside} of {outside + poses} poses lie beside the ground",
@@ -280,7 +280,7 @@ def _warnings(
             )
         )
     if without_place:
-        found.append(
+        warnings.append(
             ResultWarning(
                 "signals",
                 f"groups {', '.join(without_place)} are left out",
@@ -288,7 +288,7 @@ def _warnings(
                 "tell them under signals.places",
             )
         )
-    return found
+    return warnings
 
 
 def _named(files: list[Path]) -> list[dict[str, str]]:

@@ -28,7 +28,9 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
     """
     if not size:
         return motion
-    factors = {name: [float(one.get(axis, 1.0)) for axis in _AXES] for name, one in size.items()}
+    factors = {
+        name: [float(scale.get(axis, 1.0)) for axis in _AXES] for name, scale in size.items()
+    }
     manifest = {**motion.manifest, "size": {k: dict(v) for k, v in size.items()}}
     return replace(
         motion,

@@ -34,15 +34,15 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     yield from _of_sensors(manifest)
     yield from _of_volumes(manifest.get("circulation", {}))
     for row in manifest.get("counts", []):
-        asked, driven = row["asked_per_hour"], row["driven_per_hour"]
+        requested, driven = row["asked_per_hour"], row["driven_per_hour"]
         # Tolerates the standard deviation of a random count, its square root.
         if (
             row["has_way"]
-            and driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5
+            and driven < ENOUGH * requested - (requested * 3600 / manifest["duration_s"]) ** 0.5
         ):
             yield ResultWarning(
                 f"counts {place_of_count(row)}",
-                f"{driven:.0f} of {asked:.0f} {row['class']} an hour are driven",
+                f"{driven:.0f} of {requested:.0f} {row['class']} an hour are driven",
                 row.get("held_up") or "the motion is short, or more jams the streets",
                 "see motion.json; lengthen traffic.warmup_s, or give signal programs in site.yaml",
             )
@@ -70,8 +70,8 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "traffic",
             f"collisions: SUMO counted {manifest['collisions']}",
             "; ".join(
-                f"{' and '.join(one['who'])} at {one['x']:g}, {one['y']:g}, {one['time_s']:g} s"
-                for one in manifest.get("collided", ())[:_COLLISIONS]
+                f"{' and '.join(hit['who'])} at {hit['x']:g}, {hit['y']:g}, {hit['time_s']:g} s"
+                for hit in manifest.get("collided", ())[:_COLLISIONS]
             ),
             "look at the motion there; motion.json says under collided, who",
         )
@@ -113,11 +113,11 @@ def _of_absent(absent: Mapping[str, Any]) -> Iterator[ResultWarning]:
     """Yield a warning if many visits are left out, with the place of most conflicts."""
     if absent["visits"] <= MANY_ABSENT * absent["of"]:
         return
-    who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
-    reason = f"{who} would pass through others, or through what stands"
+    actors = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
+    reason = f"{actors} would pass through others, or through what stands"
     place = absent.get("most_at", {})
     if place.get("visits", 0) > 1:
-        met = max(absent["with"].items(), key=lambda one: one[1])[0]
+        met = max(absent["with"].items(), key=lambda entry: entry[1])[0]
         reason += f"; {place['visits']} of them near {place['x']:g}, {place['y']:g}"
         reason += f"; most often {met}"
     yield ResultWarning(
@@ -150,14 +150,14 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
 
 def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     """Yield a warning if the streets at the sensors have no or too little motor traffic."""
-    there = manifest.get("past_sensors", {})
+    past_sensors = manifest.get("past_sensors", {})
     wanted = sum(row.get("per_hour", 0.0) for n, row in manifest["classes"].items() if n in _MOTOR)
-    if not (there.get("lanes_m") and wanted):
+    if not (past_sensors.get("lanes_m") and wanted):
         return
-    about, within = PAST_SENSORS, f"within {there['within_m']:g} m of a sensor"
-    asked, driven = there["asked_per_hour"], there["driven_per_hour"]
-    expected = asked * manifest["duration_s"] / 3600.0
-    if asked < 1.0:
+    about, within = PAST_SENSORS, f"within {past_sensors['within_m']:g} m of a sensor"
+    requested, driven = past_sensors["asked_per_hour"], past_sensors["driven_per_hour"]
+    expected = requested * manifest["duration_s"] / 3600.0
+    if requested < 1.0:
         yield ResultWarning(
             about,
             f"none of {wanted:.0f} motor vehicles an hour is planned on the streets {within}",
@@ -166,18 +166,18 @@ def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "make the region larger, add the missing links in the map, or place the sensors at "
             "other streets",
         )
-    elif not there["vehicles"] and expected >= _SURE:
+    elif not past_sensors["vehicles"] and expected >= _SURE:
         yield ResultWarning(
             about,
-            f"no motor vehicle comes {within}, of {asked:.0f} an hour planned there",
+            f"no motor vehicle comes {within}, of {requested:.0f} an hour planned there",
             _why_fewer(manifest),
             "look at motion.json (absent, circulation) and at plan.png there",
         )
     # Tolerates the standard deviation of a random count, its square root.
-    elif driven < ENOUGH * asked - asked * expected**-0.5:
+    elif driven < ENOUGH * requested - requested * expected**-0.5:
         yield ResultWarning(
             about,
-            f"{driven:.0f} of {asked:.0f} motor vehicles an hour drive {within}",
+            f"{driven:.0f} of {requested:.0f} motor vehicles an hour drive {within}",
             _why_fewer(manifest),
             "lengthen the motion or traffic.warmup_s, or lower traffic.per_hour",
         )

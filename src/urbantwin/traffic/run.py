@@ -91,21 +91,21 @@ def run_traffic(
         InputError: the duration, the step or ``out`` cannot be used.
         StageError: SUMO failed, or the disk is full.
     """
-    told = progress or untold
-    asked = {**twin.site["traffic"], **(changes or {})}
-    duration_s = asked["duration_s"] if seconds is None else seconds
-    steps = _steps(duration_s, float(asked["step_s"]))
-    chosen_seed = _seed(asked["seed"] if seed is None else seed)
+    report = progress or untold
+    settings = {**twin.site["traffic"], **(changes or {})}
+    duration_s = settings["duration_s"] if seconds is None else seconds
+    steps = _steps(duration_s, float(settings["step_s"]))
+    chosen_seed = _seed(settings["seed"] if seed is None else seed)
 
     with replaced_folder(out, kind="motion", inputs=[twin.folder]) as folder:
-        asked = at_time_of_day({**asked, "duration_s": duration_s, "seed": chosen_seed})
-        motion = _driven(twin, asked, steps, folder, told)
-        told(0.92, "writing the motion")
+        settings = at_time_of_day({**settings, "duration_s": duration_s, "seed": chosen_seed})
+        motion = _driven(twin, settings, steps, folder, report)
+        report(0.92, "writing the motion")
         motion.write(folder)
         if also is not None:
-            told(0.94, "drawing the paths")
+            report(0.94, "drawing the paths")
             also(motion, folder)
-    told(1.0, "done")
+    report(1.0, "done")
     return motion
 
 
@@ -130,20 +130,22 @@ def _driven(
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [
-        (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
+        (n, event)
+        for n, event in scenario
+        if event.event in REACTING and isinstance(event, PlacedEvent)
     ]
 
     hand_back_freed_memory()
     tell = between(told, _DRIVEN, _TABLED, "actors")
     # SUMO runs in its own process: the static surroundings are prepared meanwhile.
     with ThreadPoolExecutor(1) as beside_it:
-        stands = beside_it.submit(_standing, twin, asked)
+        surroundings = beside_it.submit(_standing, twin, asked)
         beside_it.submit(_measured, demand, streets.own)
         drive = streets.tabled(
             streets.drive(demand, between(told, _PLANNED, _DRIVEN)),
-            demand, stands.result()[1], by_trip=bool(reacting), tell=tell,
+            demand, surroundings.result()[1], by_trip=bool(reacting), tell=tell,
         )  # fmt: skip
-    parked, place = stands.result()
+    parked, place = surroundings.result()
     if reacting:
         told(_TABLED, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
@@ -188,7 +190,7 @@ def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> 
         StageError: an event cannot be staged.
     """
     manifest = {**motion.manifest, "events": []}
-    manifest["asked"] = {**manifest["asked"], "scenario": [dict(one) for one in told]}
+    manifest["asked"] = {**manifest["asked"], "scenario": [dict(event) for event in told]}
     for name in ("overlaps", "warnings", "made"):
         manifest.pop(name, None)
     scenario = list(enumerate(scenario_events(told)))
@@ -284,7 +286,7 @@ class _Streets:
     ) -> _Drive:
         """Make the table of actors from SUMO's output."""
         hand_back_freed_memory()
-        told = arrivals(simulated, demand)
+        arrived = arrivals(simulated, demand)
         rows = [on_footways(self._on_the_map(simulated), demand, self.twin.roads)]
         del simulated
         rows += [
@@ -306,7 +308,7 @@ class _Streets:
             file=None if by_trip else self.scratch / "actors.parquet",
             tell=tell,
         )
-        return _Drive(demand, told, **vars(made))
+        return _Drive(demand, arrived, **vars(made))
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
@@ -316,7 +318,9 @@ class _Streets:
         Raises:
             NotStagedError: an event cannot be staged at any of the places tried.
         """
-        places = {n: places_that_serve(one, self.twin, without.actors.table()) for n, one in events}
+        places = {
+            n: places_that_serve(event, self.twin, without.actors.table()) for n, event in events
+        }
         taken = dict.fromkeys(places, 0)
         while True:
             chosen = {n: places[n][taken[n]] for n in places}
@@ -339,28 +343,32 @@ class _Streets:
         """Drive the same demand again with events at given places."""
         step_ms = round(self.step_s * 1000)
         start_s = math.ceil(float(self.asked["warmup_s"]) * 1000 / step_ms) * self.step_s
-        there = [(n, moved(one, chosen[n][0]) if chosen[n][1] else one) for n, one in events]
-        plan = plan_events(there, self.twin, without.demand, start_s)
+        placed = [(n, moved(event, chosen[n][0]) if chosen[n][1] else event) for n, event in events]
+        plan = plan_events(placed, self.twin, without.demand, start_s)
         simulated = self.drive(without.demand, staged=plan.rows)
-        asked = dict(events)
-        found = [
-            replace(one, event=asked[one.number], told={**one.told, **chosen[one.number][1]})
-            for one in reactions(simulated, there, start_s, self.steps * self.step_s)
+        requested = dict(events)
+        reacted = [
+            replace(
+                reaction,
+                event=requested[reaction.number],
+                told={**reaction.told, **chosen[reaction.number][1]},
+            )
+            for reaction in reactions(simulated, placed, start_s, self.steps * self.step_s)
         ]
         demand = everybody(without.demand, plan)
         until = math.ceil(changed_from(events) / self.step_s - 1e-6)
-        own = frozenset(trip for one in found for trip in one.trips)
+        own = frozenset(trip for reaction in reacted for trip in reaction.trips)
         before = Before(without.poses, until, own, without.rigid)
         gone = without.absent.steps
-        for one in found:
-            if (np.isin(gone[:, 0], one.trips) & (gone[:, 1] == until - 1)).any():
-                what = f"{one.event.event} at {one.event.at_s:g} s cannot be staged: "
-                raise NotStagedError(what + "its actor is left out of the motion", one.number)
+        for reaction in reacted:
+            if (np.isin(gone[:, 0], reaction.trips) & (gone[:, 1] == until - 1)).any():
+                what = f"{reaction.event.event} at {reaction.event.at_s:g} s cannot be staged: "
+                raise NotStagedError(what + "its actor is left out of the motion", reaction.number)
         drive = self.tabled(
             simulated, demand, place, by_trip=True, tell=untold, before=before,
             beside=Bystanders(own, until, gone[gone[:, 1] < until]),
         )  # fmt: skip
-        actors, staged = staged_table(without.actors.table(), drive.actors.table(), found, events)
+        actors, staged = staged_table(without.actors.table(), drive.actors.table(), reacted, events)
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
 
 

@@ -55,10 +55,10 @@ class Solid:
         """
         half = np.maximum(np.array(size[:2]) / 2 - TOUCH_M, 0.01)
         boxes = PlanBoxes(np.zeros(len(xy), np.int64), xy, yaw, np.tile(half, (len(xy), 1)))
-        found = np.zeros(len(xy), np.bool_)
+        overlaps = np.zeros(len(xy), np.bool_)
         z, height = np.nan_to_num(self.ground(xy)), np.full(len(xy), size[2])
-        found[self._obstacles.beside(boxes, z, height)[:, 0]] = True
-        return found
+        overlaps[self._obstacles.beside(boxes, z, height)[:, 0]] = True
+        return overlaps
 
     def met_by(self, rows: pa.Table, step_s: float) -> str:
         """Describe the first overlap of actors with the scene; return an empty text without one.
@@ -68,10 +68,10 @@ class Solid:
             step_s: time between steps, seconds.
         """
         tracks = rows["track"].to_numpy()
-        found = rows_that_overlap([rows], rows.slice(0, 0), step_s, self._obstacles, tracks)
-        if not len(found.hits):
+        overlaps = rows_that_overlap([rows], rows.slice(0, 0), step_s, self._obstacles, tracks)
+        if not len(overlaps.hits):
             return ""
-        row = int(found.hits[0])
-        one = {name: rows[name][row].as_py() for name in ("class", "time_s", "x", "y")}
-        where = f"{one['x']:.1f}, {one['y']:.1f} at {one['time_s']:.1f} s"
-        return f"its {one['class']} would come into a {found.what[0]} at {where}"
+        row = int(overlaps.hits[0])
+        pose = {name: rows[name][row].as_py() for name in ("class", "time_s", "x", "y")}
+        where = f"{pose['x']:.1f}, {pose['y']:.1f} at {pose['time_s']:.1f} s"
+        return f"its {pose['class']} would come into a {overlaps.what[0]} at {where}"
