@@ -56,8 +56,8 @@ def estimates(
     """
     if not frames:
         return []
-    first = np.array([one[0] for one in frames])
-    long = np.array([one[-1] - one[0] + 1 for one in frames])
+    first = np.array([track_frames[0] for track_frames in frames])
+    long = np.array([track_frames[-1] - track_frames[0] + 1 for track_frames in frames])
     # The longest first, so that the tracks that continue at a step are the first rows of all
     # arrays.
     order = np.argsort(-long, kind="stable")
@@ -74,9 +74,9 @@ def estimates(
         seconds = time_s[first[:on] + step] - time_s[first[:on] + step - 1]
         expected = predicted(state[:on, step - 1], covariance[:on, step - 1], seconds, user)
         state[:on, step], covariance[:on, step] = expected[:2]
-        there = np.flatnonzero(np.isfinite(look[:on, step, 0]))
-        state[there, step], covariance[there, step] = corrected(
-            state[there, step], covariance[there, step], look[there, step], user
+        detected = np.flatnonzero(np.isfinite(look[:on, step, 0]))
+        state[detected, step], covariance[detected, step] = corrected(
+            state[detected, step], covariance[detected, step], look[detected, step], user
         )
         foreseen.append(expected)
     if smooth:
@@ -87,14 +87,14 @@ def estimates(
             )
     made: list[Estimate | None] = [None] * len(order)
     for row, number in enumerate(order):
-        mine = state[row, : long[row]]
-        velocity = mine[:, 4:6]
+        track_state = state[row, : long[row]]
+        velocity = track_state[:, 4:6]
         if user.turns:
-            ahead = np.column_stack([np.cos(mine[:, 3]), np.sin(mine[:, 3])])
-            velocity = mine[:, 4:5] * ahead
+            ahead = np.column_stack([np.cos(track_state[:, 3]), np.sin(track_state[:, 3])])
+            velocity = track_state[:, 4:5] * ahead
         frame = first[row] + np.arange(long[row])
-        made[number] = Estimate(frame, mine[:, :SEEN].copy(), velocity.copy())
-    return [one for one in made if one is not None]
+        made[number] = Estimate(frame, track_state[:, :SEEN].copy(), velocity.copy())
+    return [estimate for estimate in made if estimate is not None]
 
 
 def fronted(
@@ -128,7 +128,9 @@ def fronted(
     if not user.turns:
         goes = np.abs(ahead) > _GOES_M_S
         if goes.any():
-            at = np.flatnonzero(goes)
-            nearest = at[np.abs(np.arange(len(axis))[:, None] - at[None]).argmin(axis=1)]
+            moving_rows = np.flatnonzero(goes)
+            nearest = moving_rows[
+                np.abs(np.arange(len(axis))[:, None] - moving_rows[None]).argmin(axis=1)
+            ]
             turned = np.sign(ahead)[nearest]
     return np.asarray(wrapped(axis + np.where(turned < 0, np.pi, 0.0)))

@@ -67,14 +67,17 @@ def predicted(
         turned = _TURNS_S * (1.0 - fade)
         along = state[:, 3] + state[:, 5] * turned / 2
         c, s = np.cos(along), np.sin(along)
-        way = state[:, 4] * seconds
-        after[:, 0] += way * c
-        after[:, 1] += way * s
+        travelled = state[:, 4] * seconds
+        after[:, 0] += travelled * c
+        after[:, 1] += travelled * s
         after[:, 3] += state[:, 5] * turned
         after[:, 5] *= fade
-        jacobian[:, 0, 3], jacobian[:, 1, 3] = -way * s, way * c
+        jacobian[:, 0, 3], jacobian[:, 1, 3] = -travelled * s, travelled * c
         jacobian[:, 0, 4], jacobian[:, 1, 4] = seconds * c, seconds * s
-        jacobian[:, 0, 5], jacobian[:, 1, 5] = -way * s * turned / 2, way * c * turned / 2
+        jacobian[:, 0, 5], jacobian[:, 1, 5] = (
+            -travelled * s * turned / 2,
+            travelled * c * turned / 2,
+        )
         jacobian[:, 3, 5], jacobian[:, 5, 5] = turned, fade
         _wander(noise, np.column_stack([c, s]), (0, 1), 4, seconds, user.accelerates)
         _wander(noise, np.ones((len(state), 1)), (3,), 5, seconds, user.swerves)
@@ -85,8 +88,8 @@ def predicted(
         for axis in (0, 1):
             after[:, axis] += state[:, 4 + axis] * seconds
             jacobian[:, axis, 4 + axis] = seconds
-            one = np.ones((len(state), 1))
-            _wander(noise, one, (axis,), 4 + axis, seconds, user.accelerates)
+            ones = np.ones((len(state), 1))
+            _wander(noise, ones, (axis,), 4 + axis, seconds, user.accelerates)
         noise[:, 3, 3] = user.swerves * seconds
     covariance = jacobian @ covariance @ jacobian.transpose(0, 2, 1) + noise
     return after, covariance, jacobian
@@ -101,11 +104,11 @@ def _wander(
     density: float,
 ) -> None:
     """Add the noise of a rate with white-noise derivative, and of the positions that follow it."""
-    for i, one in enumerate(places):
-        noise[:, one, rate] += density * seconds**2 / 2 * way[:, i]
-        noise[:, rate, one] += density * seconds**2 / 2 * way[:, i]
-        for k, other in enumerate(places):
-            noise[:, one, other] += density * seconds**3 / 3 * way[:, i] * way[:, k]
+    for i, place in enumerate(places):
+        noise[:, place, rate] += density * seconds**2 / 2 * way[:, i]
+        noise[:, rate, place] += density * seconds**2 / 2 * way[:, i]
+        for k, other_place in enumerate(places):
+            noise[:, place, other_place] += density * seconds**3 / 3 * way[:, i] * way[:, k]
     noise[:, rate, rate] += density * seconds
 
 
@@ -140,8 +143,10 @@ def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     pace = np.hypot(state[:, 4], state[:, 5])
     course = np.arctan2(state[:, 5], state[:, 4])
     spread = np.sqrt(np.maximum(covariance[:, 4, 4], covariance[:, 5, 5]))
-    known = np.where(pace > 2 * spread, (spread / np.maximum(pace, 1e-6)) ** 2 + 0.2**2, np.inf)
-    gain = covariance[:, 3, 3] / (covariance[:, 3, 3] + known)
+    course_variance = np.where(
+        pace > 2 * spread, (spread / np.maximum(pace, 1e-6)) ** 2 + 0.2**2, np.inf
+    )
+    gain = covariance[:, 3, 3] / (covariance[:, 3, 3] + course_variance)
     state, covariance = state.copy(), covariance.copy()
     state[:, 3] += gain * wrapped(course - state[:, 3], _HALF)
     covariance[:, 3, 3] *= 1.0 - gain

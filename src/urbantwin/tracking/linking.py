@@ -137,8 +137,8 @@ def linked(
     kind = np.unique(np.array(found.class_names, dtype=object).astype(str), return_inverse=True)[1]
     tracks: list[Rows] = []
     for done, (name, user) in enumerate(sorted(names.items())):
-        mine = np.flatnonzero((group == name) & (found.score >= how.lowest))
-        tracks += _linked_group(found, mine, kind, user, time_s, how)
+        rows_of_user = np.flatnonzero((group == name) & (found.score >= how.lowest))
+        tracks += _linked_group(found, rows_of_user, kind, user, time_s, how)
         tell((done + 1) / len(names))
     return sorted(tracks, key=lambda rows: int(rows[0]))
 
@@ -172,24 +172,24 @@ def _linked_group(
         strong = found.score[rows] >= how.birth
         free = np.ones(len(live.number), np.bool_)
         left = []
-        for chosen, who in ((rows[strong], free), (rows[~strong], live.sure)):
-            open_tracks = np.flatnonzero(free & who)
+        for chosen, eligible in ((rows[strong], free), (rows[~strong], live.sure)):
+            open_tracks = np.flatnonzero(free & eligible)
             a, b = _pairs(live, open_tracks, found, chosen, kind, now)
             if len(a):
-                at, row = open_tracks[a], chosen[b]
-                live.go_on(at, *_of(found, row, kind), now)
-                for number, one in zip(live.number[at], row, strict=True):
-                    tracks[number].append(int(one))
-                for number, certain in zip(live.number[at], live.sure[at], strict=True):
+                matched, row = open_tracks[a], chosen[b]
+                live.go_on(matched, *_of(found, row, kind), now)
+                for number, detection in zip(live.number[matched], row, strict=True):
+                    tracks[number].append(int(detection))
+                for number, certain in zip(live.number[matched], live.sure[matched], strict=True):
                     sure[number] |= bool(certain)
-                free[at] = False
+                free[matched] = False
             left.append(np.delete(chosen, b))
         new = left[0][~_taken(live, found.box[left[0]])]
         if len(new):
             live.begin(*_of(found, new, kind), now, len(tracks))
-            tracks += [[int(one)] for one in new]
+            tracks += [[int(detection)] for detection in new]
             sure += live.sure[-len(new) :].tolist()
-    return [np.array(rows) for rows, kept in zip(tracks, sure, strict=True) if kept]
+    return [np.array(rows) for rows, is_sure in zip(tracks, sure, strict=True) if is_sure]
 
 
 def _of(found: Detections, rows: Rows, kind: Rows) -> tuple[Floats, Floats, Floats, Rows]:
@@ -216,11 +216,11 @@ def _one_each(found: Detections, rows: Rows, user: RoadUser) -> Rows:
     box = found.box[rows]
     away = np.linalg.norm(box[:, None, :2] - box[None, :, :2], axis=2)
     narrow = np.minimum(box[:, 3], box[:, 4])
-    near = away < np.minimum(narrow[:, None], narrow[None]) / 2
-    kept = np.ones(len(rows), np.bool_)
-    for one in range(len(rows)):
-        kept[one] = not (near[one, :one] & kept[:one]).any()
-    return rows[kept]
+    overlapping = away < np.minimum(narrow[:, None], narrow[None]) / 2
+    is_kept = np.ones(len(rows), np.bool_)
+    for index in range(len(rows)):
+        is_kept[index] = not (overlapping[index, :index] & is_kept[:index]).any()
+    return rows[is_kept]
 
 
 def _pairs(

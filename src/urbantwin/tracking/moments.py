@@ -67,10 +67,10 @@ def moments(
 def _of_dataset(found: Detections, frames: Path) -> NDArray[np.float64] | None:
     if not (frames / "dataset.json").is_file():
         return None
-    told = {one["name"]: one["time_s"] for one in read_manifest(frames).get("frames", [])}
-    if not set(found.frames) <= set(told):
+    time_of = {frame["name"]: frame["time_s"] for frame in read_manifest(frames).get("frames", [])}
+    if not set(found.frames) <= set(time_of):
         return None
-    return np.array([told[name] for name in found.frames], np.float64)
+    return np.array([time_of[name] for name in found.frames], np.float64)
 
 
 def poses_of(found: Detections, frames: Path, tell: Progress = untold) -> Sequence[Pose] | None:
@@ -94,6 +94,12 @@ def poses_of(found: Detections, frames: Path, tell: Progress = untold) -> Sequen
             raise InputError(f"does not say where frame {name:.60} is", file=frames)
         found_poses.append(pose)
     first = found_poses[0]
-    moved = max(float(np.abs(one.translation - first.translation).max()) for one in found_poses)
-    turned = max(float(np.abs(one.rotation - first.rotation).max()) for one in found_poses)
+    moved = max(
+        float(np.abs(pose_of_frame.translation - first.translation).max())
+        for pose_of_frame in found_poses
+    )
+    turned = max(
+        float(np.abs(pose_of_frame.rotation - first.rotation).max())
+        for pose_of_frame in found_poses
+    )
     return None if moved < _STANDS_M and turned < _STANDS else found_poses

@@ -92,37 +92,37 @@ def tracked(
     seen = underside(still.box)
     made: list[Estimate | None] = [None] * len(tracks)
     for name in sorted({users[int(rows[0])].name for rows in tracks}):
-        mine = [k for k, rows in enumerate(tracks) if users[int(rows[0])].name == name]
-        user = users[int(tracks[mine[0]][0])]
+        numbers = [k for k, rows in enumerate(tracks) if users[int(rows[0])].name == name]
+        user = users[int(tracks[numbers[0]][0])]
         where = estimates(
-            [still.frame[tracks[k]] for k in mine],
-            [seen[tracks[k]] for k in mine],
+            [still.frame[tracks[k]] for k in numbers],
+            [seen[tracks[k]] for k in numbers],
             user,
             time_s,
             smooth=smooth,
         )
-        for k, one in zip(mine, where, strict=True):
-            made[k] = one
-    told = _boxes(still, tracks, [one for one in made if one is not None], users)
-    told = replace(told, time_s=time_s)
+        for k, estimate in zip(numbers, where, strict=True):
+            made[k] = estimate
+    boxes = _boxes(still, tracks, [estimate for estimate in made if estimate is not None], users)
+    boxes = replace(boxes, time_s=time_s)
     tell(1.0, "filtering")
-    return _moved(told, None if poses is None else [one.inverse() for one in poses])
+    return _moved(boxes, None if poses is None else [pose.inverse() for pose in poses])
 
 
 def _boxes(
     found: Detections, tracks: Sequence[Rows], made: Sequence[Estimate], users: Sequence[RoadUser]
 ) -> Detections:
     frames, boxes, names, scores, numbers, filled = [], [], list[str](), [], [], []
-    for number, (rows, one) in enumerate(zip(tracks, made, strict=True)):
+    for number, (rows, estimate) in enumerate(zip(tracks, made, strict=True)):
         name, size = _body(found, rows)
-        count, score = len(one.frame), found.score[rows]
-        yaw = fronted(one, found.frame[rows], found.box[rows, 6], score, users[int(rows[0])])
-        middle = one.state[:, 2] + size[2] / 2
-        box = np.column_stack([one.state[:, :2], middle, np.tile(size, (count, 1)), yaw])
+        count, score = len(estimate.frame), found.score[rows]
+        yaw = fronted(estimate, found.frame[rows], found.box[rows, 6], score, users[int(rows[0])])
+        middle = estimate.state[:, 2] + size[2] / 2
+        box = np.column_stack([estimate.state[:, :2], middle, np.tile(size, (count, 1)), yaw])
         gap = np.ones(count, np.bool_)
-        gap[found.frame[rows] - one.frame[0]] = False
+        gap[found.frame[rows] - estimate.frame[0]] = False
         mean = float(score.mean()) * len(rows) / (len(rows) + 1)
-        frames.append(one.frame)
+        frames.append(estimate.frame)
         boxes.append(box)
         names += [name] * count
         scores.append(np.where(gap, _FILLED * mean, mean))
@@ -151,11 +151,15 @@ def _body(found: Detections, rows: Rows) -> tuple[str, Floats]:
         votes[name] += weight
         alike[detected_class(name) or name] += weight
     # First the detector's class, then its most frequent member.
-    kind = max(alike, key=lambda one: alike[one])
-    members = {one: weight for one, weight in votes.items() if (detected_class(one) or one) == kind}
-    name = max(members, key=lambda one: members[one])
-    mine = np.array([one in members for one in names])
-    size, weight = found.box[rows[mine], 3:6], score[mine]
+    kind = max(alike, key=lambda class_name: alike[class_name])
+    members = {
+        member: weight
+        for member, weight in votes.items()
+        if (detected_class(member) or member) == kind
+    }
+    name = max(members, key=lambda member: members[member])
+    is_member = np.array([class_name in members for class_name in names])
+    size, weight = found.box[rows[is_member], 3:6], score[is_member]
     return name, np.array([_median(side, weight) for side in size.T])
 
 
