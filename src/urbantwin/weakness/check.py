@@ -46,13 +46,13 @@ def map_date(path: Path) -> datetime | None:
     with osmium.io.Reader(str(path)) as reader:
         header = reader.header()
         for key in _KEYS:
-            told = header.get(key)
-            if told:
+            date_text = header.get(key)
+            if date_text:
                 try:
-                    found = datetime.fromisoformat(told)
+                    date = datetime.fromisoformat(date_text)
                 except ValueError:
                     continue
-                return found if found.tzinfo else found.replace(tzinfo=UTC)
+                return date if date.tzinfo else date.replace(tzinfo=UTC)
     if path.stat().st_size > _MOST:
         return None
     newest = None
@@ -83,21 +83,25 @@ class InputCheck:
     @property
     def attribution(self) -> str:
         """Attribution of the streets and buildings that its plan shows."""
-        shown = [one.attribution for one in (self.site.osm, self.site.buildings) if one is not None]
+        shown = [
+            source.attribution
+            for source in (self.site.osm, self.site.buildings)
+            if source is not None
+        ]
         return "; ".join(dict.fromkeys(shown))
 
     def as_json(self) -> dict[str, Any]:
         """Return it for JSON."""
         counts = dict.fromkeys(("much", "some", "little"), 0)
-        for one in self.findings:
-            counts[one.matters] += 1
+        for item in self.findings:
+            counts[item.matters] += 1
         return {
             "kind": "input check",
             "name": self.site.name,
             "anchor": {"latitude": self.site.latitude, "longitude": self.site.longitude},
             "map_date": None if self.map_date is None else self.map_date.date().isoformat(),
             "matters": counts,
-            "findings": [one.as_json(k) for k, one in enumerate(self.findings, 1)],
+            "findings": [item.as_json(k) for k, item in enumerate(self.findings, 1)],
         }
 
 
@@ -115,24 +119,24 @@ def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
         InputError: an input cannot be read, or the map has no road in the region.
     """
     tell = progress or untold
-    found: list[Finding] = []
+    findings: list[Finding] = []
     place, date = None, None
     if site.osm is not None:
-        near = box_around(site.frame, site.region)
-        extract = read_extract(site.osm.path, near, progress=between(tell, 0.0, 0.5))
+        bounds = box_around(site.frame, site.region)
+        extract = read_extract(site.osm.path, bounds, progress=between(tell, 0.0, 0.5))
         check_roads(extract, site.frame, site.region, "the region")
         tell(0.5, "looking for what is weak")
         date = map_date(site.osm.path)
         place = _mapped(site, extract)
-        found += [*extract_findings(place), *building_findings(place)]
-        found += [*furniture_findings(place), *walking_findings(place)]
+        findings += [*extract_findings(place), *building_findings(place)]
+        findings += [*furniture_findings(place), *walking_findings(place)]
         if site.roads is None:
-            found += [*street_findings(place), *junction_findings(place)]
+            findings += [*street_findings(place), *junction_findings(place)]
     elif site.sketch is None:
-        found.append(finding("no-map", "there is no OpenStreetMap extract", where="osm"))
+        findings.append(finding("no-map", "there is no OpenStreetMap extract", where="osm"))
     tell(0.9, "looking at the other inputs")
-    found += input_findings(site, date)
-    order = sorted(found, key=lambda one: (-round(one.weight, 6), one.kind, one.where))
+    findings += input_findings(site, date)
+    order = sorted(findings, key=lambda item: (-round(item.weight, 6), item.kind, item.where))
     tell(1.0, "done")
     return InputCheck(site, tuple(order), date, place)
 

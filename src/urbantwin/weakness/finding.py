@@ -142,7 +142,7 @@ class Finding:
             "instead": self.instead,
             "remedy": self.remedy,
             "where": self.where,
-            "places": [one.as_json() for one in self.spots],
+            "places": [spot.as_json() for spot in self.spots],
         }
 
 
@@ -172,7 +172,9 @@ def finding(
         spots: places, in any order.
         where: field of ``site.yaml``.
     """
-    ordered = sorted(spots, key=lambda one: (round(one.east_m**2 + one.north_m**2, 3), one.element))
+    ordered = sorted(
+        spots, key=lambda place: (round(place.east_m**2 + place.north_m**2, 3), place.element)
+    )
     weight = KINDS[kind].weight * min(max(share, 0.0), 1.0)
     return Finding(kind, weight, problem, count, of, tuple(ordered), where)
 

@@ -42,21 +42,25 @@ def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
     """
     yield from _elevation(site)
     yield from _imagery(site, map_date)
-    proposed = [one for one in site.rig.sensors if one.proposed]
+    proposed = [sensor for sensor in site.rig.sensors if sensor.proposed]
     if proposed:
         count, of = len(proposed), len(site.rig.sensors)
         yield finding(
             "sensors-proposed",
             counted(count, "sensor stands", "sensors stand")
             + " where nobody chose: "
-            + ", ".join(one.name for one in proposed),
+            + ", ".join(sensor.name for sensor in proposed),
             share=count / of,
             count=count,
             of=of,
             spots=[
-                spot(site.frame, shapely.Point(one.east_m, one.north_m), name=f"sensor {one.name}")
-                for one in proposed
-                if one.east_m is not None and one.north_m is not None
+                spot(
+                    site.frame,
+                    shapely.Point(sensor.east_m, sensor.north_m),
+                    name=f"sensor {sensor.name}",
+                )
+                for sensor in proposed
+                if sensor.east_m is not None and sensor.north_m is not None
             ],
             where="rig.sensors",
         )
@@ -68,19 +72,19 @@ def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
 
 def extract_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield a finding if the extract does not cover the region."""
-    known = float(shapely.intersection(place.area, place.region).area / place.region.area)
+    covered = float(shapely.intersection(place.area, place.region).area / place.region.area)
     # Without bounds in the file its end is estimated from small features.
     sure = place.extract.bounds is not None
     many = sure or len(small_features(place.extract, place.frame)) >= _MANY
-    if known >= _WHOLE or not (many or known < _HARDLY):
+    if covered >= _WHOLE or not (many or covered < _HARDLY):
         return
     beyond = shapely.difference(place.region, place.area)
-    parts = sorted(shapely.get_parts(beyond), key=lambda one: -one.area)
+    parts = sorted(shapely.get_parts(beyond), key=lambda part: -part.area)
     yield finding(
         "extract-ends",
         f"the extract {'ends' if sure else 'seems to end'} within the region: "
-        f"{100 * (1 - known):.0f} % of it {'lies' if sure else 'or more lie'} beyond",
-        share=(1.0 - known) * (1.0 if sure else 0.6),
+        f"{100 * (1 - covered):.0f} % of it {'lies' if sure else 'or more lie'} beyond",
+        share=(1.0 - covered) * (1.0 if sure else 0.6),
         count=len(parts),
         spots=[spot(place.frame, part, name="beyond the map") for part in parts[:4]],
         where="region",
@@ -137,7 +141,7 @@ def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime |
     assert source.path is not None
     with opened_geotiff(source.path, "a GeoTIFF of red, green and blue") as raster:
         tags = {**raster.tags(), **raster.tags(ns="IMAGERY")}
-        date = next((found for key in _DATES if (found := _date(tags.get(key, "")))), None)
+        date = next((day for key in _DATES if (day := _date(tags.get(key, "")))), None)
         crs = source.spec.crs or (raster.crs and raster.crs.to_wkt())
         if not crs:
             return date, 0.0
@@ -151,9 +155,9 @@ def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime |
 
 def _date(text: str) -> datetime | None:
     """Return the day of a time in TIFF (``2019:07:01 10:00:00``) or ISO 8601 format."""
-    found = re.match(r"\s*(\d{4})[:-](\d{2})[:-](\d{2})", text)
+    match = re.match(r"\s*(\d{4})[:-](\d{2})[:-](\d{2})", text)
     try:
-        return found and datetime(int(found[1]), int(found[2]), int(found[3]), tzinfo=UTC)
+        return match and datetime(int(match[1]), int(match[2]), int(match[3]), tzinfo=UTC)
     except ValueError:
         return None
 

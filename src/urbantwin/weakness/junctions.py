@@ -32,10 +32,12 @@ _PATHS = ("footway", "path", "cycleway")
 
 def junction_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield the findings about the junctions of the region."""
-    signalised = [one for one in place.junctions if one.signals or one.crossing_signals]
-    unsignalised = [one for one in place.junctions if _looks_signalised(one, place)]
+    signalised = [
+        junction for junction in place.junctions if junction.signals or junction.crossing_signals
+    ]
+    unsignalised = [junction for junction in place.junctions if _looks_signalised(junction, place)]
     if unsignalised:
-        nearest = max(nearness(shapely.Point(one.middle)) for one in unsignalised)
+        nearest = max(nearness(shapely.Point(junction.middle)) for junction in unsignalised)
         names = _names(unsignalised[0]) if len(unsignalised) == 1 else ""
         where = f" ({names})" if names else ""
         yield finding(
@@ -49,7 +51,7 @@ def junction_findings(place: MappedSite) -> Iterator[Finding]:
             share=nearest,
             count=len(unsignalised),
             of=len(place.junctions),
-            spots=[_spot(place, one) for one in unsignalised],
+            spots=[_spot(place, junction) for junction in unsignalised],
         )
     yield from _crossings(place, signalised)
     yield from _turn_lanes(place, signalised)
@@ -73,10 +75,16 @@ def _looks_signalised(junction: MappedJunction, place: MappedSite) -> bool:
     if junction.signals or junction.crossing_signals or len(junction.arms) < 3:
         return False
     tags = place.extract.node_tags
-    ways = [street.way for street in place.streets if set(street.way.nodes) & set(junction.nodes)]
-    if any(way.tags.get("junction") in ("roundabout", "circular") for way in ways):
+    street_ways = [
+        street.way for street in place.streets if set(street.way.nodes) & set(junction.nodes)
+    ]
+    if any(
+        street_way.tags.get("junction") in ("roundabout", "circular") for street_way in street_ways
+    ):
         return False
-    if any(way.tags["highway"] in ("motorway", "motorway_link") for way in ways):
+    if any(
+        street_way.tags["highway"] in ("motorway", "motorway_link") for street_way in street_ways
+    ):
         return False
     around = _nodes_around(junction, place)
     if any(tags.get(node, {}).get("highway") in _YIELDING for node in around):
@@ -101,7 +109,7 @@ def _nodes_around(junction: MappedJunction, place: MappedSite) -> set[int]:
     ordered = sorted(nodes)
     xy = place.frame.site_from_lonlat([place.extract.nodes[node] for node in ordered])
     inside = shapely.contains_xy(disc, xy[:, 0], xy[:, 1])
-    return {node for node, near in zip(ordered, inside, strict=True) if near}
+    return {node for node, is_inside in zip(ordered, inside, strict=True) if is_inside}
 
 
 def _disc(junction: MappedJunction, place: MappedSite) -> shapely.Polygon:
@@ -113,20 +121,20 @@ def _disc(junction: MappedJunction, place: MappedSite) -> shapely.Polygon:
 def _crossings(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[Finding]:
     """Yield a finding about arms of signalised junctions without a mapped crossing."""
     spots, arms, weak, all_of = [], 0, 0.0, 0.0
-    found = _mapped_crossings(place)
+    mapped = _mapped_crossings(place)
     for junction in signalised:
         if len(junction.arms) < 3:
             continue
         disc = _disc(junction, place)
-        near = [point for point in found if disc.contains(point)]
+        nearby = [point for point in mapped if disc.contains(point)]
         middle = shapely.Point(junction.middle)
-        others = [one for one in place.junctions if one is not junction]
+        others = [candidate for candidate in place.junctions if candidate is not junction]
         for arm in junction.arms:
             if any(_leads_to(arm, junction, other) for other in others):
                 continue
             arms += 1
             all_of += nearness(middle)
-            if not any(_is_over(arm, junction, point) for point in near):
+            if not any(_is_over(arm, junction, point) for point in nearby):
                 weak += nearness(middle)
                 spots.append(_spot_of_arm(place, junction, arm))
     if spots:
@@ -155,10 +163,10 @@ def _mapped_crossings(place: MappedSite) -> list[shapely.Point]:
         xy = place.frame.site_from_lonlat([nodes[node] for node in marked])
         points = list(shapely.points(xy))
     tree = shapely.STRtree([street.line for street in place.streets])
-    for way in place.extract.highways():
-        if "crossing" not in [way.tags.get(key) for key in _PATHS]:
+    for osm_way in place.extract.highways():
+        if "crossing" not in [osm_way.tags.get(key) for key in _PATHS]:
             continue
-        line = place.extract.way_line(way, place.frame)
+        line = place.extract.way_line(osm_way, place.frame)
         if len(line) < 2:
             continue
         path = shapely.LineString(line)
@@ -229,9 +237,9 @@ def _approaching(street: MappedWay, cores: set[int]) -> Iterator[str]:
 def _lanes_of(street: MappedWay, direction: str) -> int | None:
     """Return the number of mapped lanes in a direction."""
     tags = street.way.tags
-    said = count(tags.get(f"lanes:{direction}"))
-    if said is not None:
-        return said
+    directed = count(tags.get(f"lanes:{direction}"))
+    if directed is not None:
+        return directed
     lanes = count(tags.get("lanes"))
     if lanes is None:
         return None
@@ -255,8 +263,12 @@ def _spot_of_arm(place: MappedSite, junction: MappedJunction, arm: JunctionArm) 
     nodes = place.frame.site_from_lonlat([place.extract.nodes[n] for n in junction.nodes])
     reach = float(np.linalg.norm(nodes - junction.middle, axis=1).max()) + 12.0
     angle = np.radians(arm.angle_deg)
-    at = shapely.Point(np.array(junction.middle) + reach * np.array([np.cos(angle), np.sin(angle)]))
-    nearest = min(place.streets, key=lambda street: (street.line.distance(at), street.way.id))
-    point = nearest.line.interpolate(nearest.line.project(at))
+    arm_point = shapely.Point(
+        np.array(junction.middle) + reach * np.array([np.cos(angle), np.sin(angle)])
+    )
+    nearest = min(
+        place.streets, key=lambda street: (street.line.distance(arm_point), street.way.id)
+    )
+    point = nearest.line.interpolate(nearest.line.project(arm_point))
     element = f"way/{nearest.way.id}"
     return spot(place.frame, point, element=element, name=arm.name or nearest.name)

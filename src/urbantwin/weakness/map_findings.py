@@ -52,7 +52,7 @@ def building_findings(place: MappedSite) -> Iterator[Finding]:
         )
         kinds = tags.get("building", "yes")
         word = "building" if kinds == "yes" else kinds.replace("_", " ")
-        shape = max(shapely.get_parts(plan), key=lambda one: one.area)
+        shape = max(shapely.get_parts(plan), key=lambda part: part.area)
         element = "" if building.id in place.added else f"{kind}/{building.id}"
         spots.append(spot(place.frame, shape, element=element, name=name or word))
     if spots:
@@ -69,9 +69,9 @@ def building_findings(place: MappedSite) -> Iterator[Finding]:
 def _has_height(building: MappedBuilding) -> bool:
     """Return whether the map gives the height of a building or of a part of it."""
     tags = [part for part, _ in building.parts] or [building.tags]
-    for one in tags:
+    for part_tags in tags:
         notes: Counter[str] = Counter()
-        building_rise(one, building.tags, 100.0, notes)
+        building_rise(part_tags, building.tags, 100.0, notes)
         if not notes[_ASSUMED]:
             return True
     return False
@@ -84,18 +84,21 @@ _TREES = ("tree", "tree_row", "tree_group", "wood", "scrub")
 
 def furniture_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield a finding for each kind of object without any in the region."""
-    added = [one.asked for one in place.corrections]
+    added = [correction.asked for correction in place.corrections]
     here = [spot(place.frame, shapely.Point(0.0, 0.0), name="the anchor")]
     tags = [item.tags for item in place.features]
-    if not any(isinstance(one, AddTree) for one in added) and not any(
-        one.get("natural") in _TREES or one.get("landuse") == "forest" for one in tags
+    if not any(isinstance(correction, AddTree) for correction in added) and not any(
+        feature_tags.get("natural") in _TREES or feature_tags.get("landuse") == "forest"
+        for feature_tags in tags
     ):
         yield finding("trees-missing", "no tree is mapped in the region", spots=here)
-    if not any(isinstance(one, AddPole) and one.kind in _POLES for one in added) and not any(
-        one.get("highway") == "street_lamp"
-        or one.get("power") in ("pole", "tower", "catenary_mast")
-        or one.get("man_made") in ("street_lamp", "utility_pole")
-        for one in tags
+    if not any(
+        isinstance(correction, AddPole) and correction.kind in _POLES for correction in added
+    ) and not any(
+        feature_tags.get("highway") == "street_lamp"
+        or feature_tags.get("power") in ("pole", "tower", "catenary_mast")
+        or feature_tags.get("man_made") in ("street_lamp", "utility_pole")
+        for feature_tags in tags
     ):
         lit = [street for street in place.streets if street.way.tags.get("lit") == "no"]
         share = 1.0 - len(lit) / max(len(place.streets), 1)
@@ -218,25 +221,25 @@ def walking_findings(place: MappedSite) -> Iterator[Finding]:
 
 def _service(place: MappedSite) -> list[MappedWay]:
     """Return all other ways that connect to footways: service roads, tracks, cycleways, areas."""
-    known = {one.way.id for one in (*place.footways, *place.streets)}
-    found = []
-    for way in place.extract.highways():
-        points = place.extract.way_line(way, place.frame)
-        if way.id in known or len(points) < 2:
+    known_ids = {mapped.way.id for mapped in (*place.footways, *place.streets)}
+    other_ways = []
+    for osm_way in place.extract.highways():
+        points = place.extract.way_line(osm_way, place.frame)
+        if osm_way.id in known_ids or len(points) < 2:
             continue
         line = shapely.LineString(points)
         if line.intersects(place.region):
-            found.append(MappedWay(way, line, shapely.intersection(line, place.region)))
-    return found
+            other_ways.append(MappedWay(osm_way, line, shapely.intersection(line, place.region)))
+    return other_ways
 
 
 def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
     """Return the footways from which no other way can be reached, within the map."""
     numbers: dict[int, int] = {}
     pairs = []
-    for way in ways:
+    for footway in ways:
         first = None
-        for node in way.way.nodes:
+        for node in footway.way.nodes:
             number = numbers.setdefault(node, len(numbers))
             if first is not None:
                 pairs.append((first, number))
@@ -246,18 +249,22 @@ def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
     graph = coo_array((np.ones(len(rows)), (rows[:, 0], rows[:, 1])), shape=size)
     labels = connected_components(graph, directed=False)[1]
     groups: defaultdict[int, list[MappedWay]] = defaultdict(list)
-    for way in ways:
-        groups[int(labels[numbers[way.way.nodes[0]]])].append(way)
-    footways = {one.way.id for one in place.footways}
+    for footway in ways:
+        groups[int(labels[numbers[footway.way.nodes[0]]])].append(footway)
+    footways = {footway.way.id for footway in place.footways}
     inside = place.area.buffer(-_RIM_M)
-    found = []
+    isolated = []
     for group in groups.values():
-        lines = shapely.union_all([one.line for one in group])
+        lines = shapely.union_all([footway.line for footway in group])
         # Ways that leave the extract, or the region, may be joined beyond.
         whole = place.region.contains(lines) and inside.contains(lines)
-        if whole and lines.length >= _SHORT_M and all(one.way.id in footways for one in group):
-            found += group
-    return sorted(found, key=lambda one: one.way.id)
+        if (
+            whole
+            and lines.length >= _SHORT_M
+            and all(footway.way.id in footways for footway in group)
+        ):
+            isolated += group
+    return sorted(isolated, key=lambda footway: footway.way.id)
 
 
 def _ends(
@@ -265,11 +272,11 @@ def _ends(
 ) -> list[tuple[MappedWay, int, shapely.Point]]:
     """Return ends of footways that nearly meet another way of the same level."""
     uses: defaultdict[int, set[int]] = defaultdict(set)
-    for way in ways:
-        for node in way.way.nodes:
-            uses[node].add(way.way.id)
-    tree = shapely.STRtree([way.line for way in ways])
-    found = []
+    for mapped in ways:
+        for node in mapped.way.nodes:
+            uses[node].add(mapped.way.id)
+    tree = shapely.STRtree([mapped.line for mapped in ways])
+    loose_ends = []
     for footway in place.footways:
         if footway.way.id in apart or footway.way.nodes[0] == footway.way.nodes[-1]:
             continue
@@ -279,13 +286,13 @@ def _ends(
             point = shapely.Point(place.frame.site_from_lonlat([place.extract.nodes[node]])[0])
             if not place.region.contains(point):
                 continue
-            near = tree.query(point, predicate="dwithin", distance=_NEARLY_M)
+            nearby = tree.query(point, predicate="dwithin", distance=_NEARLY_M)
             if any(
                 ways[number].way.id != footway.way.id and _level(ways[number]) == _level(footway)
-                for number in near.tolist()
+                for number in nearby.tolist()
             ):
-                found.append((footway, node, point))
-    return found
+                loose_ends.append((footway, node, point))
+    return loose_ends
 
 
 def _level(way: MappedWay) -> tuple[str, bool, bool]:

@@ -55,8 +55,8 @@ class MappedWay:
 
     def spot(self, frame: SiteFrame) -> Spot:
         """Return a point on it."""
-        parts = [one for one in shapely.get_parts(self.inside) if one.length > 0]
-        longest = max(parts, key=lambda one: one.length, default=self.line)
+        parts = [part for part in shapely.get_parts(self.inside) if part.length > 0]
+        longest = max(parts, key=lambda part: part.length, default=self.line)
         return spot(frame, longest, element=f"way/{self.way.id}", name=self.name)
 
 
@@ -100,26 +100,26 @@ class MappedSite:
     def streets(self) -> list[MappedWay]:
         """The streets of the region that become lanes, except those in tunnels."""
         return self._ways(
-            way
-            for way in self.extract.highways()
-            if way.tags["highway"] in NETWORK_CLASSES
-            and way.tags.get("area") != "yes"
-            and way.tags.get("tunnel", "no") in ("no", "building_passage")
+            osm_way
+            for osm_way in self.extract.highways()
+            if osm_way.tags["highway"] in NETWORK_CLASSES
+            and osm_way.tags.get("area") != "yes"
+            and osm_way.tags.get("tunnel", "no") in ("no", "building_passage")
         )
 
     @cached_property
     def footways(self) -> list[MappedWay]:
         """The ways of the region for pedestrians only, as lines."""
         return self._ways(
-            way
-            for way in self.extract.highways()
+            osm_way
+            for osm_way in self.extract.highways()
             if (
-                way.tags["highway"] in WALKED
-                or (way.tags["highway"] == "cycleway" and way.tags.get("foot") in _MAY)
+                osm_way.tags["highway"] in WALKED
+                or (osm_way.tags["highway"] == "cycleway" and osm_way.tags.get("foot") in _MAY)
             )
-            and way.tags.get("area") != "yes"
-            and way.tags.get("indoor", "no") == "no"
-            and way.tags.get("tunnel", "no") in ("no", "building_passage")
+            and osm_way.tags.get("area") != "yes"
+            and osm_way.tags.get("indoor", "no") == "no"
+            and osm_way.tags.get("tunnel", "no") in ("no", "building_passage")
         )
 
     @cached_property
@@ -128,16 +128,16 @@ class MappedSite:
         return mapped_junctions(self.extract, self.frame, self.region)
 
     def _ways(self, ways: Iterable[Way]) -> list[MappedWay]:
-        found = []
-        for way in ways:
-            points = self.extract.way_line(way, self.frame)
+        mapped = []
+        for osm_way in ways:
+            points = self.extract.way_line(osm_way, self.frame)
             if len(points) < 2:
                 continue
             line = shapely.LineString(points)
             inside = shapely.intersection(line, self.region)
             if inside.length > 0:
-                found.append(MappedWay(way, line, inside))
-        return found
+                mapped.append(MappedWay(osm_way, line, inside))
+        return mapped
 
 
 def nearness(shape: shapely.Geometry) -> float:
