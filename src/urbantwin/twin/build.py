@@ -121,7 +121,11 @@ def build_twin(  # noqa: PLR0915 - one step per stage
             imported.model if imported else None,
             between(tell, 0.0, surveying),
         )
-        elevation, ground_notes, found = ground.elevation, ground.notes, ground.reconstruction
+        elevation, ground_notes, reconstruction = (
+            ground.elevation,
+            ground.notes,
+            ground.reconstruction,
+        )
         net = folder / "network.net.xml"
         if imported:
             prepared = prepared_map(
@@ -152,7 +156,9 @@ def build_twin(  # noqa: PLR0915 - one step per stage
                 closed_loop=site.closed_loop,
                 per_hour=site.traffic.per_hour,
                 curbs=corrections.curbs(),
-                standing=standing_on_ground(found.mesh, elevation) if found else (),
+                standing=standing_on_ground(reconstruction.mesh, elevation)
+                if reconstruction
+                else (),
                 tell=between(tell, 0.0, ROADS, "roads"),
             )
         corrections.keep_curbs(roads.curbs, site)
@@ -170,7 +176,7 @@ def build_twin(  # noqa: PLR0915 - one step per stage
             site.region,
             features,
             heads,
-            found,
+            reconstruction,
             imported.drivable if imported else None,
             country=country_of(site.latitude, site.longitude),
             clutter=site.clutter,
@@ -195,7 +201,7 @@ def build_twin(  # noqa: PLR0915 - one step per stage
         tell(STANDING, "standing the sensors")
         # The scene avoids the proposed positions of sensors, so the unplaced site is needed to
         # reproduce it.
-        asked, stood = site, StandingRig(site.rig)
+        requested, stood = site, StandingRig(site.rig)
         if stand is not None:
             stood = stand(
                 site,
@@ -206,11 +212,13 @@ def build_twin(  # noqa: PLR0915 - one step per stage
             )
             site = replace(site, rig=stood.spec)
         own = {
-            one.name: read_actor_mesh(path, one.actor_class, scale=one.scale, forward=one.forward)
-            for one, path in site.own_assets
+            spec.name: read_actor_mesh(
+                path, spec.actor_class, scale=spec.scale, forward=spec.forward
+            )
+            for spec, path in site.own_assets
         }
         write_own_meshes(folder, own)
-        of_sources = _written_geometry(folder, found, watch)
+        of_sources = _written_geometry(folder, reconstruction, watch)
         mapped = found_of_mapped(
             None if imported else extract, site.frame, site.region, roads.network
         )
@@ -218,7 +226,7 @@ def build_twin(  # noqa: PLR0915 - one step per stage
             "ground": ground_notes,
             "roads": roads.notes,
             "mapped": {kind: counts.as_note() for kind, counts in mapped.items()},
-            **({"geometry": of_sources} if found else {}),
+            **({"geometry": of_sources} if reconstruction else {}),
             **({"buildings_file": completed} if completed else {}),
             **scene.notes,
             "materials": {
@@ -234,7 +242,9 @@ def build_twin(  # noqa: PLR0915 - one step per stage
             {
                 "driving_side": side,
                 "made_from": made_from(
-                    asked, found.report if found else None, photo.notes if photo else ()
+                    requested,
+                    reconstruction.report if reconstruction else None,
+                    photo.notes if photo else (),
                 ),
                 "notes": notes,
                 "warnings": rows_of(
@@ -290,8 +300,8 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
     if site.osm is None:
         return None, tell
     read = LARGE_READ if site.osm.path.stat().st_size > LARGE_MAP else SMALL_READ
-    near = box_around(site.frame, site.region)
-    extract = read_extract(site.osm.path, near, progress=between(tell, 0.0, read))
+    bounds = box_around(site.frame, site.region)
+    extract = read_extract(site.osm.path, bounds, progress=between(tell, 0.0, read))
     return extract, between(tell, read, 1.0)
 
 
@@ -349,7 +359,7 @@ def _before_scene(
     """Call ``refuse`` with the known surroundings of the sensors."""
     if refuse is None:
         return
-    found = ground.reconstruction
+    reconstruction = ground.reconstruction
     preview = preview_of_scene(
         [(east, north) for _, east, north in site.rig.standing()],
         roads.network,
@@ -357,7 +367,7 @@ def _before_scene(
         elevation,
         site.region,
         features,
-        found.covers.get("buildings") if found else None,
+        reconstruction.covers.get("buildings") if reconstruction else None,
         country_of(site.latitude, site.longitude),
     )
     refuse(preview, anchor_height_m(ground.notes))
@@ -370,8 +380,8 @@ def _check_keys(site: Site) -> None:
         InputError: one is not allowed (`download.key_for`).
     """
     addresses: list[tuple[GeometrySource | ImagerySource, str | None]] = []
-    addresses += [(one, one.spec.url) for one in site.geometry]
-    addresses += [(one, one.spec.xyz) for one in site.imagery if one.is_web]
+    addresses += [(source, source.spec.url) for source in site.geometry]
+    addresses += [(source, source.spec.xyz) for source in site.imagery if source.is_web]
     for source, address in addresses:
         name = source.spec.key_env
         if name is not None and address is not None:

@@ -61,7 +61,7 @@ class Corrections:
     def of_scene(self) -> list[Correction]:
         """The corrections of static objects."""
         kinds = (AddPole, AddTree, AddWall, RemoveThing)
-        return [one for one in self.each if isinstance(one.asked, kinds)]
+        return [correction for correction in self.each if isinstance(correction.asked, kinds)]
 
     def map_corrected(
         self, extract: Extract | None, site: Site, driving_side: str
@@ -73,18 +73,18 @@ class Corrections:
         """
         if extract is None:
             kinds = (SetTags, RemoveElement, AddLane, RemoveLane)
-            for one in self.each:
-                if isinstance(one.asked, kinds):
-                    self.keep([Outcome(one, False, "the site has no map (osm) to correct")])
+            for correction in self.each:
+                if isinstance(correction.asked, kinds):
+                    self.keep([Outcome(correction, False, "the site has no map (osm) to correct")])
             return None
         if not self.each:
             return extract
-        extract, told = with_elements(extract, self.each, site.frame, site.region)
-        self.keep(told)
+        extract, outcomes = with_elements(extract, self.each, site.frame, site.region)
+        self.keep(outcomes)
         if site.roads is not None:
             self._not_of_roads(site, (AddLane, RemoveLane))
             return extract
-        extract, told = with_lanes_corrected(
+        extract, outcomes = with_lanes_corrected(
             extract,
             self.each,
             site.frame,
@@ -92,15 +92,17 @@ class Corrections:
             driving_side=driving_side,
             country=country_of(site.latitude, site.longitude),
         )
-        self.keep(told)
+        self.keep(outcomes)
         return extract
 
     def curbs(self) -> dict[int, list[shapely.LineString]]:
         """Return the lines of corrected curbs, by the number of their correction."""
         return {
-            one.number: [shape for shape in one.shapes if isinstance(shape, shapely.LineString)]
-            for one in self.each
-            if isinstance(one.asked, MoveCurb)
+            correction.number: [
+                shape for shape in correction.shapes if isinstance(shape, shapely.LineString)
+            ]
+            for correction in self.each
+            if isinstance(correction.asked, MoveCurb)
         }
 
     def keep_curbs(self, moves: Mapping[int, CurbMove], site: Site) -> None:
@@ -108,43 +110,43 @@ class Corrections:
         if site.roads is not None or (site.osm is None and site.sketch is None):
             self._not_of_roads(site, (MoveCurb,))
             return
-        by_number = {one.number: one for one in self.each}
+        by_number = {correction.number: correction for correction in self.each}
         self.keep(_curb_outcome(by_number[number], move) for number, move in moves.items())
 
     def keep(self, outcomes: Iterable[Outcome]) -> None:
         """Store the outcomes of a stage."""
-        self.outcomes.update({one.correction.number: one for one in outcomes})
+        self.outcomes.update({outcome.correction.number: outcome for outcome in outcomes})
 
     def _not_of_roads(self, site: Site, kinds: tuple[type, ...]) -> None:
-        told = "the site has no map of roads"
+        reason = "the site has no map of roads"
         if site.roads is not None:
-            told = f"the roads are those of {site.roads.path.name}: they are corrected there"
-        for one in self.each:
-            if isinstance(one.asked, kinds):
-                self.keep([Outcome(one, False, told)])
+            reason = f"the roads are those of {site.roads.path.name}: they are corrected there"
+        for correction in self.each:
+            if isinstance(correction.asked, kinds):
+                self.keep([Outcome(correction, False, reason)])
 
     def notes(self) -> dict[str, Any]:
         """Return the entry of ``twin.json``: counts, and each correction with its place."""
         if not self.each:
             return {}
-        told = [self.outcomes[one.number] for one in self.each]
-        applied = Counter(one.applied for one in told)
+        outcomes = [self.outcomes[correction.number] for correction in self.each]
+        applied = Counter(outcome.applied for outcome in outcomes)
         return {
             "corrections": {
                 "applied": applied[True],
                 "not_applied": applied[False],
-                "each": [_note(one) for one in told],
+                "each": [_note(outcome) for outcome in outcomes],
             }
         }
 
     def warnings(self) -> Iterator[ResultWarning]:
         """Yield a warning for each correction that was not applied."""
-        for one in self.each:
-            outcome = self.outcomes[one.number]
+        for correction in self.each:
+            outcome = self.outcomes[correction.number]
             if not outcome.applied:
                 yield ResultWarning(
                     "corrections",
-                    f"{one.place} is not applied",
+                    f"{correction.place} is not applied",
                     outcome.told,
                     "plan.png shows what is there, by the same number",
                 )
@@ -154,20 +156,22 @@ def _curb_outcome(one: Correction, move: CurbMove) -> Outcome:
     drawn = sum(shape.length for shape in one.shapes)
     why = "; ".join(dict.fromkeys(move.why_not))
     if not move.metres:
-        near = f"the nearest is {move.nearest_m:.1f} m away" if np.isfinite(move.nearest_m) else ""
-        told = why or "; ".join(filter(None, ["no curb of a street runs along it", near]))
-        return Outcome(one, False, told)
-    told = f"{move.metres:.1f} m of {drawn:.1f} m drawn, moved by up to {move.farthest_m:.2f} m"
+        nearest_text = (
+            f"the nearest is {move.nearest_m:.1f} m away" if np.isfinite(move.nearest_m) else ""
+        )
+        text = why or "; ".join(filter(None, ["no curb of a street runs along it", nearest_text]))
+        return Outcome(one, False, text)
+    text = f"{move.metres:.1f} m of {drawn:.1f} m drawn, moved by up to {move.farthest_m:.2f} m"
     if not move.has_curb:
-        told += ", as the edge of a carriageway: nothing raised is beside it"
-    return Outcome(one, True, f"{told}; {why}" if why else told)
+        text += ", as the edge of a carriageway: nothing raised is beside it"
+    return Outcome(one, True, f"{text}; {why}" if why else text)
 
 
 def _note(one: Outcome) -> dict[str, Any]:
-    asked = one.correction.asked
+    requested = one.correction.asked
     return {
         "number": one.correction.number,
-        "what": f"{asked.action} {asked.what}".strip(),
+        "what": f"{requested.action} {requested.what}".strip(),
         "applied": one.applied,
         "told": one.told,
         "at_m": [

@@ -79,18 +79,18 @@ def found_of_mapped(
     if extract is None:
         return {}
     streets = _streets(extract)
-    lines = {way.id: shapely.LineString(extract.way_line(way, frame)) for way in streets}
+    lines = {street.id: shapely.LineString(extract.way_line(street, frame)) for street in streets}
     inside = region.buffer(-BORDER_M)
     over = [lane.polygon.buffer(0.5) for lane in network.lanes if lane.kind == "crossing"]
     crossed = shapely.STRtree(over)
     crossings = [
-        (point, len(crossed.query(_around(lines[way], point), predicate="intersects")) > 0)
-        for way, point in _crossings(extract, frame, streets, lines)
+        (point, len(crossed.query(_around(lines[street_id], point), predicate="intersects")) > 0)
+        for street_id, point in _crossings(extract, frame, streets, lines)
         if inside.contains(point)
     ]
     signalised = [(head, network.lane_by_id[head.lane]) for head in network.signals]
     stops = shapely.STRtree(
-        [shapely.Point(one.x, one.y) for one, lane in signalised if lane.kind != "crossing"]
+        [shapely.Point(head.x, head.y) for head, lane in signalised if lane.kind != "crossing"]
     )
     walks = shapely.STRtree([lane.polygon for _, lane in signalised if lane.kind == "crossing"])
     signals = [
@@ -128,7 +128,7 @@ def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> boo
 
 
 def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
-    missing = tuple((point.x, point.y) for point, there in places if not there)
+    missing = tuple((point.x, point.y) for point, is_present in places if not is_present)
     return FoundOfMapped(len(places) - len(missing), len(places), missing)
 
 
@@ -162,12 +162,12 @@ def _around(line: shapely.LineString, point: shapely.Point) -> shapely.Geometry:
 def _streets(extract: Extract) -> list[Way]:
     """Return the ways that become roads and are not underground."""
     return [
-        way
-        for way in extract.highways()
-        if way.tags["highway"] in NETWORK_CLASSES
-        and way.tags.get("area") != "yes"
-        and way.tags.get("tunnel", "no") in ("no", "building_passage")
-        and sum(node in extract.nodes for node in way.nodes) > 1
+        osm_way
+        for osm_way in extract.highways()
+        if osm_way.tags["highway"] in NETWORK_CLASSES
+        and osm_way.tags.get("area") != "yes"
+        and osm_way.tags.get("tunnel", "no") in ("no", "building_passage")
+        and sum(node in extract.nodes for node in osm_way.nodes) > 1
     ]
 
 
@@ -178,15 +178,15 @@ def _crossings(
     lines: Mapping[int, shapely.LineString],
 ) -> Iterator[tuple[int, shapely.Point]]:
     """Yield the street and position of every mapped crossing, each once."""
-    found: dict[int, list[shapely.Point]] = defaultdict(list)
-    for way in streets:
-        nodes = [node for node in way.nodes if node in extract.nodes]
+    points_of: dict[int, list[shapely.Point]] = defaultdict(list)
+    for osm_way in streets:
+        nodes = [node for node in osm_way.nodes if node in extract.nodes]
         for node in nodes:
             tags = extract.node_tags.get(node, {})
             if tags.get("highway") == "crossing" and tags.get("crossing") != "no":
                 xy = frame.site_from_lonlat([extract.nodes[node]])[0]
-                found[way.id].append(shapely.Point(xy))
-    tree = shapely.STRtree([lines[way.id] for way in streets])
+                points_of[osm_way.id].append(shapely.Point(xy))
+    tree = shapely.STRtree([lines[osm_way.id] for osm_way in streets])
     for path in extract.highways():
         if "crossing" not in [path.tags.get(key) for key in _PATHS]:
             continue
@@ -197,12 +197,12 @@ def _crossings(
         for number in sorted(tree.query(line, predicate="intersects")):
             street = streets[number]
             if street.tags.get("layer", "0") == path.tags.get("layer", "0"):
-                found[street.id].append(line.intersection(lines[street.id]).centroid)
-    for street_id, places in sorted(found.items()):
-        kept: list[shapely.Point] = []
+                points_of[street.id].append(line.intersection(lines[street.id]).centroid)
+    for street_id, places in sorted(points_of.items()):
+        separate: list[shapely.Point] = []
         for point in places:
-            if all(point.distance(other) >= ONE_CROSSING_M for other in kept):
-                kept.append(point)
+            if all(point.distance(other) >= ONE_CROSSING_M for other in separate):
+                separate.append(point)
                 yield street_id, point
 
 
@@ -211,9 +211,9 @@ def _signals(
 ) -> Iterator[tuple[shapely.Point, float, bool]]:
     """Yield each mapped signal's position, search radius, and whether it is a crossing's."""
     legs: dict[int, int] = defaultdict(int)
-    for way in streets:
-        for index, node in enumerate(way.nodes):
-            legs[node] += (index > 0) + (index < len(way.nodes) - 1)
+    for street in streets:
+        for index, node in enumerate(street.nodes):
+            legs[node] += (index > 0) + (index < len(street.nodes) - 1)
     for node in sorted(legs.keys() & extract.node_tags.keys() & extract.nodes.keys()):
         tags = extract.node_tags[node]
         if "traffic_signals" in (tags.get("highway"), tags.get("crossing")):

@@ -66,12 +66,12 @@ def survey_ground(
             "missing_share": round(grid.missing_share, 4),
             "cell_m": round(grid.source_step_m, 3),
         }
-    found = None
+    reconstruction = None
     if site.geometry:
         from urbantwin.reconstruct.build import reconstruct
 
         lanes = carriageway_in_plan(model, site.region) if model else None
-        found = reconstruct(
+        reconstruction = reconstruct(
             site.geometry,
             site.frame,
             surroundings_of(features, site.region, site.rig, lanes),
@@ -79,12 +79,14 @@ def survey_ground(
             heights=heights,
             progress=progress,
         )
-        patches += found.ground
+        patches += reconstruction.ground
     if not patches:
-        return SurveyedSite(Elevation.flat(), False, found, {"source": "no DEM: a level plain"})
-    if found is None or not found.ground:
+        return SurveyedSite(
+            Elevation.flat(), False, reconstruction, {"source": "no DEM: a level plain"}
+        )
+    if reconstruction is None or not reconstruction.ground:
         dem = patches[0]
         elevation = Elevation(dem.west, dem.south, dem.step, dem.heights, dem.detail_m)
-        return SurveyedSite(elevation, True, found, notes)
+        return SurveyedSite(elevation, True, reconstruction, notes)
     elevation, shares = merged_elevation(patches, site.region)
-    return SurveyedSite(elevation, True, found, {**notes, "shares_of_region": shares})
+    return SurveyedSite(elevation, True, reconstruction, {**notes, "shares_of_region": shares})

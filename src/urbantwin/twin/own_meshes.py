@@ -43,8 +43,8 @@ def read_own_meshes(path: Path) -> dict[str, LabelledMesh]:
     for key, array in read_arrays(path, _EXPECTED).items():
         name, _, field = key.rpartition("/")
         parts.setdefault(name, {})[field] = array
-    found = {}
+    meshes = {}
     for name, arrays in parts.items():
         checked_arrays(arrays, MESH_FORM, file=path, expected=_EXPECTED, within=f"{name}/")
-        found[name] = LabelledMesh(**checked_mesh(arrays, path, _EXPECTED))
-    return found
+        meshes[name] = LabelledMesh(**checked_mesh(arrays, path, _EXPECTED))
+    return meshes

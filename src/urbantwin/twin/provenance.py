@@ -38,8 +38,8 @@ def made_from(
     """
     document = site.resolved()
     files = [
-        _entry([name, "file"], one.path, files_beside(one.path) if name == "dem" else ())
-        for name, one in (
+        _entry([name, "file"], source.path, files_beside(source.path) if name == "dem" else ())
+        for name, source in (
             ("osm", site.osm),
             ("sketch", site.sketch),
             ("dem", site.dem),
@@ -48,7 +48,7 @@ def made_from(
             ("buildings", site.buildings),
             ("roads", site.roads),
         )
-        if one is not None
+        if source is not None
     ]
     for number, source in enumerate(site.geometry):
         read = geometry["sources"][number]["files"] if geometry else {}
@@ -75,7 +75,7 @@ def made_from(
     for number, (_, path) in enumerate(site.own_assets):
         files.append(_entry(["traffic", "assets", number, "file"], path, buffers_beside(path)))
     document["rig"], of_rig = rig_and_files(document["rig"], site.rig_file.parent)
-    return {"site": document, "files": files + [_below("rig", one) for one in of_rig]}
+    return {"site": document, "files": files + [_below("rig", entry) for entry in of_rig]}
 
 
 def rig_and_files(
@@ -89,12 +89,12 @@ def rig_and_files(
         twin: folder of a twin; files in it are marked as the twin's, since it is reproduced itself.
     """
     sensors, files = [], []
-    for number, one in enumerate(rig["sensors"]):
-        model, path = sensor_file(one["model"], folder)
+    for number, sensor in enumerate(rig["sensors"]):
+        model, path = sensor_file(sensor["model"], folder)
         if path is None:
-            sensors.append(one)
+            sensors.append(sensor)
             continue
-        sensors.append({**one, "model": f"{model}{path.name}"})
+        sensors.append({**sensor, "model": f"{model}{path.name}"})
         pattern = pattern_beside(path)
         entry = _entry(["sensors", number, "model"], path, () if pattern is None else (pattern,))
         if twin is not None and path.resolve().parent == twin.resolve():
@@ -114,7 +114,7 @@ def _entry(at: Sequence[str | int], path: Path, beside: Iterable[Path] = ()) -> 
         "name": path.name,
         "sha256": sha256_of(path) if path.is_file() else "",
     }
-    further = {one.name: sha256_of(one) for one in beside}
+    further = {path_beside.name: sha256_of(path_beside) for path_beside in beside}
     return {**entry, "beside": further} if further else entry
 
 

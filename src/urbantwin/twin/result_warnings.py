@@ -108,8 +108,8 @@ def warnings_of_build(
             "nothing joins them to the rest within the region",
             "make the region larger, or join them in the map",
         )
-    for name, told in geometry.items():
-        for problem in told.get("problems", []):
+    for name, report in geometry.items():
+        for problem in report.get("problems", []):
             yield ResultWarning(f"geometry {name}", str(problem), "", "see geometry.json")
 
 
@@ -130,5 +130,7 @@ def _without_heads(roads: BuiltRoads) -> int:
         if network.lane_by_id[head.lane].kind not in ("crossing", "walkingarea")
         and network.lane_by_id[head.lane].allowed
     }
-    shown = {strip for one in roads.model.signals if one.dynamic for strip in one.strip.split()}
+    shown = {
+        strip for signal in roads.model.signals if signal.dynamic for strip in signal.strip.split()
+    }
     return len(stopped - shown) if shown else 0

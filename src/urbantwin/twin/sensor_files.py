@@ -27,19 +27,19 @@ def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, 
         The rig's values; names of missing files are unchanged.
     """
     rig = spec.written()
-    kept: dict[Path, str] = {}
-    for one in rig["sensors"]:
-        model, found = sensor_file(one["model"], rig_file.parent)
-        if found is None:
+    new_names: dict[Path, str] = {}
+    for sensor in rig["sensors"]:
+        model, path = sensor_file(sensor["model"], rig_file.parent)
+        if path is None:
             continue
-        found = found.resolve()
-        if found not in kept:
-            name, number = f"{found.stem}.sensor{found.suffix}", 2
-            while name in kept.values():
-                name, number = f"{found.stem}.{number}.sensor{found.suffix}", number + 1
-            kept[found] = name
-            _keep(found, folder / name)
-        one["model"] = f"{model}{kept[found]}"
+        path = path.resolve()
+        if path not in new_names:
+            name, number = f"{path.stem}.sensor{path.suffix}", 2
+            while name in new_names.values():
+                name, number = f"{path.stem}.{number}.sensor{path.suffix}", number + 1
+            new_names[path] = name
+            _keep(path, folder / name)
+        sensor["model"] = f"{model}{new_names[path]}"
     return rig
 
 
@@ -59,8 +59,10 @@ def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
         before, colon, path = "", "", model
     if not path.lower().endswith(_FILES):
         return "", None
-    found = next((one for one in (folder / path, Path(path)) if one.is_file()), None)
-    return before + colon, found
+    file = next(
+        (candidate for candidate in (folder / path, Path(path)) if candidate.is_file()), None
+    )
+    return before + colon, file
 
 
 def pattern_beside(path: Path) -> Path | None:

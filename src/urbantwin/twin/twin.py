@@ -124,8 +124,8 @@ class Twin:
     @property
     def corrections(self) -> list[Corrected]:
         """The outcome of each correction of the site."""
-        told = self.manifest["notes"].get("corrections", {}).get("each", [])
-        return [Corrected.model_validate(one) for one in told]
+        entries = self.manifest["notes"].get("corrections", {}).get("each", [])
+        return [Corrected.model_validate(entry) for entry in entries]
 
     @property
     def rig_path(self) -> Path:
@@ -171,9 +171,9 @@ def load_twin(folder: Path) -> Twin:
     manifest = read_json(file, kind="twin")
     if manifest.get("kind") != "twin":
         raise InputError("is not a twin's", file=file, expected='"kind": "twin"')
-    told = validated(manifest, TwinManifest, file=file, expected="a twin's manifest")
-    check_region(told, file)
-    for name, digest in told.files.items():
+    checked = validated(manifest, TwinManifest, file=file, expected="a twin's manifest")
+    check_region(checked, file)
+    for name, digest in checked.files.items():
         path = file_inside(folder, name, manifest=file)
         if not path.is_file() or sha256_of(path) != digest:
             raise InputError(
