@@ -174,8 +174,8 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         bent = stages.round(bent, trips, led=True)
         further = bent["trip"] >= len(demand.trips)
         bent["trip"][further] += len(every) - len(demand.trips)
-        for number_of_trip in np.unique(seen.trip).tolist():
-            every[number_of_trip] = trips[number_of_trip]
+        for trip_index in np.unique(seen.trip).tolist():
+            every[trip_index] = trips[trip_index]
         every += trips[len(demand.trips) :]
         number += actor_ids[len(demand.trips) :].tolist()
         count += len(bent["trip"])

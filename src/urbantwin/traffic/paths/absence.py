@@ -141,9 +141,7 @@ def absent_from(
     counts = {
         "visits": len(each),
         "of": count,
-        "actors": dict(
-            sorted(Counter(str(visit_report["class"]) for visit_report in each).items())
-        ),
+        "actors": dict(sorted(Counter(str(x["class"]) for x in each).items())),
         "with": dict(
             sorted(Counter(f"{x['class']} and {x['with']}" for x in each if "with" in x).items())
         ),
@@ -262,9 +260,7 @@ def _choose(
 
 def _where_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Return the place of most conflicts, x and y, and their number."""
-    xy = np.array([(conflict["x"], conflict["y"]) for conflict in each if "x" in conflict]).reshape(
-        -1, 2
-    )
+    xy = np.array([(row["x"], row["y"]) for row in each if "x" in row]).reshape(-1, 2)
     if not len(xy):
         return {}
     is_near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _PLACE_M
