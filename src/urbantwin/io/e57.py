@@ -24,18 +24,18 @@ from urbantwin.io.trust import FARTHEST, MOST_POINTS, content_of, count_within
 
 __all__ = ["read_e57"]
 
-#: Points that are read together.
+#: Points per batch.
 PIECE = 500_000
-#: The most scans of a file, and points of a scan.
+#: Maximum number of scans of a file, and of points of a scan.
 MOST_SCANS, MOST_LOOKED_AT = 10_000, 4_000_000_000
-#: The header (E2807, 8.3): signature, versions, physical length, where the XML lies, page size.
+#: Header (E2807, 8.3): signature, versions, physical length, offset of the XML, page size.
 _HEADER = struct.Struct("<8sIIQQQQ")
 _PLACES = {
     "cartesian": ("cartesianX", "cartesianY", "cartesianZ"),
     "spherical": ("sphericalRange", "sphericalAzimuth", "sphericalElevation"),
 }
 _COLOURS = ("colorRed", "colorGreen", "colorBlue")
-#: A quaternion whose length differs from 1 by more is refused.
+#: Maximum deviation of a quaternion's length from 1.
 UNIT = 1e-3
 Numbers = NDArray[np.float64]
 
@@ -48,17 +48,17 @@ def read_e57(
     *,
     crop: bool = True,
 ) -> ImportedModel:
-    """Read the points of all scans, each at its pose; those around the region where a CRS is known.
+    """Read the points of all scans at their poses; around the region only, if the CRS is known.
 
-    Points that are marked invalid are left out, also those of which only the direction is known.
-    Intensities and pictures are not used.
+    Points that are marked invalid or have only a direction are left out. Intensities and images are
+    not used.
 
     Args:
         path: the file.
         frame: the site frame.
         region: the region, site frame.
-        crs: its system where the file does not say.
-        crop: whether its coordinates lie in that system.
+        crs: CRS of the file if it states none.
+        crop: whether its coordinates are in that CRS.
 
     Raises:
         InputError: it is not E57, is damaged, has no point there or too many; or pye57 is not
@@ -121,7 +121,7 @@ def _scans(
 
 
 def _check_header(path: Path) -> None:
-    """Refuse a file that is shorter than its header says, before the library opens it."""
+    """Raise an error for a file shorter than its header states, before the library opens it."""
     with path.open("rb") as stream:
         start = stream.read(_HEADER.size)
     size = path.stat().st_size
@@ -141,7 +141,7 @@ def _check_header(path: Path) -> None:
 
 
 def _system(root: Any) -> CRS | None:  # noqa: ANN401
-    """Return the CRS that the file names (E2807, 8.4.2: well-known text)."""
+    """Return the CRS of the file (E2807, 8.4.2: well-known text)."""
     if not root.isDefined("coordinateMetadata"):
         return None
     found = crs_of(str(root["coordinateMetadata"].value()))
@@ -181,7 +181,7 @@ class _Scan:
         self._pose = self._posed(node)
 
     def _colour_limits(self, node: Any) -> tuple[Numbers, Numbers]:  # noqa: ANN401
-        """Return what black and white are in each channel."""
+        """Return the values of black and white in each channel."""
         low, high = np.zeros(3), np.full(3, 255.0)
         if node.isDefined("colorLimits"):
             limits = node["colorLimits"]
@@ -210,7 +210,7 @@ class _Scan:
         return Pose(quaternion_rotation(*(rotation / length).tolist()), translation)
 
     def pieces(self) -> Iterator[tuple[Numbers, NDArray[np.uint8] | None, int]]:
-        """Yield points (N, 3), their colours (N, 3), and how many invalid ones were left out."""
+        """Yield points (N, 3), their colours (N, 3), and the number of omitted invalid ones."""
         names = [*_PLACES[self._kind], *(_COLOURS if self._coloured else ())]
         names += [self._invalid] if self._invalid else []
         room = max(1, min(PIECE, self.count))

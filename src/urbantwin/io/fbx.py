@@ -29,10 +29,10 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def read_fbx(path: Path) -> ImportedModel:
-    """Read the meshes of an FBX, in the file's world, turned z up and scaled to metres.
+    """Read the meshes of an FBX in the file's world frame, converted to z up and metres.
 
-    FBX gives its axes and its unit. Each node is an object with its name, one per material;
-    colours are the material's diffuse picture or colour.
+    FBX states its axes and its unit. Each node is an object with its name, one per material;
+    colours are the material's diffuse image or colour.
 
     Raises:
         InputError: it cannot be read, holds no triangle, or ufbx is not installed.
@@ -73,7 +73,7 @@ def _node(
     materials: dict[str, Any],
     pictures: dict[str, NDArray[np.uint8]],
 ) -> tuple[TriangleMesh | None, int]:
-    """Return the mesh of a node, and how many triangles without an area were left out."""
+    """Return the mesh of a node, and the number of omitted triangles without area."""
     matrix = arrays["matrix"]
     vertices = arrays["vertices"] @ matrix[:, :3].T + matrix[:, 3]
     check_coordinates(vertices, path, f"{name}: vertex")
@@ -112,7 +112,7 @@ def _colours(
     arrays: Arrays,
     index: NDArray[np.int64],
 ) -> NDArray[np.uint8] | None:
-    """Return colours (F, 3): of the picture, else of the corners, else of the material."""
+    """Return colours (F, 3) of the image, otherwise of the corners, otherwise of the material."""
     plain = [materials.get(name, {}).get("colour") for name in names]
     table = [
         np.full(3, _GREY, np.uint8) if light is None else _srgb(np.array(light)) for light in plain
@@ -155,13 +155,13 @@ def _pictures(
 
 # -- in the child process
 
-#: The Python objects of ufbx 0.0.5 must not be taken down while the scene is in use: all of them
-#: are held until the process ends.
+#: Python objects of ufbx 0.0.5 must not be destroyed while the scene is in use: all are held until
+#: the process ends.
 _held: list[Any] = []
 
 
 def _at(item: Any, *names: str) -> Any:  # noqa: ANN401 - ufbx has no useful types
-    """Return an attribute of an attribute ..., all of them held."""
+    """Return an attribute of an attribute ..., all of them kept alive."""
     for name in names:
         item = getattr(item, name)
         _held.append(item)
@@ -169,7 +169,7 @@ def _at(item: Any, *names: str) -> Any:  # noqa: ANN401 - ufbx has no useful typ
 
 
 def _items(sequence: Any) -> list[Any]:  # noqa: ANN401
-    """Return the items of a list of ufbx, all of them held."""
+    """Return the items of a ufbx list, all of them kept alive."""
     items = [sequence[number] for number in range(len(sequence))]
     _held.extend(items)
     return items
@@ -178,7 +178,7 @@ def _items(sequence: Any) -> list[Any]:  # noqa: ANN401
 def _scene(path: Path) -> tuple[list[tuple[str, list[str], Arrays]], dict[str, Any], float]:
     """Return name, materials and arrays of each node; the materials; and the file's unit, metres.
 
-    Coordinates are z up, in metres, in the file's world.
+    Coordinates are z up, in metres, in the file's world frame.
     """
     import gc
 
@@ -227,7 +227,7 @@ def _arrays(node: Any, mesh: Any) -> Arrays:  # noqa: ANN401
 
 
 def _described(material: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Return a material's colour (linear RGB), and its picture's name and embedded bytes."""
+    """Return a material's colour (linear RGB), and its image's name and embedded bytes."""
     diffuse = _at(material, "fbx", "diffuse_color")
     value = _at(diffuse, "value_vec4")
     known = bool(_at(diffuse, "has_value"))

@@ -1,4 +1,4 @@
-"""The kind of a file, and the files of an exported folder that hold its model."""
+"""The format of a file, and the files of an exported folder with its model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.strict_json import parse_json
 
 __all__ = ["holds_model", "kind_of", "model_files"]
 
-#: Endings that are read, in order of preference.
+#: Readable suffixes, in order of preference.
 MODELS = (
     ".glb",
     ".gltf",
@@ -61,9 +61,9 @@ _NOT_MODELS = ("offset", "coords", "metadata", "cameras", "images", "points3d", 
 
 
 def model_files(folder: Path) -> list[Path]:
-    """Return the files of an exported folder that hold its model: one, or all of its parts.
+    """Return the files of an exported folder with its model: one file, or all of its parts.
 
-    Of several formats the first of ``MODELS`` is taken; of levels of detail the finest.
+    Of several formats the first of ``MODELS`` is used; of levels of detail the finest.
 
     Raises:
         InputError: there is none.
@@ -94,7 +94,7 @@ def model_files(folder: Path) -> list[Path]:
 
 
 def holds_model(folder: Path) -> bool:
-    """Return whether an exported folder holds a model that is read."""
+    """Return whether an exported folder contains a readable model."""
     try:
         return bool(model_files(folder)) or sparse_folder(folder) is not None
     except InputError:
@@ -167,20 +167,20 @@ _ENDINGS = {
     ".citygml": "citygml",
     ".e57": "e57",
 }
-#: Endings of files of CityGML that gzip packed.
+#: Suffixes of gzipped CityGML.
 _PACKED = (".gml.gz", ".citygml.gz", ".xml.gz")
 _TILE = (b"b3dm", b"i3dm", b"pnts", b"cmpt")
 _PEEK = 1 << 16
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is.
+    """Return the format of a file.
 
     One of ``gltf``, ``obj``, ``ply``, ``stl``, ``fbx``, ``cityjson``, ``citygml``, ``las``,
     ``e57``, ``points`` and ``tiles``.
 
     Raises:
-        InputError: it is of another type, missing or empty.
+        InputError: it is of another format, missing or empty.
     """
     if path.exists() and not path.is_file():
         raise InputError("is not a file", file=path, expected="a model")
@@ -222,7 +222,7 @@ def _is_packed_citygml(path: Path, start: bytes) -> bool:
 
 
 def _text_kind(path: Path, start: bytes, ending: str) -> str | None:
-    """Return what a text is, else what its ending says, else ``None``."""
+    """Return the format of a text by content, otherwise by its suffix, otherwise ``None``."""
     text = start.lstrip(b"\xef\xbb\xbf \t\r\n")
     if text[:1] == b"{":
         return _json_kind(path, start)

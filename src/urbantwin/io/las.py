@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
 __all__ = ["bounds_in", "check_las", "read_las", "read_las_fields", "unpacked_chunks"]
 
-#: Points that are read together, and bytes that they may take.
+#: Maximum number of points, and of bytes, per batch.
 PIECE, _PIECE_BYTES = 1_000_000, 1 << 28
 _GEO_KEYS, _VERTICAL = 34735, 4096
 _WITHHELD = "withheld"
-#: Points are kept within this distance of the region, metres.
+#: Margin around the region within which points are kept, metres.
 MARGIN_M = 25.0
 _EXPECTED = "LAS or LAZ"
 
 
 def read_las_fields(path: Path) -> dict[str, NDArray[np.generic]]:
-    """Return all dimensions of one value per point (N,) by name in lower case.
+    """Return all dimensions with one value per point (N,) by name in lower case.
 
-    x, y and z are float64 with scale and offset; other dimensions are as they are stored.
+    x, y and z are float64 with scale and offset applied; other dimensions are as stored.
 
     Raises:
         InputError: not LAS or LAZ, or damaged.
@@ -49,7 +49,7 @@ def read_las_fields(path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def check_las(path: Path) -> int:
-    """Return the number of points of a file, all of which can be read.
+    """Return the number of points of a file, after reading all of them.
 
     Raises:
         InputError: not LAS or LAZ, or damaged.
@@ -67,9 +67,9 @@ def unpacked_chunks(
 
     Args:
         packed: the chunks.
-        record: LASzip's record, which describes the packing.
-        table: points and packed bytes of each chunk.
-        size: of all points in bytes.
+        record: LASzip's record, which describes the compression.
+        table: points and compressed bytes of each chunk.
+        size: size of all points in bytes.
         file: name of the file, for errors.
 
     Raises:
@@ -120,17 +120,16 @@ def read_las(
     *,
     crop: bool = True,
 ) -> ImportedModel:
-    """Read the points of a LAS or LAZ, those around the region where its CRS is known.
+    """Read the points of a LAS or LAZ; only those around the region if its CRS is known.
 
-    Withheld points are left out. Heights are as the file has them; a vertical CRS is taken from
-    its keys.
+    Withheld points are left out. Heights are as in the file; a vertical CRS is taken from its keys.
 
     Args:
         path: the file.
         frame: the site frame.
         region: the region, site frame.
-        crs: its system where the file does not say.
-        crop: whether its coordinates lie in that system.
+        crs: CRS of the file if it states none.
+        crop: whether its coordinates are in that CRS.
 
     Raises:
         InputError: it is not LAS, is truncated, has no point there or too many.
@@ -220,7 +219,7 @@ def _joined(pieces: list[PointCloud]) -> PointCloud:
     cloud = PointCloud.concatenate(pieces)
     colour, label = cloud.colour, cloud.classification
     if colour is not None:
-        # LAS wants 16 bits a channel; many programs write 8 (the specification's note on RGB).
+        # LAS requires 16 bits per channel; many programs write 8 (the specification's note on RGB).
         bytes_ = (colour // 257 if colour.max(initial=0) > 255 else colour).astype(np.uint8)
         colour = bytes_ if colour.any() else None
     if label is not None and not label.any():
@@ -246,7 +245,7 @@ def _system(header: laspy.LasHeader) -> CRS | None:
 
 
 def _vertical_code(header: laspy.LasHeader) -> int | None:
-    """Return VerticalCSTypeGeoKey of the header, which laspy leaves out."""
+    """Return VerticalCSTypeGeoKey of the header, which laspy omits."""
     for record in (*header.vlrs, *(header.evlrs or ())):
         if record.record_id == _GEO_KEYS and hasattr(record, "geo_keys"):
             for key in record.geo_keys:
@@ -258,10 +257,10 @@ def _vertical_code(header: laspy.LasHeader) -> int | None:
 def bounds_in(
     crs: CRS, frame: SiteFrame, region: shapely.Polygon
 ) -> tuple[float, float, float, float] | None:
-    """Return west, south, east, north of the region in a system, ``None`` for geocentric ones.
+    """Return west, south, east, north of the region in a CRS, ``None`` for geocentric ones.
 
     Args:
-        crs: the system, x east and y north (longitude first where it is geographic).
+        crs: the CRS, x east and y north (longitude first if geographic).
         frame: the site frame.
         region: the region, site frame.
     """

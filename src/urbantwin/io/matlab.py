@@ -1,4 +1,4 @@
-"""Matrices of numbers in files of MATLAB, up to version 7, read by scipy in a child process."""
+"""Numeric matrices of MATLAB files up to version 7, read by scipy in a child process."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from urbantwin.io.child import read_in_child
 
 __all__ = ["read_matlab"]
 
-#: MATLAB's classes of numbers; cells, structs and texts are not read.
+#: MATLAB's numeric classes; cells, structs and texts are not read.
 _NUMBERS = {
     "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64",
 }  # fmt: skip
 
 
 def read_matlab(path: Path, expected: str) -> dict[str, NDArray[Any]]:
-    """Return the matrices of numbers in a file by their names.
+    """Return the numeric matrices of a file by name.
 
     Raises:
         InputError: missing, damaged, or without a matrix.
@@ -40,7 +40,7 @@ def _matrices(path: Path) -> dict[str, NDArray[Any]]:
     from scipy.io import loadmat, whosmat
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of names that are given twice
+        warnings.simplefilter("ignore")  # about duplicate names
         names = [name for name, _, kind in whosmat(path, appendmat=False) if kind in _NUMBERS]
         read = loadmat(path, appendmat=False, variable_names=names) if names else {}
     return {name: np.asarray(read[name]) for name in names if name in read}

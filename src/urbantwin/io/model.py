@@ -1,4 +1,4 @@
-"""An imported model: triangles and points in its own frame, and what its file says of it."""
+"""An imported model: triangles and points in its own frame, with metadata of its file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ class TriangleMesh:
         vertices: (V, 3) float64, in the model's own frame and unit.
         faces: (F, 3) int32, indices of vertices, counter-clockwise seen from outside.
         colour: (F, 3) uint8 sRGB: the mean of texture, vertex or material colour over each
-            triangle; ``None`` where the file has none.
-        object: (F,) int32, number of the object (node, tile, building) that a triangle is of: an
-            index of ``names``.
-        names: what the objects are called in the file: ``"building 12 / Roof"``, ``"asphalt"``.
-        semantic: (F,) uint16 numbers of ``taxonomy.semantic_classes`` where the file says what a
-            triangle is (CityJSON), 0 for not said; ``None`` where it says nothing at all.
+            triangle; ``None`` if the file has none.
+        object: (F,) int32, index in ``names`` of each triangle's object (node, tile, building).
+        names: names of the objects in the file: ``"building 12 / Roof"``, ``"asphalt"``.
+        semantic: (F,) uint16 ids of ``taxonomy.semantic_classes`` if the file has labels
+            (CityJSON), 0 if unlabelled; ``None`` without labels.
     """
 
     vertices: NDArray[np.float64]
@@ -55,7 +54,7 @@ class TriangleMesh:
         name: str = "",
         semantic: NDArray[np.uint16] | None = None,
     ) -> TriangleMesh:
-        """Return a mesh that is one object."""
+        """Return a mesh of one object."""
         triangles = np.asarray(faces, np.int32).reshape(-1, 3)
         return cls(
             np.asarray(vertices, np.float64).reshape(-1, 3),
@@ -68,7 +67,7 @@ class TriangleMesh:
 
     @classmethod
     def concatenate(cls, meshes: Iterable[TriangleMesh]) -> TriangleMesh:
-        """Join meshes; their objects stay apart. Missing colours become mid-grey."""
+        """Join meshes, with separate objects. Missing colours become mid-grey."""
         parts = [mesh for mesh in meshes if len(mesh.faces)]
         if not parts:
             return cls.build(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
@@ -100,7 +99,7 @@ class TriangleMesh:
         )
 
     def select(self, keep: NDArray[np.bool_]) -> TriangleMesh:
-        """Return the triangles where ``keep`` (F,) is true, without unused vertices."""
+        """Return the triangles with a true ``keep`` (F,), without unused vertices."""
         used, faces = np.unique(self.faces[keep], return_inverse=True)
         return TriangleMesh(
             self.vertices[used],
@@ -123,8 +122,8 @@ class PointCloud:
     Attributes:
         points: (N, 3) float64, in the model's own frame and unit.
         colour: (N, 3) uint8 sRGB, or ``None``.
-        classification: (N,) uint8, classes of ASPRS LAS 1.4 (2 ground, 3-5 vegetation,
-            6 building, 7 noise, 9 water), or ``None`` where the file has none.
+        classification: (N,) uint8, classes of ASPRS LAS 1.4 (2 ground, 3-5 vegetation, 6 building,
+            7 noise, 9 water), or ``None`` if the file has none.
         last: (N,) bool, whether a point is its pulse's last return, or ``None``.
     """
 
@@ -134,7 +133,7 @@ class PointCloud:
     last: NDArray[np.bool_] | None = None
 
     def select(self, keep: NDArray[np.bool_]) -> PointCloud:
-        """Return the points where ``keep`` (N,) is true."""
+        """Return the points with a true ``keep`` (N,)."""
         return PointCloud(
             self.points[keep],
             None if self.colour is None else self.colour[keep],
@@ -144,7 +143,7 @@ class PointCloud:
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Join clouds; what one of them does not say is left out of all."""
+        """Join clouds; an attribute that one of them lacks is dropped."""
         return cls(
             np.concatenate([cloud.points for cloud in clouds]),
             _joined([cloud.colour for cloud in clouds]),
@@ -160,14 +159,14 @@ def _joined(columns: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
 
 @dataclass(frozen=True)
 class Geotag:
-    """Where a local model's origin lies, as its file says; heights may be of any datum.
+    """Location of a local model's origin as stated in its file; heights may have any datum.
 
     Attributes:
         latitude: degrees, WGS84.
         longitude: degrees, WGS84.
-        height_m: metres; ``None`` where not said.
-        heading_deg: clockwise from north, of the model's own +y.
-        height_datum: ``"ellipsoidal"``, a CRS's name, or ``""`` where not said.
+        height_m: metres; ``None`` if not stated.
+        heading_deg: heading of the model's +y axis, clockwise from north.
+        height_datum: ``"ellipsoidal"``, a CRS's name, or ``""`` if not stated.
     """
 
     latitude: float
@@ -179,18 +178,18 @@ class Geotag:
 
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
-    """What one source holds.
+    """The contents of one source.
 
     Attributes:
         mesh: its triangles, or ``None``.
         cloud: its points, or ``None``.
-        crs: the system of its coordinates as the file says, three-dimensional where the file says
-            so (tiles: EPSG:4978), or ``None``.
-        up: its upward axis, ``"y"`` or ``"z"``; ``None`` where the format leaves it open.
-        unit_m: length of its unit in metres; ``None`` where the format leaves it open.
-        geotag: where its origin lies, as the file says, or ``None``.
-        problems: what could not be read and was left out, a line each.
-        notes: what was read, for reports: counts by name.
+        crs: CRS of its coordinates as stated in the file, possibly three-dimensional (tiles:
+            EPSG:4978), or ``None``.
+        up: its up axis, ``"y"`` or ``"z"``; ``None`` if the format leaves it open.
+        unit_m: length of its unit in metres; ``None`` if the format leaves it open.
+        geotag: location of its origin as stated in the file, or ``None``.
+        problems: unreadable parts that were left out, a line each.
+        notes: statistics for reports: counts by name.
         files: names of the files that were read, with their SHA-256.
     """
 

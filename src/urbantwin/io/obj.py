@@ -28,18 +28,18 @@ from urbantwin.number_text import plain_number
 __all__ = ["read_obj"]
 
 _SPACE, _SLASH, _MINUS, _PLUS, _ZERO, _NINE = (ord(letter) for letter in " /-+09")
-#: No model has more vertices than this: a longer number is no number of a vertex.
+#: Maximum vertex number.
 _MOST = 1 << 40
 
 
 def face_corners(
     body: NDArray[np.uint8], starts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the numbers that faces are written with.
+    """Return the numbers in the lines of faces.
 
     Args:
         body: bytes of the lines without their ``f``.
-        starts: where each line starts in it.
+        starts: start of each line in it.
 
     Returns:
         vertex (C,) and texture coordinate (C,; 0 for none) of every corner as written, and the
@@ -48,7 +48,7 @@ def face_corners(
     Raises:
         ValueError: a corner is not a number; its argument is the index among the lines.
     """
-    # A corner takes two bytes at least: a digit and what parts it from the next.
+    # A corner takes at least two bytes: a digit and a separator.
     vertex = np.zeros(len(body) // 2 + 1, np.int64)
     texture = np.zeros(len(vertex), np.int64)
     sizes = np.zeros(len(starts), np.int64)
@@ -61,7 +61,7 @@ def face_corners(
 
 @numba.njit(cache=True)
 def _scan(body, starts, ends, vertex, texture, sizes):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fill the numbers; return how many corners there are, and the first wrong line or -1."""
+    """Fill the numbers; return the number of corners, and the first wrong line or -1."""
     count = 0
     numbers = np.zeros(3, np.int64)
     for line in range(len(starts)):
@@ -82,7 +82,7 @@ def _scan(body, starts, ends, vertex, texture, sizes):  # type: ignore[no-untype
 
 @numba.njit(cache=True)
 def _corner(body, at, end, numbers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fill the numbers of a corner, 0 for none; return where it ends, -1 where it is none."""
+    """Fill the numbers of a corner, 0 for none; return its end, or -1 if invalid."""
     numbers[:] = 0
     for part in range(3):
         sign = 1
@@ -102,9 +102,9 @@ def _corner(body, at, end, numbers):  # type: ignore[no-untyped-def]  # noqa: AN
     return at if at >= end or body[at] <= _SPACE else -1
 
 
-#: A library longer than this is none, bytes.
+#: Maximum size of a material library, bytes.
 LONGEST = 50_000_000
-#: Options of ``map_Kd`` and how many words follow each (MTL specification, "Options").
+#: Options of ``map_Kd`` and their number of arguments (MTL specification, "Options").
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-mm": 2, "-texres": 1, "-bm": 1}
 _UP_TO_THREE = ("-o", "-s", "-t")
 
@@ -115,7 +115,7 @@ class MtlMaterial:
 
     Attributes:
         colour: diffuse colour (3,) as sRGB 0..255, or ``None``.
-        picture: name of the picture laid over the faces, or empty.
+        picture: name of its texture image, or empty.
     """
 
     colour: NDArray[np.uint8] | None = None
@@ -123,9 +123,9 @@ class MtlMaterial:
 
 
 def read_materials(path: Path) -> dict[str, MtlMaterial]:
-    """Read a library; what is not understood in it is passed over.
+    """Return the materials of a library; unknown statements are ignored.
 
-    ``Kd`` is taken as sRGB, as the programs that show OBJ do.
+    ``Kd`` is interpreted as sRGB, as viewers of OBJ do.
     """
     if path.stat().st_size > LONGEST:
         return {}
@@ -149,7 +149,7 @@ def read_materials(path: Path) -> dict[str, MtlMaterial]:
 
 
 def _without_options(rest: str) -> str:
-    """Return the file's name, which may hold blanks, after the options before it."""
+    """Return the file name, which may contain blanks, after the options."""
     words = rest.split(" ")
     while words and words[0] in (*_OPTIONS, *_UP_TO_THREE):
         option = words.pop(0)
@@ -170,7 +170,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-#: Keywords that change what the following faces belong to.
+#: Keywords that change the object or material of the following faces.
 _STATES = (b"o", b"g", b"usemtl", b"mtllib")
 _GREY = 128
 State = tuple[str, str, str]
@@ -178,7 +178,7 @@ State = tuple[str, str, str]
 
 @dataclass
 class _Gathered:
-    """What the pieces of a file held so far."""
+    """Contents of the pieces of a file read so far."""
 
     path: Path
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
@@ -197,14 +197,14 @@ class _Gathered:
 
 
 def read_obj(path: Path) -> ImportedModel:
-    """Read the triangles (or, where it has no faces, the points) of an OBJ.
+    """Read the triangles of an OBJ, or its points if it has no faces.
 
-    Faces are an object per combination of ``o``, ``g`` and ``usemtl``. A triangle's colour is the
-    mean of its texture, else of its vertices' colours, else its material's ``Kd``. OBJ knows
-    neither units nor axes.
+    Faces form an object per combination of ``o``, ``g`` and ``usemtl``. A triangle's colour is the
+    mean of its texture, otherwise of its vertices' colours, otherwise its material's ``Kd``. OBJ
+    states neither units nor axes.
 
     Raises:
-        InputError: a line is wrong, or the file holds nothing.
+        InputError: a line is wrong, or the file is empty.
     """
     found = _Gathered(path)
     for data, line in text_chunks(path):
@@ -241,7 +241,7 @@ def read_obj(path: Path) -> ImportedModel:
 
 
 def _take(lines: TextLines, before: int, found: _Gathered) -> None:
-    """Take what a piece of the file holds."""
+    """Add the contents of a piece of the file."""
     is_vertex, is_texture = lines.word_is(b"v"), lines.word_is(b"vt")
     vertex_lines, texture_lines = np.flatnonzero(is_vertex), np.flatnonzero(is_texture)
     if len(vertex_lines):
@@ -339,7 +339,7 @@ def _triangles(
     corner = np.concatenate(found.corners)
     texture = np.concatenate(found.corner_texture)
     sizes = np.concatenate(found.sizes)
-    if not len(vertices):  # faces of nothing
+    if not len(vertices):  # faces without vertices
         none = np.zeros((0, 3), np.int32)
         return none, np.zeros(0, np.int64), none
     if (sizes == 3).all():
@@ -351,14 +351,14 @@ def _triangles(
 
 
 def _fitting(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return numbers as int32; what does not fit names nothing that is there."""
+    """Return numbers as int32; larger ones are clipped to indices that do not exist."""
     return np.clip(numbers, -1, np.iinfo(np.int32).max).astype(np.int32)
 
 
 def _library(
     found: _Gathered, problems: list[str]
 ) -> tuple[dict[str, MtlMaterial], dict[str, str]]:
-    """Read the libraries that the file names; one that is missing is a problem."""
+    """Return the libraries that the file names; missing ones are added to the problems."""
     library: dict[str, MtlMaterial] = {}
     files: dict[str, str] = {}
     for name in dict.fromkeys(found.libraries):
@@ -379,7 +379,7 @@ def _material_colours(
     number: NDArray[np.int64],
     texture: NDArray[np.int32],
 ) -> NDArray[np.uint8] | None:
-    """Return colours (F, 3) by material, ``None`` where no material has any."""
+    """Return colours (F, 3) by material, ``None`` if no material has any."""
     materials = [library.get(state[2], MtlMaterial()) for state in states]
     if all(m.colour is None and not m.picture for m in materials):
         return None

@@ -21,14 +21,14 @@ _KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
 def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:
-    """Read every field of one value per point as float64 (N,); VIEWPOINT is not applied.
+    """Return every field with one value per point as float64 (N,); VIEWPOINT is not applied.
 
     Returns:
-        The fields by name, and height and width of the image that the points are, row by row:
-        1 and N where they are none.
+        The fields by name, and height and width of the organised cloud, row by row: 1 and N if it
+            is unorganised.
 
     Raises:
-        InputError: not a PCD file, a header that contradicts itself, or less data than it says.
+        InputError: not a PCD file, an inconsistent header, or less data than it states.
     """
     data = path.read_bytes()
     header, body = _split(path, data)
@@ -56,7 +56,7 @@ def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int
             "the header is not valid", file=path, expected="a PCD 0.7 header"
         ) from None
 
-    # Bytes that are padding all have one name.
+    # padding fields share one name
     twice = sorted({name for name in names if name != "_" and names.count(name) > 1})
     if twice:
         raise InputError(
@@ -79,7 +79,7 @@ def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int
     elif encoding == "binary_compressed":
         raw = _decompressed(path, body, points * record.itemsize)
         arrays, at = [], 0
-        for _, kind, (count,) in columns:  # one field after the other, not one point
+        for _, kind, (count,) in columns:  # stored field by field, not point by point
             length = points * count
             array = np.frombuffer(raw, np.dtype(kind), count=length, offset=at)
             arrays.append(array.reshape(points, count))
@@ -90,7 +90,7 @@ def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int
             file=path,
             expected="ascii, binary or binary_compressed",
         )
-    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+    with np.errstate(invalid="ignore"):  # non-numbers become NaN
         fields = {
             name: array[:, 0].astype(np.float64)
             for name, array in zip(names, arrays, strict=True)
@@ -100,7 +100,7 @@ def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int
 
 
 def _split(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:
-    """Return the header's lines by keyword, and what comes after it."""
+    """Return the header's lines by keyword, and the data after it."""
     header: dict[str, list[str]] = {}
     at = 0
     while "DATA" not in header:
@@ -146,8 +146,8 @@ def _ascii(
 def _decompressed(path: Path, body: bytes, size: int) -> bytes:
     """Return the bytes of a compressed body: its two sizes, then LZF data.
 
-    Where both sizes are equal the points may be stored as they are: so writes pypcd4 what LZF
-    makes no smaller.
+    If both sizes are equal the points may be uncompressed, as pypcd4 writes data that LZF does not
+    reduce.
     """
     if len(body) < 8:
         raise InputError("is truncated", file=path, expected="compressed points")
@@ -166,10 +166,10 @@ def _decompressed(path: Path, body: bytes, size: int) -> bytes:
 
 
 def lzf_decompress(data: bytes, size: int) -> bytes:
-    """Return the ``size`` bytes that ``data`` holds.
+    """Return the ``size`` bytes of compressed ``data``.
 
     Raises:
-        ValueError: the data ends early, points before its start or gives another size.
+        ValueError: the data ends early, refers before its start or gives another size.
     """
     out = bytearray()
     at, end = 0, len(data)
@@ -195,7 +195,7 @@ def lzf_decompress(data: bytes, size: int) -> bytes:
                 raise ValueError("copies from before its start")
             if back >= length:
                 out += out[start : start + length]
-            else:  # the copy overlaps what it writes: the last `back` bytes repeat
+            else:  # the copy overlaps its output: the last `back` bytes repeat
                 out += (bytes(out[start:]) * (length // back + 1))[:length]
     except IndexError:
         raise ValueError("ends inside a code") from None

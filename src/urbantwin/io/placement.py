@@ -1,9 +1,9 @@
-"""Offset and coordinate system of a model in the files beside it.
+"""Offset and CRS of a model in the files beside it.
 
 - ``NAME_offset.xyz`` (x y z to add), and ``NAME_wkt.prj`` or ``NAME.prj`` (a code or WKT);
 - ``metadata.xml`` with ``SRS`` (a code or WKT) and ``SRSOrigin`` (x,y,z to add), up to three
   folders above;
-- ``coords.txt`` of OpenDroneMap: a system (``WGS84 UTM 32N``), then east and north to add;
+- ``coords.txt`` of OpenDroneMap: a CRS (``WGS84 UTM 32N``), then east and north to add;
 - comments of an OBJ: ``# offset x y z`` and ``# crs EPSG:32632``.
 """
 
@@ -24,7 +24,7 @@ from urbantwin.number_text import plain_number
 
 __all__ = ["Placement", "placement_beside"]
 
-#: Larger files are refused, bytes.
+#: Maximum file size, bytes.
 LONGEST = 1 << 20
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _OFFSET = re.compile(
@@ -32,7 +32,7 @@ _OFFSET = re.compile(
     re.IGNORECASE,
 )
 _COMMENTED_CRS = re.compile(r"#.*\b((?:EPSG|epsg)\s*:\s*\d+(?:\s*\+\s*\d+)?)")
-#: Endings that programs add to the project's name.
+#: Suffixes that programs add to the project's name.
 _ADDED = re.compile(
     r"_(?:simplified_3d_mesh|3d_mesh|mesh|model|densified_point_cloud|group1.*)$", re.IGNORECASE
 )
@@ -40,12 +40,12 @@ _ADDED = re.compile(
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a model is.
+    """Placement of a model.
 
     Attributes:
-        offset: (3,) added to its coordinates, in the unit of ``crs``.
-        crs: the system that they are then in, or ``None``.
-        files: the files that give them.
+        offset: (3,) to be added to its coordinates, in the unit of ``crs``.
+        crs: CRS of the result, or ``None``.
+        files: the files that define them.
     """
 
     offset: NDArray[np.float64]
@@ -54,10 +54,10 @@ class Placement:
 
 
 def placement_beside(path: Path) -> Placement | None:
-    """Return where a model is by the files beside it, ``None`` where they say nothing.
+    """Return the placement of a model by files beside it, ``None`` if there is none.
 
     Raises:
-        InputError: such a file is wrong.
+        InputError: such a file is invalid.
     """
     offset = _named(path, ("_offset.xyz", "_offset.txt"), ("offset.xyz", "offset.txt"))
     projection = _named(path, ("_wkt.prj", ".prj"), ())
@@ -131,7 +131,7 @@ def _open_drone_map(path: Path) -> Placement | None:
 
 
 def _comments(path: Path) -> Placement | None:
-    """Return the offset and system in the first comments of an OBJ."""
+    """Return the offset and CRS in the first comments of an OBJ."""
     if path.suffix.lower() != ".obj":
         return None
     with path.open("rb") as stream:
@@ -146,7 +146,7 @@ def _comments(path: Path) -> Placement | None:
 
 
 def _named(path: Path, added: tuple[str, ...], alone: tuple[str, ...]) -> Path | None:
-    """Return the file in the model's folder that is named after it, or alone is named so."""
+    """Return the file in the model's folder with its name and a suffix, or a generic name."""
     stem = path.name[: -len(path.suffix)] if path.suffix else path.name
     stems = {stem.lower(), path.name.lower(), _ADDED.sub("", stem).lower()}
     there = {file.name.lower(): file for file in sorted(path.parent.iterdir()) if file.is_file()}

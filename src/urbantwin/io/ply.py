@@ -33,14 +33,14 @@ _COLOURS = (
 
 
 def read_ply(path: Path) -> ImportedModel:
-    """Read the triangles of a PLY, or its points where it has no faces.
+    """Read the triangles of a PLY, or its points if it has no faces.
 
-    A triangle's colour is the mean of its texture (``comment TextureFile``), else its own, else
-    its vertices'. Points keep ``classification`` where they have it. PLY knows neither units nor
+    A triangle's colour is the mean of its texture (``comment TextureFile``), otherwise its own,
+    otherwise its vertices'. Points keep ``classification`` if present. PLY states neither units nor
     axes.
 
     Raises:
-        InputError: the header is wrong, the file is truncated or holds nothing.
+        InputError: the header is wrong, or the file is truncated or empty.
     """
     header = read_header(path)
     limits = {"vertex": MOST_POINTS, "face": MOST_TRIANGLES}
@@ -134,7 +134,7 @@ def _textured(
     comments: list[str],
     problems: list[str],
 ) -> tuple[NDArray[np.uint8] | None, dict[str, str]]:
-    """Return colours (F, 3) of the pictures that ``comment TextureFile`` names."""
+    """Return colours (F, 3) of the images named by ``comment TextureFile``."""
     names = [c.split(None, 1)[1] for c in comments if c.lower().startswith("texturefile ")]
     if not names:
         return None, {}
@@ -168,10 +168,10 @@ _HEADER, _ROW = 84, 50
 
 
 def read_stl(path: Path) -> ImportedModel:
-    """Read an STL; corners at one place become one vertex. It knows no units, axes or colours.
+    """Read an STL, with coincident corners merged; it states no units, axes or colours.
 
     Raises:
-        InputError: it is truncated, wrong, or holds nothing.
+        InputError: it is truncated, wrong, or empty.
     """
     size = path.stat().st_size
     with path.open("rb") as stream:

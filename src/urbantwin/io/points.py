@@ -17,44 +17,44 @@ __all__ = ["FORMATS", "Fields", "is_cloud", "organised", "position_and_intensity
 Fields = dict[str, NDArray[np.generic]]
 
 FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
-#: Names that writers give to intensity, in lower case, the likelier first.
+#: Names of intensity fields, in lower case, the most likely first.
 _INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
-#: Ending of nuScenes' files, whose rows are x, y, z, intensity and ring.
+#: Suffix of nuScenes' files, whose rows are x, y, z, intensity and ring.
 _NUSCENES = ".pcd.bin"
-#: Rings and columns of an image of points of a LiDAR.
+#: Bounds of the rings and columns of an organised LiDAR cloud.
 _FEWEST_RINGS, _MOST_RINGS, _MOST_COLUMNS = 4, 256, 8192
-#: The most values in a row of ``.npy``, and the possible numbers in a row of ``.bin``.
+#: Maximum number of values in a row of ``.npy``, and the possible numbers in a row of ``.bin``.
 _WIDEST = 64
 _WIDTHS = (3, 4, 5, 6)
-#: The least number of values, and the least share of variance, that determine the width.
+#: Minimum number of values, and minimum share of variance, that determine the width.
 _TELLING, _EXPLAINED = 300, 0.05
 #: Bounds of intensities and coordinates that are not 0; bits of other fields lie beyond.
 _FAINTEST, _BRIGHTEST, _NEAREST_M = 1e-20, 1e12, 1e-30
 
 
 def is_cloud(path: Path) -> bool:
-    """Return whether a path is a file of points by its name."""
+    """Return whether a path is a point cloud file, by its name."""
     if path.suffix.lower() not in FORMATS or path.name.startswith("."):
         return False
-    # A broken link is a frame that cannot be read, not a missing one.
+    # A broken link is an unreadable frame, not a missing one.
     return path.is_file() or (path.is_symlink() and not path.is_dir())
 
 
 def read_fields(path: Path, columns: int | None = None) -> Fields:
-    """Read the fields of one file of points by their names in lower case.
+    """Return the fields of a point cloud file by their names in lower case.
 
     ``.npy``: (N, 3 or more), x, y, z and, if there is a fourth column, intensity; or a structured
     array. ``.bin``: float32 rows, KITTI's x, y, z, intensity, and nuScenes' with the ring as the
-    fifth where the name ends in ``.pcd.bin``; ``columns`` says how many values a row has, otherwise
-    4, or 3, 5 or 6 where the values say so (`_width`). ``.pcd``, ``.ply``, ``.las``, ``.laz``: all
-    fields of one value per point, coordinates of the last two with scale and offset.
+    fifth if the name ends in ``.pcd.bin``. Their width is ``columns``, otherwise 4, or 3, 5 or 6 if
+    the values indicate it (`_width`). ``.pcd``, ``.ply``, ``.las``, ``.laz``: all fields with one
+    value per point, coordinates of the last two with scale and offset.
 
     Args:
         path: the file.
         columns: values per row of a ``.bin``.
 
     Raises:
-        InputError: missing, not readable as what its name says, or truncated.
+        InputError: missing, not of the format of its name, or truncated.
     """
     if not path.is_file():
         raise InputError("not found", file=path, expected="a cloud")
@@ -108,9 +108,9 @@ def position_and_intensity(
 def _check_sizes(
     path: Path, table: NDArray[np.float64], intensity: NDArray[np.float64] | None
 ) -> None:
-    """Refuse values that are read at a wrong offset, by a header whose sizes add up.
+    """Raise an error for values read at a wrong offset, under a header with consistent sizes.
 
-    Whole numbers read as floats are smaller than any measurement, and floats read from their middle
+    Integers read as floats are smaller than any measurement, and floats read from their middle
     larger; single coordinates may be near 0 by chance.
     """
     tiny = ((table != 0) & (np.abs(table) < _NEAREST_M)).mean(axis=0) if len(table) else 0.0
@@ -150,16 +150,16 @@ def _from_npy(path: Path) -> Fields:
 
 
 def _is_turn(height: int, width: int) -> bool:
-    """Return whether an image may be of channels by columns, either way round."""
+    """Return whether a shape may be channels by columns, in either order."""
     few, many = sorted((height, width))
     return _FEWEST_RINGS <= few <= _MOST_RINGS and few <= many <= _MOST_COLUMNS
 
 
 def organised(fields: Fields, height: int, width: int) -> Fields:
-    """Add ring and column to the points of an image, row by row, if it is one of a LiDAR.
+    """Add ring and column to the points of an organised LiDAR cloud, row by row.
 
-    Drivers write a row for each channel, or for each column of the turn. Rings that they write
-    besides stay as they are, and have columns where each is one row of the image.
+    Drivers write a row per channel, or per column of the rotation. Existing rings are kept, and
+    columns are added if each ring is one row.
     """
     if not _is_turn(height, width) or "column" in fields:
         return fields
@@ -172,7 +172,7 @@ def organised(fields: Fields, height: int, width: int) -> Fields:
 
 
 def _is_one_each(ring: NDArray[np.generic], row: NDArray[np.int64]) -> bool:
-    """Return whether each row is of a ring of its own; 0 may stand where nothing returned."""
+    """Return whether each row has its own ring; 0 is allowed for missing returns."""
     if ring.shape != row.shape or ring.dtype.kind not in "fiu":
         return False
     said = np.isfinite(ring) & (ring != 0)
@@ -185,7 +185,7 @@ def _from_bin(path: Path, columns: int | None) -> Fields:
     if columns is not None and columns < 3:
         raise InputError(f"{columns} columns", file=path, expected="at least 3: x, y, z")
     named = path.name.lower().endswith(_NUSCENES)
-    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+    with np.errstate(invalid="ignore"):  # non-numbers become NaN
         values = np.fromfile(path, "<f4", count=size // 4).astype(np.float64)
     width = columns or (5 if named else _width(values))
     if size % (4 * width):
@@ -202,11 +202,10 @@ def _from_bin(path: Path, columns: int | None) -> Fields:
 
 
 def _width(values: NDArray[np.float64]) -> int:
-    """Return how many values a row of a ``.bin`` has: 4, unless the values say otherwise.
+    """Return the number of values per row of a ``.bin``: 4, unless the values indicate another.
 
-    Values of one column are alike in size, those of a row are not (plan, height, intensity):
-    with the right width the columns explain much of the variance of their sizes, with another
-    none of it.
+    Values of one column are similar in size, those of a row are not (plan, height, intensity). With
+    the right width the columns explain much of the variance of the sizes, with another none of it.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.log1p(np.minimum(np.abs(np.nan_to_num(values)), 1e6))
@@ -230,10 +229,10 @@ def _columns(table: NDArray[np.float64]) -> Fields:
 
 
 def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:
-    """Read the vertices, and height and width of the image that they are (1 and N: of none).
+    """Return the vertices, and height and width of the organised cloud (1 and N if unorganised).
 
-    PLY has no word for it: scanners write ``obj_info num_rows`` and ``num_cols``, others comments
-    of ``height`` and ``width``, PCL the size of the view of its ``camera``.
+    PLY has no keyword for it: scanners write ``obj_info num_rows`` and ``num_cols``, others
+    comments of ``height`` and ``width``, PCL the viewport of its ``camera``.
     """
     from urbantwin.geometry.ply import read_header, read_tables
 
@@ -257,6 +256,6 @@ def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, in
     columns = said.get("num_cols", said.get("width", ""))
     if rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns) == vertex.count:
         shape = int(rows), int(columns)
-    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+    with np.errstate(invalid="ignore"):  # non-numbers become NaN
         fields = {name: values.astype(np.float64) for name, values in vertex.columns.items()}
     return fields, shape

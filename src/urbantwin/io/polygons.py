@@ -14,19 +14,19 @@ def triangulated(
     ring: NDArray[np.int64],
     polygon: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Cut polygons into triangles between their own corners (constrained Delaunay).
+    """Return the triangles of polygons between their own corners (constrained Delaunay).
 
-    A polygon is turned into its plane by Newell's normal (Sutherland et al. 1974). One that
-    crosses itself there is cut into a fan.
+    A polygon is projected onto its plane by Newell's normal (Sutherland et al. 1974). One that
+    intersects itself there is cut into a fan.
 
     Args:
         points: (N, 3) corners, ring after ring, the first corner of a ring not repeated.
-        ring: (N,) number of each corner's ring, rising.
-        polygon: (rings,) number of each ring's polygon, rising; the first ring of a polygon is
-            its outside, counter-clockwise seen from the front; the others are holes.
+        ring: (N,) index of each corner's ring, ascending.
+        polygon: (rings,) index of each ring's polygon, ascending; the first ring of a polygon is
+            its exterior, counter-clockwise seen from the front; the others are holes.
 
     Returns:
-        triangles (F, 3): numbers of corners, front as the polygon's; and the polygon (F,) of each.
+        triangles (F, 3): indices of corners, oriented as the polygon; and the polygon (F,) of each.
     """
     if not len(points):
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
@@ -61,7 +61,7 @@ def _cut(
     number = np.searchsorted(rest, of_corner[corner])
     _, local_ring = np.unique(ring[corner], return_inverse=True)
     coordinates, of_ring = _closed(plan, local_ring)
-    # Of corners too far off for their plane to be known there is no ring that closes.
+    # Corners too far away to determine a plane form no closed ring.
     coordinates = np.where(np.isfinite(coordinates), coordinates, 0.0)
     closed = shapely.linearrings(coordinates, indices=of_ring)
     ring_owner = number[np.concatenate([[True], local_ring[1:] != local_ring[:-1]])]
@@ -74,7 +74,7 @@ def _cut(
     triangles = _corners_at(xy, owner, plan, number, corner)
     turned = _area(xy)
     triangles[turned < 0] = triangles[turned < 0][:, ::-1]
-    # A hole that cannot be cut out is left out: the fan is of the outside alone.
+    # invalid holes are ignored: the fan covers the exterior only
     fans, fan_owner = _fans(rest[~sound], ring, start, size)
     return np.concatenate([triangles, fans]), np.concatenate([rest[owner], fan_owner])
 
@@ -82,9 +82,9 @@ def _cut(
 def _triangles(
     shapes: NDArray[np.object_],
 ) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    """Return the triangles of every shape that GEOS can cut, and which they are.
+    """Return the triangles of every shape that GEOS can cut, and the mask of these shapes.
 
-    Valid shapes whose corners all but coincide, or reach from 1e-300 to 1e300, it cannot.
+    GEOS fails on valid shapes whose corners nearly coincide, or range from 1e-300 to 1e300.
     """
     try:
         return shapely.constrained_delaunay_triangles(shapes), np.ones(len(shapes), np.bool_)
@@ -122,7 +122,7 @@ def _in_plane(
     )
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     up = np.divide(normal, length, out=np.tile([0.0, 0.0, 1.0], (count, 1)), where=length > 0)
-    # Any direction that is not along the normal serves to span the plane.
+    # any direction not parallel to the normal
     aside = np.eye(3)[np.argmin(np.abs(up), axis=1)]
     east = np.cross(aside, up)
     east /= np.linalg.norm(east, axis=1, keepdims=True)
@@ -154,12 +154,12 @@ def _corners_at(
     number: NDArray[np.int64],
     corner: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return which corner of its polygon stands at each corner (F, 3) of triangles."""
+    """Return the polygon corner at each corner (F, 3) of triangles."""
     flat = xy.reshape(-1, 2)
     keys = np.concatenate(
         [np.column_stack([number, plan]), np.column_stack([np.repeat(owner, 3), flat])]
     )
-    # -0.0 and 0.0 are one place.
+    # -0.0 and 0.0 are equal
     _, index = np.unique(keys + 0.0, axis=0, return_inverse=True)
     index = index.ravel()
     place = np.full(int(index.max()) + 1, -1, np.int64)

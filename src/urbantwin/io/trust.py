@@ -1,4 +1,4 @@
-"""What every reader does with an untrusted file: documents, numbers, limits, one-line errors."""
+"""Handling of untrusted files: documents, numbers, limits, one-line errors."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ __all__ = [
     "valid_faces",
 ]
 
-#: Larger counts do not fit into memory beside the rest (2 GB).
+#: Maximum counts that fit into memory beside the rest (2 GB).
 MOST_TRIANGLES = 12_000_000
 MOST_POINTS = 40_000_000
-#: Larger coordinates are refused, in any unit.
+#: Maximum coordinate, in any unit.
 FARTHEST = 1e12
 
 
 @contextmanager
 def reading(path: Path, expected: str, place: str | None = None) -> Iterator[None]:
-    """Turn any exception of a library into one line with the file and the reason.
+    """Convert any exception of a library into a one-line error with the file and the reason.
 
     Args:
         path: the file, for errors.
@@ -51,14 +51,14 @@ def reading(path: Path, expected: str, place: str | None = None) -> Iterator[Non
 
     Raises:
         InputError: the library raised an exception.
-        OSError: of the operating system, as it is.
+        OSError: of the operating system, unchanged.
     """
     try:
         yield
     except (InputError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
-    except BaseException as error:  # panics of Rust are no Exception
-        if isinstance(error, OSError) and error.errno is not None:  # bz2 raises some without
+    except BaseException as error:  # panics of Rust are not derived from Exception
+        if isinstance(error, OSError) and error.errno is not None:  # bz2 raises some without errno
             raise
         raise InputError(
             f"is not readable ({one_line(error)})", file=path, place=place, expected=expected
@@ -72,10 +72,10 @@ def content_of(path: Path) -> dict[str, str]:
 
 
 def count_within(count: int, most: int, what: str, path: Path) -> None:
-    """Refuse a count that no machine can hold, before memory is reserved for it.
+    """Raise an error for a count that exceeds memory, before memory is reserved for it.
 
     Raises:
-        InputError: there are more than ``most``, or fewer than none.
+        InputError: the count is above ``most``, or negative.
     """
     if not 0 <= count <= most:
         raise InputError(
@@ -86,7 +86,7 @@ def count_within(count: int, most: int, what: str, path: Path) -> None:
 
 
 def check_coordinates(points: NDArray[np.float64], path: Path, what: str = "vertex") -> None:
-    """Refuse coordinates that are not finite, or implausibly large in any unit.
+    """Raise an error for coordinates that are not finite, or implausibly large in any unit.
 
     Raises:
         InputError: one is nan, infinite or beyond ``FARTHEST``.
@@ -104,10 +104,10 @@ def check_coordinates(points: NDArray[np.float64], path: Path, what: str = "vert
 def valid_faces(
     faces: NDArray[np.int64] | NDArray[np.int32], vertices: int, path: Path
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return faces as int32 without those that use a vertex twice, and which (F,) were kept.
+    """Return faces as int32 without those that use a vertex twice, and the mask (F,) of kept ones.
 
     Raises:
-        InputError: a face names a vertex that is not there.
+        InputError: a face refers to a missing vertex.
     """
     wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
     if wrong.any():
@@ -122,14 +122,14 @@ def valid_faces(
     return faces[kept].astype(np.int32), kept
 
 
-#: libyaml's parser where it is there: ten times as fast on the labels of a street.
+#: libyaml's parser if available: ten times as fast on the labels of a street.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-#: Deepest nesting: deeper than any description, and less than the parsers' stacks hold.
+#: Maximum nesting: deeper than any description, and less than the parsers' stacks allow.
 _DEEPEST = 64
 
 
 def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds.
+    """Return the content of a JSON file.
 
     Raises:
         InputError: missing or not JSON.
@@ -138,10 +138,10 @@ def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
 
 
 def read_yaml_document(path: Path, expected: str) -> Any:  # noqa: ANN401
-    """Return what a YAML file of plain values holds.
+    """Return the content of a YAML file of plain values.
 
     Raises:
-        InputError: missing or not YAML, nested too deep, or with mappings merged into others.
+        InputError: missing or not YAML, nested too deep, or with merged mappings.
     """
     try:
         text = read_bytes(path, expected).decode("utf-8-sig")
@@ -149,7 +149,7 @@ def read_yaml_document(path: Path, expected: str) -> Any:  # noqa: ANN401
         for event in yaml.parse(text, _LOADER):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
-            # A few merged mappings of merged mappings would fill any memory.
+            # Few nested merges can exceed any memory.
             merged = isinstance(event, yaml.ScalarEvent) and event.value == "<<"
             if depth > _DEEPEST or merged:
                 raise ValueError("merged mappings" if merged else "nested too deep")
@@ -185,7 +185,7 @@ def finite_numbers(words: Iterable[str]) -> list[float]:
 
 @contextmanager
 def laid_out(path: Path, expected: str, place: str | None = None) -> Iterator[None]:
-    """Turn a wrong key, type or number in a document into one line.
+    """Convert a wrong key, type or number in a document into a one-line error.
 
     Args:
         path: the document, for errors.

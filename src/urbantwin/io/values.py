@@ -1,4 +1,4 @@
-"""Values from untrusted files: read from JSON and bytes with every check."""
+"""Checked values of untrusted JSON and bytes."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ __all__ = [
     "whole",
 ]
 
-#: Beyond this no count or length of a file is believed.
+#: Maximum plausible count or length in a file.
 _LARGEST = 2**40
 
 
 class MalformedError(ValueError):
-    """A file breaks its standard, or a limit; the text is the one line to report."""
+    """A file violates its standard, or a limit; the text is the line to report."""
 
 
 def parse_json(data: bytes, what: str) -> dict[str, Any]:
-    """Return the JSON object that ``data`` holds.
+    """Return the JSON object of ``data``.
 
     Raises:
-        MalformedError: it is not JSON, not an object, nested beyond reason, or holds NaN.
+        MalformedError: it is not JSON, not an object, nested too deep, or contains NaN.
     """
     try:
         value = strict_json.parse_json(data)
@@ -48,7 +48,7 @@ def parse_json(data: bytes, what: str) -> dict[str, Any]:
 
 
 def items(source: Mapping[str, Any], key: str) -> list[Any]:
-    """Return the list at ``key``; an empty one where there is none."""
+    """Return the list at ``key``, or an empty one."""
     value = source.get(key)
     if value is None:
         return []
@@ -58,7 +58,7 @@ def items(source: Mapping[str, Any], key: str) -> list[Any]:
 
 
 def table(source: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return the object at ``key``; an empty one where there is none."""
+    """Return the object at ``key``, or an empty one."""
     value = source.get(key)
     if value is None:
         return {}
@@ -85,12 +85,12 @@ def entry(source: Mapping[str, Any], key: str, number: int) -> dict[str, Any]:
 
 
 def flag(source: Mapping[str, Any], key: str) -> bool:
-    """Return the truth at ``key``; false where there is none."""
+    """Return the truth value at ``key``; false if missing."""
     return source.get(key) is True
 
 
 def whole(source: Mapping[str, Any], key: str, default: int | None = None) -> int:
-    """Return the whole number at ``key``, from 0 to a limit that no file reaches."""
+    """Return the whole number at ``key``, from 0 to a limit above any real file."""
     value = source.get(key, default)
     if isinstance(value, float) and value.is_integer():
         value = int(value)
@@ -127,7 +127,7 @@ def matrix(source: Mapping[str, Any], key: str) -> NDArray[np.float64]:
         return np.eye(4)
     value = numbers(source, key, 16).reshape(4, 4).T
     if not np.array_equal(value[3], [0, 0, 0, 1]):
-        # Some writers leave rounding errors there; anything else is a projection.
+        # some writers leave rounding errors; anything else is a projection
         if not np.allclose(value[3], [0, 0, 0, 1], atol=1e-6):
             raise MalformedError(f"{key} is not an affine transform")
         value = value.copy()

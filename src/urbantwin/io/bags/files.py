@@ -1,6 +1,6 @@
 """Files of messages by topic: bags of ROS 1 (``.bag``) and of ROS 2 in SQLite (``.db3``).
 
-Source: ros2/rosbag2, ``rosbag2_storage_sqlite3``; ROS 1 is read with `rosbags`. ROS 2 may pack
+Source: ros2/rosbag2, ``rosbag2_storage_sqlite3``; ROS 1 is read with `rosbags`. ROS 2 may compress
 messages or whole files with zstd. A file is indexed when it is opened; messages are read on demand.
 """
 
@@ -37,18 +37,18 @@ __all__ = [
     "unpacked_file",
 ]
 
-#: Ending of a packed file's name, and first bytes of packed data.
+#: Suffix of a compressed file, and magic bytes of compressed data.
 PACKED = ".zstd"
 ZSTD = b"\x28\xb5\x2f\xfd"
 _PIECE = 1 << 20
 
 
 def unpacked_bytes(data: bytes) -> bytes:
-    """Return unpacked bytes.
+    """Return decompressed bytes.
 
     Raises:
-        ValueError: it does not say how large it is, or says more than it can be.
-        Exception: of the library, where it is damaged.
+        ValueError: the size is missing or implausible.
+        Exception: of the library, if the data are damaged.
     """
     import zstandard
 
@@ -60,10 +60,10 @@ def unpacked_bytes(data: bytes) -> bytes:
 
 
 def unpacked_file(file: Path) -> Path | None:
-    """Unpack a file into a folder of its own; None where it is not packed.
+    """Decompress a file into a new temporary folder; return None if it is not compressed.
 
     Raises:
-        InputError: it is damaged, or unpacks to far more than its size.
+        InputError: it is damaged, or decompresses to far more than its size.
     """
     if file.suffix.lower() != PACKED:
         return None
@@ -90,13 +90,13 @@ def unpacked_file(file: Path) -> Path | None:
 
 @dataclass(frozen=True)
 class Topic:
-    """The type of the messages of one name.
+    """The type of a topic's messages.
 
     Attributes:
         name: ``/lidar/points``.
         kind: their type, ``sensor_msgs/msg/PointCloud2`` or ``foxglove.PointCloud``.
         encoding: ``ros1``, ``cdr``, ``protobuf`` or ``json``.
-        schema: the definition of the type that the file holds; empty where it holds none.
+        schema: definition of the type in the file; empty if it has none.
     """
 
     name: str
@@ -106,18 +106,18 @@ class Topic:
 
     @classmethod
     def of_ros(cls, name: str, kind: str, encoding: str, schema: bytes = b"") -> Topic:
-        """Return a topic of ROS; of ROS 1 the type is named as ROS 2 would."""
+        """Return a ROS topic; types of ROS 1 are named as in ROS 2."""
         parts = kind.split("/")
         return cls(name, "/".join((parts[0], "msg", parts[-1])), encoding, schema)
 
 
 @dataclass(frozen=True)
 class Located:
-    """The place of a message.
+    """The location of a message.
 
     Attributes:
-        time_ns: when it was recorded, nanoseconds from 1970.
-        at: place in its file, in the file's own terms.
+        time_ns: time of recording, nanoseconds since 1970.
+        at: position in its file, specific to the format.
     """
 
     time_ns: int
@@ -125,12 +125,12 @@ class Located:
 
 
 class MessageFile(ABC):
-    """A file that is open as long as this object is there; several threads may read.
+    """A file that is open during the lifetime of this object; reads are thread-safe.
 
     Attributes:
         path: the file.
-        messages: where the messages of each topic are, in the order of their time.
-        notes: sentences about the whole file that qualify any figure made from it.
+        messages: locations of the messages of each topic, in order of time.
+        notes: notes about the whole file that qualify results.
     """
 
     path: Path
@@ -142,20 +142,20 @@ class MessageFile(ABC):
         """Return the bytes of a message.
 
         Raises:
-            InputError: it is damaged; says where.
+            InputError: it is damaged; the error gives the position.
         """
 
 
 @dataclass(frozen=True)
 class Message:
-    """A message, and the file that it is in."""
+    """A message, and its file."""
 
     file: MessageFile
     topic: Topic
     located: Located
 
     def read(self) -> bytes:
-        """Return its bytes, unpacked if each message was packed for itself."""
+        """Return its bytes, decompressed if messages are compressed individually."""
         data = self.file.read(self.located)
         if self.topic.encoding != "cdr" or not data.startswith(ZSTD):
             return data
@@ -172,14 +172,14 @@ _SQLITE = "a .db3 of ROS 2"
 
 
 class SqliteBag(MessageFile):
-    """A file of a ROS 2 bag whose messages are indexed."""
+    """An indexed file of a ROS 2 bag."""
 
     def __init__(self, path: Path, at: Path | None = None) -> None:
-        """Read which messages there are, and when.
+        """Index the messages.
 
         Args:
             path: the file, for errors.
-            at: the unpacked file, if it is packed.
+            at: the decompressed file, if it is compressed.
 
         Raises:
             InputError: it is no such file, or damaged.
@@ -215,8 +215,8 @@ class SqliteBag(MessageFile):
 
     @contextmanager
     def _open(self, place: str | None = None) -> Iterator[sqlite3.Connection]:
-        """Open it for one thread; nothing is written, not even beside it."""
-        # What a recorder that is still writing has not moved into the file stands beside it.
+        """Open the file for one thread, without writing anything, not even beside it."""
+        # Data of a recorder that is still writing are in a file beside it.
         alone = not self._at.with_name(self._at.name + "-wal").exists()
         where = f"file:{quote(str(self._at))}?mode=ro" + ("&immutable=1" if alone else "")
         with (
@@ -231,17 +231,17 @@ _ROS1 = "a bag of ROS 1, closed as it should be (rosbag reindex mends others)"
 
 
 class Ros1Bag(MessageFile):
-    """A bag whose index has been read."""
+    """An indexed ROS 1 bag."""
 
     def __init__(self, path: Path, at: Path | None = None) -> None:
         """Read the index of a bag.
 
         Args:
             path: the file, for errors.
-            at: the unpacked file, if it is packed.
+            at: the decompressed file, if it is compressed.
 
         Raises:
-            InputError: it is no bag, or cut, or damaged.
+            InputError: it is no bag, or truncated, or damaged.
         """
         from rosbags.rosbag1 import Reader
 

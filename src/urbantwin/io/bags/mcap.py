@@ -1,9 +1,9 @@
-"""MCAP files: an index of their messages by walking over their records, and a message by its place.
+"""MCAP files: indexed by walking over their records; messages are read by location.
 
-Source: the MCAP specification (mcap.dev/spec): records of one byte of kind and eight of length;
-chunks hold records packed together, and indexes of their messages follow them. The walk reads no
-message, needs no summary at the end, and so takes recordings that were cut. Records are parsed by
-`mcap`, Foxglove's library.
+Source: the MCAP specification (mcap.dev/spec): records have one byte of kind and eight of length;
+chunks hold records compressed together, followed by indexes of their messages. The walk reads no
+message, needs no summary at the end, and therefore supports truncated recordings. Records are
+parsed by `mcap`, Foxglove's library.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 _EXPECTED = "an MCAP file"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x07, 0x02
 _RECORD = struct.Struct("<BQ")
-#: A message: its channel, sequence number, when it was recorded and published; then its bytes.
+#: Message header: channel, sequence number, times of recording and publication; then its bytes.
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
-#: An entry of an index: time, and byte in the unpacked chunk.
+#: Index entry: time, and offset in the decompressed chunk.
 _ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
-#: The beginning of a chunk: times, its size unpacked, its checksum, and how it is packed.
+#: Chunk header: times, decompressed size, checksum, and length of the compression's name.
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LONGEST_NAME = 16
 
 
 class McapFile(MessageFile):
-    """A file whose messages have been found."""
+    """An indexed MCAP file."""
 
     def __init__(self, path: Path, at: Path | None = None) -> None:
         """Walk over the records of a file.
 
         Args:
             path: the file, for errors.
-            at: where it lies unpacked, if it is packed.
+            at: the decompressed file, if it is compressed.
 
         Raises:
             InputError: it is no MCAP file, or damaged before its first message.
@@ -141,7 +141,7 @@ class McapFile(MessageFile):
                 self._channels.setdefault(channel.id, channel)
 
     def _learn(self, stream: BinaryIO, channel: int) -> None:
-        """Look for what a channel is in the first chunk that has messages of it."""
+        """Read the definition of a channel from the first chunk with messages of it."""
         chunk, _ = self._found[channel][0].at
         if chunk >= 0:
             for kind, begin, end in self._records(stream, chunk):
@@ -150,7 +150,7 @@ class McapFile(MessageFile):
                     self._add_definition(kind, body, f"the chunk at byte {chunk}")
 
     def _scan(self, stream: BinaryIO, chunk: int) -> None:
-        """Find the messages of a chunk that no index follows."""
+        """Index the messages of a chunk without an index."""
         for kind, begin, end in self._records(stream, chunk):
             data = self._unpacked(stream, chunk)
             if kind in (_SCHEMA, _CHANNEL):
@@ -173,7 +173,7 @@ class McapFile(MessageFile):
             at = begin + length
 
     def _unpacked(self, stream: BinaryIO, chunk: int) -> bytes:
-        """Return the records of a chunk; messages come one after the other: the last is kept."""
+        """Return the records of a chunk; the last one is cached for sequential reads."""
         at, data = self._kept
         if at == chunk:
             return data
@@ -206,7 +206,7 @@ class McapFile(MessageFile):
 
 
 def _unpack(how: str, packed: memoryview, size: int) -> bytes:
-    """Unpack a chunk, whatever it says of itself, to no more than its size."""
+    """Decompress a chunk to at most its declared size."""
     if not how or not size:
         return bytes(packed)
     if how == "zstd":

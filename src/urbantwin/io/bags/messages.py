@@ -1,4 +1,4 @@
-"""Messages of ROS, Foxglove and Livox that are clouds or transforms.
+"""Messages of ROS, Foxglove and Livox with clouds or transforms.
 
 Sources: ROS, ``sensor_msgs/PointCloud2.msg`` and ``PointField.msg``; Foxglove, "PointCloud schema"
 (docs.foxglove.dev/docs/visualization/message-schemas/point-cloud) in protobuf and in JSON; Livox,
@@ -42,7 +42,7 @@ OUSTER_PACKAGES = ("ouster_ros", "ouster_sensor_msgs", "ouster_msgs")
 
 LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")
 
-#: The cloud that all of Livox's drivers have.
+#: Cloud definition of all Livox drivers.
 _LIVOX_CLOUD = (
     "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
     "CustomPoint[] points\n",
@@ -50,7 +50,7 @@ _LIVOX_CLOUD = (
     "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
     "uint8 reflectivity\nuint8 tag\nuint8 line\n",
 )
-#: What drivers of LiDARs define for themselves: files of ROS 2 before Iron hold no definitions.
+#: Message definitions of LiDAR drivers, as files of ROS 2 before Iron contain none.
 _DRIVERS = {
     "velodyne_msgs/msg/VelodyneScan": (
         "std_msgs/Header header\nVelodynePacket[] packets\n",
@@ -82,7 +82,7 @@ _DRIVERS = {
         for package in LIVOX_PACKAGES
     },
 }
-#: Definitions end so and are parsed; longer ones are no message's.
+#: Maximum size of a definition to parse, bytes.
 _MOST_BYTES = 1_000_000
 
 
@@ -90,7 +90,7 @@ def ros_message(topic: Topic, data: bytes) -> Any:  # noqa: ANN401 - its fields 
     """Return a message of ROS 1 or ROS 2.
 
     Raises:
-        Exception: of the library, where the bytes are not such a message, or nobody defines it.
+        Exception: of the library, if the bytes are no such message, or it has no definition.
     """
     known = _types(topic.kind, topic.encoding, topic.schema)
     if topic.encoding == "ros1":
@@ -121,7 +121,7 @@ _FOXGLOVE = ("foxglove.PointCloud", "foxglove_msgs/msg/PointCloud", "foxglove/Po
 _LIVOX = tuple(f"{package}/msg/CustomMsg" for package in LIVOX_PACKAGES)
 CLOUDS = (_POINT_CLOUD2, *_FOXGLOVE, *_LIVOX)
 _ENCODINGS = ("ros1", "cdr", "protobuf", "json")
-#: Numbers of types: PointField's, and those of Foxglove's PackedElementField.
+#: Type codes of PointField, and those of Foxglove's PackedElementField.
 _OF_ROS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _OF_FOXGLOVE = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 _EXPECTED = "a cloud"
@@ -129,12 +129,12 @@ _EXPECTED = "a cloud"
 
 @dataclass(frozen=True, eq=False)
 class CloudMessage:
-    """A cloud as its message has it.
+    """The cloud of a message.
 
     Attributes:
         fields: arrays (N,) by name in lower case.
-        frame_id: the frame of the points.
-        place: where the sensor is in that frame, metres; None where the message does not say.
+        frame_id: frame of the points.
+        place: position of the sensor in that frame, metres; None if not stated.
     """
 
     fields: dict[str, NDArray[np.generic]]
@@ -143,16 +143,16 @@ class CloudMessage:
 
 
 def cloud_message(topic: Topic, data: bytes, file: Path, place: str) -> CloudMessage:
-    """Read the cloud in a message.
+    """Return the cloud of a message.
 
     Args:
-        topic: what the message is.
+        topic: topic of the message.
         data: its bytes.
-        file: it is from, for errors.
-        place: in the file, for errors.
+        file: its file, for errors.
+        place: its position in the file, for errors.
 
     Raises:
-        InputError: the bytes are not such a message, or a field lies outside of a point.
+        InputError: the bytes are not such a message, or a field is outside of a point.
     """
     if topic.encoding not in _ENCODINGS:
         raise InputError(
@@ -236,18 +236,18 @@ def _values(
     shape: tuple[int, int],
     steps: tuple[int, int],
 ) -> dict[str, NDArray[np.generic]]:
-    """Return the fields of points that lie row by row in bytes.
+    """Return the fields of points stored row by row.
 
     Args:
         data: the bytes.
-        layout: name, byte in a point, type and number of values of each field.
+        layout: name, offset in a point, type and number of values of each field.
         shape: rows, and points in each.
-        steps: bytes from row to row, and from point to point.
+        steps: bytes per row, and per point.
     """
     (height, width), (row, step) = shape, steps
     if height * width and step <= 0:
         raise ValueError("has points of 0 bytes")
-    # Of one row, drivers leave the step as they like.
+    # drivers leave the row step undefined for single rows
     row = row if height > 1 else width * step
     needed = (height - 1) * row + width * step if height * width else 0
     if row < width * step or needed > len(data):
@@ -261,7 +261,7 @@ def _values(
         end = offset + max(count, 1) * form.itemsize
         if offset < 0 or end > step:
             raise ValueError(f"has field {name:.40} at bytes {offset} to {end} of points of {step}")
-        # A vector, or bytes that only fill up, is nothing of a frame.
+        # vectors and padding are not attributes of a frame
         if count <= 1 and name and name.lower() not in fields:
             values = np.ndarray((height, width), form, data, offset, (row, step)) if needed else (
                 np.zeros((height, width), form)
@@ -291,7 +291,7 @@ def _protobuf(kind: str, schema: bytes) -> Any:  # noqa: ANN401 - of a library
 
 
 def _pose(pose: Any, part: Any) -> Pose | None:  # noqa: ANN401
-    """Return where the points' own frame is; None where it is none."""
+    """Return the pose of the points' own frame; None if it is the identity or missing."""
     position, orientation = part(pose, "position"), part(pose, "orientation")
     if position is None and orientation is None:
         return None
@@ -304,7 +304,7 @@ def _pose(pose: Any, part: Any) -> Pose | None:  # noqa: ANN401
 
 
 def pose_of(xyz: list[float], xyzw: list[float]) -> Pose:
-    """Return the pose of a position and a quaternion; of one that is zero, no turn.
+    """Return the pose of a position and a quaternion; no rotation for a zero quaternion.
 
     Raises:
         ValueError: a number is not finite.
@@ -315,18 +315,18 @@ def pose_of(xyz: list[float], xyzw: list[float]) -> Pose:
     return pose_of_quaternion(w, x, y, z, xyz)
 
 
-#: The type of messages that say where frames are, and how the topic of those that stay is called.
+#: Message type of transforms, and the topic suffix of static ones.
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _STATIC = "tf_static"
 
 
 def is_static(topic_name: str) -> bool:
-    """Return whether a topic has the transforms that do not change."""
+    """Return whether a topic has static transforms."""
     return topic_name.rstrip("/").endswith(_STATIC)
 
 
 def static_transforms(messages: Iterable[Any]) -> dict[str, tuple[str, Pose]]:
-    """Return parent and pose in it of every frame; of several, what was said last.
+    """Return parent and pose of every frame, from the last message about it.
 
     Raises:
         ValueError: a number is not finite.
@@ -343,7 +343,7 @@ def static_transforms(messages: Iterable[Any]) -> dict[str, tuple[str, Pose]]:
 
 
 def place_of_frame(frame_id: str, transforms: dict[str, tuple[str, Pose]]) -> str | None:
-    """Return where a frame is in the one that all others hang on; None where nothing says it."""
+    """Return a note about a frame's pose in the root frame; None if unknown."""
     frame, pose, seen = _name(frame_id), None, set()
     while frame in transforms and frame not in seen:
         seen.add(frame)
@@ -361,5 +361,5 @@ def place_of_frame(frame_id: str, transforms: dict[str, tuple[str, Pose]]) -> st
 
 
 def _name(frame_id: str) -> str:
-    """Return a frame's name as ROS 2 writes it, without the slash of early ROS 1."""
+    """Return a frame's name as in ROS 2, without the slash of early ROS 1."""
     return str(frame_id).lstrip("/")

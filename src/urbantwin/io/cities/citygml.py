@@ -33,17 +33,17 @@ from urbantwin.strict_xml import child_elements, root_name
 
 __all__ = ["within_archive"]
 
-#: The most that is unpacked and read, bytes (1 GB of CityGML takes minutes, an object at a time).
+#: Maximum decompressed size, bytes (1 GB of CityGML takes minutes, one object at a time).
 LARGEST = 2_000_000_000
 _EXPECTED = "CityGML"
-#: Endings of files of CityGML within an archive.
+#: Suffixes of CityGML files within an archive.
 _ENDINGS = (".gml", ".citygml", ".xml")
 #: Elements of the root that hold a city object.
 _MEMBERS = ("cityObjectMember", "featureMember")
 
 
 class _Bounded:
-    """A stream of which no more than so much is read."""
+    """A stream with a limited number of readable bytes."""
 
     def __init__(self, stream: IO[bytes], path: Path) -> None:
         self._stream, self._path, self._read = stream, path, 0
@@ -52,7 +52,7 @@ class _Bounded:
         """Return the next bytes.
 
         Raises:
-            InputError: there are too many, or they cannot be unpacked.
+            InputError: there are too many, or they cannot be decompressed.
         """
         try:
             data = self._stream.read(min(size, 1 << 20) if size >= 0 else 1 << 20)
@@ -70,7 +70,7 @@ class _Bounded:
 
 
 def within_archive(path: Path) -> str | None:
-    """Return the name of the one file of CityGML in a zip archive; ``None`` if there is not one."""
+    """Return the name of the only CityGML file in a zip archive; ``None`` if there is not one."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = [
@@ -85,10 +85,10 @@ def within_archive(path: Path) -> str | None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file, or what a gzip file or a zip archive holds of CityGML.
+    """Open a file, or the CityGML file in a gzip file or a zip archive.
 
     Raises:
-        InputError: it cannot be read, or an archive holds no or several files of CityGML.
+        InputError: it cannot be read, or an archive has no or several CityGML files.
     """
     try:
         with path.open("rb") as stream:
@@ -111,14 +111,14 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
                 yield cast(IO[bytes], _Bounded(stream, path))
     except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"cannot be read ({error})", file=path) from None
-    except (NotImplementedError, RuntimeError) as error:  # a method or a password that zip has
+    except (NotImplementedError, RuntimeError) as error:  # unsupported compression or password
         raise InputError(f"cannot be unpacked ({error})", file=path) from None
 
 
 def members(path: Path) -> Iterator[etree._Element]:
-    """Yield the envelope of the whole (``boundedBy``) and each city object, whole.
+    """Yield the envelope of the model (``boundedBy``) and each complete city object.
 
-    Only one object is kept in memory at a time. Document types are refused, entities are never
+    Only one object is in memory at a time. Document types are rejected, entities are never
     expanded, and nothing is fetched.
 
     Raises:
@@ -138,7 +138,7 @@ def members(path: Path) -> Iterator[etree._Element]:
                 yield from item
 
 
-#: A degree, for cutting surfaces into triangles, metres.
+#: Length of a degree, for triangulating surfaces, metres.
 DEGREE_M = 111_000.0
 _NAMESPACE = "http://www.opengis.net/citygml/"
 
@@ -146,13 +146,13 @@ _NAMESPACE = "http://www.opengis.net/citygml/"
 def read_citygml(path: Path) -> ImportedModel:
     """Read the finest geometry of every city object, of levels of detail 1 to 4.
 
-    Triangles are named ``Building ID / RoofSurface``; surfaces and the objects' types give their
-    semantic classes. Surfaces that are shared by reference are built once; what is inside buildings
-    and virtual surfaces that close openings are left out. Coordinates come z up, east before north,
-    in the system that ``srsName`` names. Textures and materials (``app:``) are not read.
+    Triangles are named ``Building ID / RoofSurface``; surfaces and object types determine their
+    semantic classes. Surfaces shared by reference are built once; interiors and virtual surfaces
+    that close openings are left out. Coordinates are z up, east before north, in the CRS of
+    ``srsName``. Textures and materials (``app:``) are not read.
 
     Args:
-        path: the file, also as ``.gz`` or in a ``.zip`` by itself.
+        path: the file, also as ``.gz`` or alone in a ``.zip``.
 
     Raises:
         InputError: it is not CityGML, is damaged, or holds no surface.
@@ -216,7 +216,7 @@ def _version(element: etree._Element) -> str:
 def _note_system(element: etree._Element, reader: GeometryReader) -> None:
     for one in element.iter():
         if name := one.get("srsName"):
-            # The system of the whole model's envelope holds for geometry that names none.
+            # The CRS of the model's envelope applies to geometry without one.
             reader.systems[name] = reader.systems.get(name, 0) + 1
 
 
@@ -235,7 +235,7 @@ def _problems(unknown: dict[str, int], missing: int, textures: int) -> list[str]
 
 
 def _add(objects: list[CityObject], reader: GeometryReader, gathered: CitySurfaces) -> int:
-    """Add every object's finest surfaces, each once; return how many references lead nowhere."""
+    """Add every object's finest surfaces, each once; return the number of dangling references."""
     missing = 0
     for top in objects:
         gathered.problems += top.told()
@@ -243,7 +243,7 @@ def _add(objects: list[CityObject], reader: GeometryReader, gathered: CitySurfac
         for one, level, surfaces in top.whole():
             name = f"{one.kind} {one.id or top.id}".strip()
             gathered.lods[str(level)] = gathered.lods.get(str(level), 0) + 1
-            # Surfaces that say what they are come before solids that refer to the same ones.
+            # Labelled surfaces come before solids that refer to the same ones.
             for surface in sorted(surfaces, key=lambda one: not one.semantic):
                 polygons = _resolved(surface, reader)
                 missing += polygons is None
@@ -270,15 +270,15 @@ def _corners(polygon: Polygon, matrix: NDArray[np.float64] | None) -> list[NDArr
 
 
 def _key(corners: list[NDArray[np.float64]]) -> tuple[bytes, ...]:
-    """Return a key of a surface that depends neither on its first corner nor on its side."""
+    """Return a key of a surface, independent of its first corner and of its orientation."""
     return tuple(np.unique(ring, axis=0).tobytes() for ring in corners)
 
 
 def _system(reader: GeometryReader, path: Path) -> tuple[str, CRS | None]:
-    """Return the system of the coordinates, and how the file names it.
+    """Return the name of the CRS in the file, and the CRS.
 
     Raises:
-        InputError: the file names several systems.
+        InputError: the file names several.
     """
     name, crs = next(iter(reader.systems), ""), None
     for other in reader.systems:
@@ -291,7 +291,7 @@ def _system(reader: GeometryReader, path: Path) -> tuple[str, CRS | None]:
                 file=path,
                 expected="one system",
             )
-        # One with heights says more than one in plan alone.
+        # prefer a CRS with heights over one in plan
         if crs is None or len(known.axis_info) > len(crs.axis_info):
             name, crs = other, known
     return name, crs

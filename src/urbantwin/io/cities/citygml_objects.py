@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 __all__ = ["CityObject", "GeometryReader", "Polygon", "Surface", "city_objects", "local_name"]
 
-#: Elements that are flat surfaces; those that only hold others are walked through.
+#: Elements that are flat surfaces; containers are traversed.
 _FLAT = {"Polygon", "PolygonPatch", "Triangle", "Rectangle"}
 _HREF = "{http://www.w3.org/1999/xlink}href"
 _SRS = "srsName"
-#: Names of an element's identity: of GML 3.2, 3.1 and, without a namespace, of files in between.
+#: Attributes with an element's id: of GML 3.1, 3.2 and, without a namespace, of files in between.
 _ID = ("{http://www.opengis.net/gml}id", "{http://www.opengis.net/gml/3.2}id", "id")
-#: How deep surfaces may hold surfaces.
+#: Maximum nesting of surfaces.
 _DEEPEST = 60
 
 
@@ -29,7 +29,7 @@ def local_name(element: etree._Element) -> str:
 
 
 class WrongGeometryError(ValueError):
-    """Geometry that is not as GML has it; its text says what is wrong."""
+    """Geometry that violates GML; the text states the problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Polygon:
     """A flat surface.
 
     Attributes:
-        rings: (N, 3) corners of its outside and of its holes, without the repeated first one.
+        rings: (N, 3) corners of its exterior and of its holes, without the repeated first one.
         id: its ``gml:id``, or empty.
-        turned: whether it is seen from behind where it is used (``OrientableSurface``).
+        turned: whether it is used with reversed orientation (``OrientableSurface``).
     """
 
     rings: tuple[NDArray[np.float64], ...]
@@ -47,17 +47,17 @@ class Polygon:
     turned: bool = False
 
     def corners(self) -> list[NDArray[np.float64]]:
-        """Return its rings as they are used."""
+        """Return its rings in the orientation of use."""
         return [ring[::-1] if self.turned else ring for ring in self.rings]
 
 
 @dataclass
 class GeometryReader:
-    """Reads surfaces, and remembers those that others may refer to.
+    """Reads surfaces, and stores those that others may refer to.
 
     Attributes:
-        known: ``gml:id`` of a surface -> what it consists of.
-        systems: names of coordinate systems, and how many elements name each.
+        known: ``gml:id`` of a surface -> its polygons.
+        systems: names of CRS, and the number of elements that use each.
         virtual: ids of surfaces that only close openings.
     """
 
@@ -66,10 +66,10 @@ class GeometryReader:
     virtual: set[str] = field(default_factory=set)
 
     def surfaces(self, element: etree._Element, depth: int = 0) -> Iterator[Polygon | str]:
-        """Yield the surfaces under an element: polygons, and ids of surfaces elsewhere.
+        """Yield the surfaces under an element: polygons, and ids of referenced surfaces.
 
         Raises:
-            WrongGeometryError: a ring is not one.
+            WrongGeometryError: a ring is invalid.
         """
         if depth > _DEEPEST:
             raise WrongGeometryError("its surfaces hold each other too deep")
@@ -160,7 +160,7 @@ def _said_dimension(element: etree._Element) -> str:
     return "0"
 
 
-#: Kinds of city objects that are read, and what CityJSON (and the semantic classes) call them.
+#: City object types that are read -> their CityJSON names (used by the semantic classes).
 _OBJECTS = {
     "Building": "Building",
     "BuildingPart": "BuildingPart",
@@ -191,30 +191,30 @@ _OBJECTS = {
     "GenericCityObject": "GenericCityObject",
     "GenericOccupiedSpace": "GenericCityObject",
 }
-#: Surfaces of them that say what they are.
+#: Surface types with a semantic meaning.
 _SURFACES = frozenset(
     "RoofSurface WallSurface GroundSurface OuterFloorSurface OuterCeilingSurface Window Door "
     "WindowSurface DoorSurface TrafficArea AuxiliaryTrafficArea Marking WaterSurface "
     "WaterGroundSurface".split()
 )
-#: What is inside, or is not there at all: virtual surfaces that close an opening.
+#: Interior elements, and virtual surfaces that close an opening.
 _NOT_OUTSIDE = frozenset(
     "InteriorWallSurface FloorSurface CeilingSurface Room BuildingRoom BuildingFurniture "
     "BridgeRoom BridgeFurniture HollowSpace TunnelFurniture IntBuildingInstallation interiorRoom "
     "interiorFurniture interiorBuildingInstallation buildingRoom storey Storey buildingUnit".split()
 )
 _VIRTUAL = frozenset({"ClosureSurface", "WaterClosureSurface"})
-#: Properties that hold geometry: ``lod2Solid``, ``lod1MultiSurface``, ``lod3Geometry``.
+#: Properties with geometry: ``lod2Solid``, ``lod1MultiSurface``, ``lod3Geometry``.
 _LEVEL = re.compile(
     r"lod([0-4])(Solid|MultiSurface|MultiSolid|Geometry|Surface|CompositeSurface|ImplicitRepresentation)"
 )
-#: Relief without levels in its properties.
+#: Relief properties without a level of detail.
 _PLAIN = {"tin": 1}
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A surface of an object: what it is, and its polygon, or the id of one elsewhere."""
+    """A surface of an object: its type, and its polygon or the id of a referenced one."""
 
     semantic: str
     polygon: Polygon | str
@@ -226,12 +226,12 @@ class CityObject:
     """A city object.
 
     Attributes:
-        kind: its type, as CityJSON calls it.
+        kind: its type, as in CityJSON.
         id: its ``gml:id``, or empty.
         levels: level of detail -> its surfaces.
-        parts: the objects that it consists of.
-        problems: what could not be read of it.
-        virtual: how many virtual surfaces were left out.
+        parts: its parts.
+        problems: unreadable parts.
+        virtual: number of omitted virtual surfaces.
     """
 
     kind: str
@@ -242,20 +242,20 @@ class CityObject:
     virtual: int = 0
 
     def finest(self) -> int | None:
-        """Return the highest level of detail that has surfaces; 0, a footprint, is none."""
+        """Return the highest level of detail with surfaces, without level 0 (footprints)."""
         return max((level for level, found in self.levels.items() if found and level), default=None)
 
     def told(self) -> Iterator[str]:
-        """Yield what could not be read of it and of its parts, a line each."""
+        """Yield the problems of the object and of its parts, a line each."""
         name = f"{self.kind} {self.id}".strip()
         yield from (f"{name}: {text}" for text in dict.fromkeys(self.problems))
         for part in self.parts:
             yield from part.told()
 
     def whole(self) -> Iterator[tuple[CityObject, int, list[Surface]]]:
-        """Yield it and its parts with their finest surfaces.
+        """Yield the object and its parts with their finest surfaces.
 
-        Where parts have its shape as fine as itself it is left to them.
+        The object's own surfaces are omitted if its parts have the same level of detail.
         """
         own = self.finest()
         parts = [part for part in self.parts if part.kind.endswith("Part")]
@@ -269,7 +269,7 @@ class CityObject:
 
 
 def city_objects(element: etree._Element, reader: GeometryReader) -> CityObject | None:
-    """Return a city object with all its parts; ``None`` where it is of no kind that is read."""
+    """Return a city object with all its parts; ``None`` for unsupported types."""
     kind = _OBJECTS.get(local_name(element))
     if kind is None:
         return None
@@ -281,7 +281,7 @@ def city_objects(element: etree._Element, reader: GeometryReader) -> CityObject 
 def _gather(
     element: etree._Element, found: CityObject, semantic: str, reader: GeometryReader
 ) -> None:
-    """Take the geometries below an element, down to its parts."""
+    """Add the geometries below an element, down to its parts."""
     for child in element:
         name = local_name(child)
         if not name or name in _NOT_OUTSIDE:
@@ -290,7 +290,7 @@ def _gather(
             found.virtual += 1
             apart = CityObject("", "")
             _gather(child, apart, name, reader)
-            # Solids may refer to it all the same.
+            # solids may still refer to it
             reader.virtual |= {
                 surface.polygon.id
                 for surfaces in apart.levels.values()
@@ -319,7 +319,7 @@ def _take(
     *,
     implicit: bool,
 ) -> None:
-    """Take the geometry of one property."""
+    """Add the geometry of one property."""
     matrix = None
     try:
         if implicit:
@@ -335,7 +335,7 @@ def _take(
 
 
 def _placement(element: etree._Element) -> NDArray[np.float64] | None:
-    """Return where an implicit geometry stands, (4, 4); ``None`` where it is in another file."""
+    """Return the pose of an implicit geometry, (4, 4); ``None`` if it is in another file."""
     shape, matrix, point = False, np.eye(4), np.zeros(3)
     for one in element.iter():
         name = local_name(one)

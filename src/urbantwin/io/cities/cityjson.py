@@ -20,16 +20,15 @@ from urbantwin.strict_json import parse_json
 
 __all__ = ["read_cityjson"]
 
-#: A text longer than this does not fit into memory as objects, bytes.
+#: Maximum text size that fits into memory as objects, bytes.
 LONGEST = 400_000_000
 
 
 def read_cityjson(path: Path) -> ImportedModel:
     """Read the finest geometry of every city object.
 
-    Triangles are named ``Building ID / RoofSurface``; semantic surfaces and the objects' types
-    give their semantic classes. Coordinates are z up, in the system that
-    ``metadata.referenceSystem`` names.
+    Triangles are named ``Building ID / RoofSurface``; semantic surfaces and object types determine
+    their semantic classes. Coordinates are z up, in the CRS of ``metadata.referenceSystem``.
 
     Raises:
         InputError: it is not CityJSON, or holds no surface.
@@ -61,7 +60,7 @@ def read_cityjson(path: Path) -> ImportedModel:
 
 
 def _documents(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the document, or of CityJSONSeq the first line's and every feature."""
+    """Yield the document, or for CityJSONSeq that of the first line and of every feature."""
     if path.stat().st_size > LONGEST:
         raise InputError(
             "is larger than 400 MB", file=path, expected="CityJSON cut to the site, or CityJSONSeq"
@@ -172,7 +171,7 @@ def _take(
 
 
 def _finest(one: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the geometries of the highest level of detail that are surfaces."""
+    """Return the surface geometries of the highest level of detail."""
     given = one.get("geometry")
     known = [
         geometry
@@ -196,7 +195,7 @@ def _level(geometry: dict[str, Any]) -> float:
 def _left_to_parts(
     one: dict[str, Any], objects: dict[str, Any], geometries: list[dict[str, Any]]
 ) -> bool:
-    """Whether an object's parts have its shape as fine as itself, so that it is not built twice."""
+    """Return whether an object's parts have the same level of detail, to avoid duplicates."""
     children = one.get("children")
     parts = [objects.get(str(k)) for k in children] if isinstance(children, list) else []
     levels = [
@@ -222,9 +221,9 @@ def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | N
     return found
 
 
-#: A number, or lists of them as deep as the boundaries.
+#: A number, or lists nested as deep as the boundaries.
 Nested = int | list[Any] | None
-#: How deep the surfaces of a geometry lie in its ``boundaries``.
+#: Nesting depth of surfaces in ``boundaries`` by geometry type.
 _DEPTH = {
     "MultiSurface": 1,
     "CompositeSurface": 1,
@@ -239,9 +238,9 @@ class Surface:
     """A flat surface.
 
     Attributes:
-        rings: (N, 3) corners of its outside, counter-clockwise from the front, and of its holes.
+        rings: (N, 3) corners of its exterior, counter-clockwise from the front, and of its holes.
         semantic: type of the semantic surface (``RoofSurface``), or empty.
-        material: number of its material, or ``None``.
+        material: index of its material, or ``None``.
     """
 
     rings: list[NDArray[np.float64]]
@@ -256,10 +255,10 @@ def surfaces_of(
     *,
     nested: bool = False,
 ) -> Iterator[Surface]:
-    """Yield the surfaces of a geometry, those of a template at their place.
+    """Yield the surfaces of a geometry, those of a template transformed to their position.
 
     Raises:
-        KeyError, IndexError, TypeError, ValueError: the geometry is not as CityJSON has it.
+        KeyError, IndexError, TypeError, ValueError: the geometry violates CityJSON.
     """
     kind = geometry["type"]
     if kind == "GeometryInstance":
@@ -298,7 +297,7 @@ def _walk(
     paint: Nested,
     depth: int,
 ) -> Iterator[tuple[list[list[int]], Nested, Nested]]:
-    """Yield polygons with their semantic and material number from nested lists of equal shape."""
+    """Yield polygons with their semantic and material index from nested lists of equal shape."""
     for number, item in enumerate(boundaries):
         own = semantics[number] if isinstance(semantics, list) and number < len(semantics) else None
         tint = paint[number] if isinstance(paint, list) and number < len(paint) else None

@@ -23,7 +23,7 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["CitySurfaces"]
 
-#: Type of a city object (CityGML 3.0 modules) -> semantic class; the longest beginning wins.
+#: Type of a city object (CityGML 3.0 modules) -> semantic class; the longest prefix wins.
 _OBJECTS = {
     "Building": "building",
     "Bridge": "other-structure",
@@ -40,7 +40,7 @@ _OBJECTS = {
     "Waterway": "other-ground",
     "WaterBody": "other-ground",
 }
-#: Semantic surface -> class, where it says more than the object.
+#: Semantic surface -> class, if more specific than the object's.
 _SURFACES = {
     "TrafficArea": "road",
     "AuxiliaryTrafficArea": "other-ground",
@@ -51,7 +51,7 @@ _SURFACES = {
 
 @cache
 def semantic_number(kind: str, surface: str) -> int:
-    """Return the number of the semantic class, 0 where nothing is known.
+    """Return the id of the semantic class, 0 if unknown.
 
     Args:
         kind: type of the city object.
@@ -69,13 +69,13 @@ _GREY = 128
 
 @dataclass
 class CitySurfaces:
-    """The rings of all surfaces, and the city objects that they belong to.
+    """The rings of all surfaces, and their city objects.
 
     Attributes:
-        names: of the surfaces -> number.
-        problems: what was left out, a line each.
+        names: names of the surfaces -> index.
+        problems: omissions, a line each.
         objects: number of city objects.
-        lods: level of detail -> how many geometries of it were taken.
+        lods: level of detail -> number of geometries used.
     """
 
     names: dict[str, int] = field(default_factory=dict)
@@ -100,12 +100,12 @@ class CitySurfaces:
         """Add a flat surface.
 
         Args:
-            rings: (N, 3) corners of its outside, counter-clockwise from the front, and of its
+            rings: (N, 3) corners of its exterior, counter-clockwise from the front, and of its
                 holes.
-            name: of its city object.
+            name: name of its city object.
             kind: the object's type.
             surface: type of the semantic surface, or empty.
-            colour: sRGB, where it is known.
+            colour: sRGB, if known.
         """
         for ring in rings:
             self._points.append(ring)
@@ -119,16 +119,16 @@ class CitySurfaces:
     def mesh(
         self, path: Path, expected: str, unit_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
     ) -> tuple[TriangleMesh, int]:
-        """Return all surfaces as triangles, and how many had no area.
+        """Return all surfaces as triangles, and the number of triangles without area.
 
         Args:
             path: the file, for errors.
-            expected: what it should be: ``CityJSON``.
-            unit_m: about how long the units of the three coordinates are, by which surfaces are
-                cut into triangles: degrees are no metres.
+            expected: its format: ``CityJSON``.
+            unit_m: approximate lengths of the units of the three coordinates, for triangulation:
+                degrees are not metres.
 
         Raises:
-            InputError: there is no surface, none with an area, or one that is nowhere.
+            InputError: there is no surface, none with an area, or one with invalid coordinates.
         """
         if not self._polygon:
             raise InputError("holds no surface", file=path, expected=f"{expected} with geometry")

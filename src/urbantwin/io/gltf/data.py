@@ -35,7 +35,7 @@ def open_container(data: bytes) -> tuple[dict[str, Any], bytes | None]:
     Source: glTF 2.0 (ISO/IEC 12113:2022), section 4 "GLB File Format".
 
     Raises:
-        MalformedError: it is neither, of another version, cut short, or has wrong lengths.
+        MalformedError: it is neither, of another version, truncated, or has wrong lengths.
     """
     if data[:4] != b"glTF":
         return _checked(parse_json(data, "it"), None)
@@ -76,7 +76,7 @@ def _checked(document: dict[str, Any], binary: bytes | None) -> tuple[dict[str, 
     return document, binary
 
 
-#: A view may unpack to this many bytes; a tile of a city has a hundredth of it.
+#: Maximum decompressed size of a view, bytes; a tile of a city has a hundredth of it.
 _LARGEST_VIEW = 1 << 29
 
 
@@ -95,12 +95,12 @@ def data_uri(uri: str) -> bytes:
 
 
 class Buffers:
-    """Buffers and views of a document, each fetched and unpacked once.
+    """Buffers and views of a document, each fetched and decompressed once.
 
     Args:
         document: the JSON of glTF 2.0.
         binary: the GLB's binary chunk.
-        resolve: gives the bytes of a relative URI of the document.
+        resolve: returns the bytes of a relative URI of the document.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Buffers:
                     try:
                         self._unpacked[number] = self._meshopt(packed)
                     except MalformedError:
-                        # A file that does not require the extension has the plain bytes too.
+                        # files that do not require the extension also have uncompressed bytes
                         if name in self._required or not self._has_plain(spec):
                             raise
                         break
@@ -183,7 +183,7 @@ _TYPES: dict[int, np.dtype[Any]] = {
     5126: np.dtype("<f4"),
 }
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-#: Rows that an accessor may have: those without a view need no bytes to claim any number.
+#: Maximum rows of an accessor: those without a view can claim any number.
 LARGEST_COUNT = 1 << 25
 
 
@@ -203,14 +203,14 @@ class Accessors:
         return entry(self._document, "accessors", number)
 
     def count(self, number: int) -> int:
-        """Return how many rows an accessor claims."""
+        """Return the declared number of rows of an accessor."""
         count = whole(self.spec(number), "count")
         if count > LARGEST_COUNT:
             raise MalformedError(f"accessor {number} claims {count} elements")
         return count
 
     def raw(self, number: int) -> NDArray[Any]:
-        """Return (N, C) numbers as they are stored."""
+        """Return (N, C) numbers as stored."""
         spec, name = self.spec(number), f"accessor {number}"
         count, columns = self.count(number), _COMPONENTS.get(text(spec, "type"))
         dtype = _dtype(spec, name)

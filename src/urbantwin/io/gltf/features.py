@@ -1,4 +1,4 @@
-"""Which feature (a building, a roof) each triangle of a primitive belongs to, and its name."""
+"""Features (a building, a roof) of the triangles of a primitive, and their names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.io.values import MalformedError, items, table, text, whole
 
 __all__ = ["NAMING", "FeatureSet", "feature_set", "property_names"]
 
-#: Properties that name a feature, the most telling first.
+#: Properties that name a feature, in order of preference.
 NAMING = ("name", "label", "gml_name", "id", "gml_id", "gml:id", "identifier", "objectid")
 _MOST_FEATURES = 1 << 22
 _NUMBERS = {
@@ -29,14 +29,14 @@ _NUMBERS = {
 
 
 class FeatureSet:
-    """Where a primitive's feature ids come from.
+    """Source of a primitive's feature ids.
 
     Attributes:
-        attribute: name of the vertex attribute that holds them, or "".
+        attribute: name of the vertex attribute with the ids, or "".
         texture: the ``textureInfo`` whose texels hold them, or ``None``.
-        channels: of the texels, least significant first.
+        channels: channels of the texels, least significant first.
         null: the id that means none, or -1.
-        table: number of the table of their properties, or ``None``.
+        table: index of the table of their properties, or ``None``.
     """
 
     def __init__(self, spec: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ def feature_set(primitive: dict[str, Any]) -> FeatureSet | None:
 
 
 def property_names(document: dict[str, Any], buffers: Buffers, number: int) -> list[str]:
-    """Return a name for each feature of a property table; none where no property names them.
+    """Return a name for each feature of a property table; empty if no property names them.
 
     Source: ``EXT_structural_metadata``, section "Binary Property Storage".
     """

@@ -24,14 +24,14 @@ __all__ = ["Material", "Materials"]
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What a material says of colour.
+    """Colour of a material.
 
     Attributes:
         name: its name, or "".
-        factor: (3,) linear light, or ``None`` where it gives no colour at all.
-        texture: laid over the triangles, or ``None``.
-        coordinates: which set of texture coordinates the texture takes.
-        use_alpha: whether transparent texels do not count.
+        factor: (3,) linear light, or ``None`` without a colour.
+        texture: its texture, or ``None``.
+        coordinates: index of the texture's set of coordinates.
+        use_alpha: whether transparent texels are ignored.
     """
 
     name: str = ""
@@ -45,8 +45,8 @@ class Materials:
     """Materials and images of a document, each read once.
 
     Source: glTF 2.0, section 3.9 "Materials"; ``KHR_texture_transform``, ``EXT_texture_webp``,
-    ``KHR_materials_pbrSpecularGlossiness``. An image that cannot be read leaves the material its
-    factor, and a line in ``problems``.
+    ``KHR_materials_pbrSpecularGlossiness``. A material with an unreadable image keeps its factor,
+    and a line is added to ``problems``.
     """
 
     def __init__(self, document: dict[str, Any], buffers: Buffers) -> None:

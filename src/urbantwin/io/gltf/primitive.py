@@ -18,7 +18,7 @@ from urbantwin.io.values import MalformedError, flag, table, whole
 
 __all__ = ["FARTHEST", "Primitive", "PrimitiveReader"]
 
-#: Coordinates and numbers of transforms beyond this are taken for garbage.
+#: Maximum plausible coordinate or transform element.
 FARTHEST = 1e12
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 
@@ -30,9 +30,9 @@ class Primitive:
     Attributes:
         vertices: (V, 3) float64.
         faces: (F, 3) int32, or ``None`` for points.
-        colour: (F, 3), of points (V, 3), uint8 sRGB, or ``None``.
+        colour: (F, 3), or (V, 3) for points, uint8 sRGB, or ``None``.
         feature: (F,) int64, -1 for none, or ``None``.
-        feature_names: names of the features by number, as far as they have any.
+        feature_names: names of the features by index, as far as known.
         material: name of the material.
         problem: what was left out, or "".
     """
@@ -91,7 +91,7 @@ class PrimitiveReader:
         feature: NDArray[np.int64] | None = None
         names: Sequence[str] = []
         colour: NDArray[np.uint8] | None = None
-        # The surface is worth having without either.
+        # the surface is kept without either
         try:
             features = feature_set(spec)
             if features is not None:
@@ -108,7 +108,7 @@ class PrimitiveReader:
     def _corners(
         self, spec: dict[str, Any], mode: int, attributes: _Attributes
     ) -> NDArray[np.int64]:
-        """Return (F, 3) vertices of the triangles, those without an area by number left out."""
+        """Return (F, 3) vertices of the triangles, without those that repeat a vertex."""
         corners = attributes.faces
         if corners is None:
             index = np.arange(attributes.count)
@@ -170,7 +170,7 @@ class PrimitiveReader:
         used: NDArray[np.int64],
         faces: NDArray[np.int32],
     ) -> NDArray[np.int64] | None:
-        """Return each triangle's feature: that of its first corner, or of its middle's texel."""
+        """Return each triangle's feature: that of its first corner, or of its centre's texel."""
         if features.texture is not None:
             texture, coordinates = self.materials.texture(features.texture)
             name = f"TEXCOORD_{coordinates}"
@@ -225,7 +225,7 @@ class _Attributes:
             raise MalformedError("has a POSITION that is not of 3 numbers")
 
     def has(self, name: str, columns: int) -> bool:
-        """Return whether there is an attribute of at least so many columns, for every vertex."""
+        """Return whether an attribute has at least ``columns`` columns, for every vertex."""
         if name in self._draco:
             rows = self._draco[name]
             return rows.ndim == 2 and rows.shape == (self.count, max(columns, rows.shape[1]))
@@ -237,7 +237,7 @@ class _Attributes:
         return width >= columns and self._accessors.count(number) == self.count
 
     def values(self, name: str, rows: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
-        """Return (V, C) float64 of an attribute, of some of its rows."""
+        """Return (V, C) float64 of an attribute, or of some of its rows."""
         whole_array: NDArray[Any]
         number = whole(self._numbers, name, 0)
         normalised = name in self._numbers and flag(self._accessors.spec(number), "normalized")
@@ -252,7 +252,7 @@ class _Attributes:
         if not self.has("COLOR_0", 3):
             return None
         value = self.values("COLOR_0", rows)[:, :3]
-        # Integers are normalised by the standard, also where a writer forgot to say so.
+        # the standard requires normalised integers, also if the flag is missing
         top = float(value.max(initial=0.0))
         if top > 1.0:
             value = value / (255.0 if top <= 255.0 else 65535.0)
@@ -260,7 +260,7 @@ class _Attributes:
 
 
 def _bounded(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points are finite and not beyond any place in the solar system."""
+    """Return the mask of points that are finite and plausible."""
     return np.asarray((np.abs(points) < FARTHEST).all(axis=1))
 
 
@@ -275,9 +275,9 @@ def _triangles(index: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 
 def _compact(faces: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return which vertices faces use, and the faces among those.
+    """Return the vertices used by faces, and the renumbered faces.
 
-    Many primitives may share one long buffer: each takes only its own part of it.
+    Many primitives may share one long buffer: each uses only its own part.
     """
     if faces.size * 4 < count:
         used, renumbered = np.unique(faces, return_inverse=True)

@@ -1,8 +1,8 @@
-"""A glTF document as meshes and points: its nodes, its meshes at their places, the whole file.
+"""A glTF document as meshes and points: nodes, placed meshes, and whole files.
 
-The reader is our own and not trimesh's: trimesh keeps no feature ids, ignores
-``KHR_mesh_quantization``, meshopt and ``CESIUM_RTC``, trusts every count of a file, and reports
-errors by tracebacks. Tests compare ours with it.
+The reader is our own because trimesh keeps no feature ids, ignores ``KHR_mesh_quantization``,
+meshopt and ``CESIUM_RTC``, trusts every count of a file, and reports errors by tracebacks. Tests
+compare both.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _DEEPEST = 256
 
 @dataclass(frozen=True)
 class PlacedMesh:
-    """A mesh at its places.
+    """A mesh with its transforms.
 
     Attributes:
-        mesh: its number in the document.
-        name: of its node.
+        mesh: index of the mesh in the document.
+        name: name of its node.
         transforms: (I, 4, 4) float64, from the mesh to the scene.
-        node: number of its node.
+        node: index of its node.
     """
 
     mesh: int
@@ -59,13 +59,13 @@ def placed_meshes(
 ) -> Iterator[PlacedMesh]:
     """Yield the meshes of the scene, node by node, parents before their children.
 
-    A node that does not exist, that is reached twice (a cycle, two parents) or that cannot be
-    understood is left out with all below it, and is a line of ``problems``.
+    A node that does not exist, that is reached twice (a cycle, two parents) or that is invalid is
+    left out with its descendants, and adds a line to ``problems``.
 
     Source: glTF 2.0, section 3.5 "Scenes" (nodes are strict trees); ``EXT_mesh_gpu_instancing``.
 
     Raises:
-        MalformedError: there is no scene, or its nodes are beyond reason.
+        MalformedError: there is no scene, or its nodes exceed the limits.
     """
     nodes = items(document, "nodes")
     pending = [(number, np.eye(4), 0) for number in reversed(_roots(document, nodes))]
@@ -97,7 +97,7 @@ def placed_meshes(
 def _placed(
     node: dict[str, Any], number: int, here: NDArray[np.float64], accessors: Accessors
 ) -> PlacedMesh | None:
-    """Return the mesh of a node, if it has one, at all its places."""
+    """Return the mesh of a node, if it has one, with all its transforms."""
     if node.get("mesh") is None:
         return None
     instances = table(table(node, "extensions"), "EXT_mesh_gpu_instancing")
@@ -106,7 +106,7 @@ def _placed(
 
 
 def _roots(document: dict[str, Any], nodes: list[Any]) -> list[int]:
-    """Return the root nodes of the scene that is shown; of all nodes where there is no scene."""
+    """Return the root nodes of the displayed scene; of all nodes if there is no scene."""
     scenes = items(document, "scenes")
     if scenes:
         number = whole(document, "scene", 0)
@@ -165,21 +165,21 @@ def _instances(extension: dict[str, Any], accessors: Accessors) -> NDArray[np.fl
     return result
 
 
-#: Triangles (and points) that one document may unfold to, instances included.
+#: Maximum number of triangles (and points) of a document, including instances.
 MOST_TRIANGLES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a document shows.
+    """The content of a document.
 
     Attributes:
         meshes: one per primitive and instance; y up.
         clouds: primitives of points; y up.
-        centre: (3,) added after the turn to z up (``CESIUM_RTC``), or ``None``.
-        problems: what was left out, a line each.
-        copyright: as the document states it.
-        skipped: counts of what carries no surface, by name.
+        centre: (3,) added after the conversion to z up (``CESIUM_RTC``), or ``None``.
+        problems: omissions, a line each.
+        copyright: copyright statement of the document.
+        skipped: counts of elements without a surface, by name.
     """
 
     meshes: tuple[TriangleMesh, ...]
@@ -198,12 +198,12 @@ def read_scene(
 
     Args:
         data: the bytes of a ``.gltf`` or ``.glb``.
-        resolve: gives the bytes of a relative URI; it may raise ``OSError`` or ``InputError``.
-        feature_names: names of features by number, where something outside of the document
-            (a batch table) says them.
+        resolve: returns the bytes of a relative URI; it may raise ``OSError`` or ``InputError``.
+        feature_names: names of features by index, if given outside of the document (in a batch
+            table).
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
 
     def fetch(uri: str) -> bytes:
@@ -253,7 +253,7 @@ class _Gathered:
         self.lines = 0
 
     def add(self, placed: PlacedMesh) -> None:
-        """Add the mesh of a node at all its places."""
+        """Add the mesh of a node with all its transforms."""
         if placed.mesh not in self._read:
             self._read[placed.mesh] = self._primitives(placed.mesh)
         if not (np.abs(placed.transforms) < FARTHEST).all():
@@ -277,7 +277,7 @@ class _Gathered:
             self.clouds.append(PointCloud(vertices, primitive.colour))
             return
         faces = primitive.faces
-        # A transform that mirrors turns triangles inside out (section 3.7.4).
+        # A mirroring transform reverses the orientation of triangles (section 3.7.4).
         if np.linalg.det(transform[:3, :3]) < 0:
             faces = faces[:, ::-1]
         objects, names = self._objects(primitive, name)
@@ -306,7 +306,7 @@ class _Gathered:
         return objects.reshape(-1).astype(np.int32), tuple(names)
 
     def _primitives(self, number: int) -> list[Primitive]:
-        """Read the primitives of a mesh; one that cannot be read is a line of ``problems``."""
+        """Read the primitives of a mesh; an unreadable one adds a line to ``problems``."""
         spec = self._specs[number] if number < len(self._specs) else None
         if not isinstance(spec, dict):
             self.problems.append(f"mesh {number} does not exist")
@@ -332,19 +332,19 @@ class _Gathered:
 
 
 def shown(name: str) -> str:
-    """Return a name of a file as one short line."""
+    """Return a name from a file as one short line."""
     line = " ".join(name.split())
     return line if len(line) <= 80 else line[:77] + "..."
 
 
-#: glTF's y axis becomes z, its z axis becomes -y.
+#: y-up to z-up: glTF's y axis becomes z, its z axis becomes -y.
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-#: A point this far from the origin is one of an Earth-centred frame, metres.
+#: Distance from the origin beyond which points are Earth-centred, metres.
 EARTH_SIZE = 6.2e6
 
 
 def read_gltf(data: bytes, resolve: Callable[[str], bytes], *, name: str) -> ImportedModel:
-    """Read a ``.gltf`` or ``.glb`` as the file has it.
+    """Read a ``.gltf`` or ``.glb``.
 
     Triangles (lists, strips and fans) become the mesh, an object per node, material and feature;
     points become the cloud; lines are left out and counted in ``notes``. Extensions that change
@@ -354,16 +354,16 @@ def read_gltf(data: bytes, resolve: Callable[[str], bytes], *, name: str) -> Imp
 
     Args:
         data: the bytes of the file.
-        resolve: gives the bytes of a relative URI of the file; it may raise ``OSError`` or
+        resolve: returns the bytes of a relative URI of the file; it may raise ``OSError`` or
             ``InputError``.
-        name: what the file is called, in errors.
+        name: name of the file, for errors.
 
     Returns:
-        The model with y up and in metres, as glTF prescribes; with z up where the document gives
-        its centre (``CESIUM_RTC``), and in EPSG:4978 where that lies on the Earth's surface.
+        The model with y up and in metres, as glTF prescribes; with z up if the document states its
+        centre (``CESIUM_RTC``), and in EPSG:4978 if that is on the Earth's surface.
 
     Raises:
-        InputError: nothing of it can be read.
+        InputError: nothing can be read.
     """
     files = {name: hashlib.sha256(data).hexdigest()}
 
@@ -385,7 +385,7 @@ def read_gltf(data: bytes, resolve: Callable[[str], bytes], *, name: str) -> Imp
 
 
 def joined_clouds(clouds: tuple[PointCloud, ...]) -> PointCloud | None:
-    """Return clouds as one; mid-grey where only some have colour."""
+    """Return clouds as one; mid-grey if only some have colour."""
     clouds = tuple(cloud for cloud in clouds if len(cloud.points))
     if not clouds:
         return None

@@ -1,4 +1,4 @@
-"""Packets of spinning sensors, and the captures that hold them."""
+"""Packets of spinning sensors, and packet captures."""
 
 from __future__ import annotations
 

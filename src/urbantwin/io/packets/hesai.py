@@ -36,17 +36,17 @@ _MODELS: dict[tuple[tuple[int, int], int, int], tuple[str, ...]] = {
     ((6, 1), 16, 8): ("PandarXT-16",),
     ((6, 1), 32, 6): ("XT32M2X",),
 }
-#: Protocol -> microseconds from one firing of a channel to its next.
+#: Protocol -> interval between firings of a channel, microseconds.
 _PERIOD_US = {(1, 4): 55.556, (3, 1): 500 / 3, (3, 2): 111.11, (6, 1): 50.0}
 #: State in the tail of a Pandar128 or OT128 that fires twice as often, and its period.
 _HIGH_RESOLUTION, _HIGH_RESOLUTION_US = 0, 27.778
 _PANDAR_40, _PANDAR_64 = ("Pandar40P", "Pandar40M"), ("Pandar64",)
 _PANDAR_US = 55.56
-#: What header flags of 1.4 and 3.2 stand for, in bytes that follow.
+#: Header flags of 1.4 and 3.2 for optional parts of the packet.
 _SEQUENCE, _IMU, _SAFETY, _SIGNED = 0x01, 0x02, 0x04, 0x08
 #: Return modes with two and with three returns; all others have one.
 _TWO_RETURNS, _THREE_RETURNS = (0x39, 0x3A, 0x3B, 0x3C, 0x3E), (0x3D,)
-#: Smaller distances mean no return; an OT128 gives the reason as a code.
+#: Minimum distance; smaller ones mean no return (an OT128 gives the reason as a code).
 _LEAST_DISTANCE = 4
 
 
@@ -55,20 +55,20 @@ class HesaiForm:
     """The layout of a packet.
 
     Attributes:
-        models: that send such packets, by their names in the catalogue.
+        models: models that send such packets, by their names in the catalogue.
         lasers: number of channels.
-        blocks: number in a packet.
-        size: least number of bytes.
+        blocks: number of blocks per packet.
+        size: minimum number of bytes.
         body: byte offset of the first block's azimuth.
         stride: bytes from block to block.
-        unit: bytes of a return.
+        unit: bytes per return.
         distance_m: unit of distances, metres.
         mode: byte offset of the return mode.
         stamp: byte offset of the microseconds.
         date: byte offset of the date, six bytes.
-        year: that dates count from.
-        period_us: from one firing of a channel to its next, microseconds.
-        state: byte offset of the operating state, where that changes the period.
+        year: base year of dates.
+        period_us: interval between firings of a channel, microseconds.
+        state: byte offset of the operating state, if it changes the period.
     """
 
     models: tuple[str, ...]
@@ -92,16 +92,16 @@ class HesaiForm:
         return [int.from_bytes(packet[k : k + 2], "little") / 100 for k in at]
 
     def returns_of(self, packet: bytes | memoryview) -> int:
-        """Return how many returns of each firing a packet has, in blocks one after the other."""
+        """Return the number of returns per firing in a packet, stored in consecutive blocks."""
         mode = packet[self.mode]
         count = 2 if mode in _TWO_RETURNS else 3 if mode in _THREE_RETURNS else 1
         return count if self.blocks % count == 0 else 1
 
     def microseconds(self, packet: bytes) -> int:
-        """Return when a packet was sent, microseconds from 1970 by the sensor's clock."""
+        """Return the time of a packet by the sensor's clock, microseconds since 1970."""
         date = packet[self.date : self.date + 6]
         try:
-            # Or seconds from 1970, the most significant byte first.
+            # or big-endian seconds since 1970
             whole = (
                 calendar.timegm((self.year + date[0], *date[1:6]))
                 if date[0]
@@ -145,10 +145,10 @@ class Returns:
     """Returns of firings.
 
     Attributes:
-        azimuth_deg: (F,) of each firing, degrees clockwise.
-        range_m: (F, C) of each channel, metres; 0 where nothing came back.
+        azimuth_deg: (F,) azimuth of each firing, degrees clockwise.
+        range_m: (F, C) range of each channel, metres; 0 without a return.
         intensity: (F, C) 0..255.
-        time_s: (F,) of each firing, seconds from when the first packet was sent.
+        time_s: (F,) time of each firing, seconds since the first packet was sent.
     """
 
     azimuth_deg: NDArray[np.float64]
@@ -158,7 +158,7 @@ class Returns:
 
 
 def hesai_form(packet: bytes | memoryview) -> HesaiForm | None:
-    """Return the layout of a packet; None where it is not of one of these models."""
+    """Return the layout of a packet; None if it is of another model."""
     size, start = len(packet), bytes(packet[:12])
     if start[:2] == b"\xff\xee" and size in (1262, 1266):
         every = range(0, 1240, 124)
@@ -170,7 +170,7 @@ def hesai_form(packet: bytes | memoryview) -> HesaiForm | None:
 
 
 def unread_protocol(packet: bytes | memoryview) -> str | None:
-    """Return the protocol of a packet of Hesai's that is not read."""
+    """Return the unsupported Hesai protocol of a packet; None if it is no such packet."""
     if len(packet) < 100 or bytes(packet[:2]) != b"\xee\xff" or hesai_form(packet) is not None:
         return None
     return f"Hesai's protocol {packet[2]}.{packet[3]}" if max(packet[2:4]) < 10 else None
@@ -211,7 +211,7 @@ def _form(start: bytes, size: int) -> HesaiForm | None:
 
 
 def _unit(size: int, lasers: int, blocks: int, flags: int) -> int:
-    """Return the bytes of a return: as many as fit the packet's size."""
+    """Return the bytes per return: as many as fit the packet's size."""
     beside = 12 + 4 + 26 + 4 + sum(
         count for bit, count in ((_SEQUENCE, 4), (_IMU, 22), (_SAFETY, 17), (_SIGNED, 32))
         if flags & bit

@@ -1,8 +1,8 @@
-"""The packets of Ouster sensors: what a column of one holds, by the unit's metadata.
+"""Packets of Ouster sensors: layout of their columns, by the unit's metadata.
 
 Source: Ouster, "Firmware user manual", LiDAR data packet formats, and ouster-sdk, ``parsing.cpp``
 (BSD-3). A packet has a header, columns and a footer; a column has its time, its number in the
-turn, whether it is valid, and a pixel for each channel.
+rotation, its validity, and a pixel for each channel.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SECTIONS = (
 
 @dataclass(frozen=True)
 class _Pixel:
-    """A pixel of a profile: bytes, the mask of its range and a step of it in millimetres."""
+    """A pixel of a profile: size in bytes, mask of its range and range step in millimetres."""
 
     size: int
     mask: int
@@ -59,12 +59,12 @@ _PROFILES = {
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One turn: range (H, W) in metres, 0 where nothing came back, and what else a pixel has.
+    """One rotation: range (H, W) in metres, 0 without a return, and other values of pixels.
 
     Attributes:
-        range_m: (H, W) metres, from the beam's origin; the first return where there are two.
+        range_m: (H, W) metres, from the beam's origin; the first return if there are two.
         reflectivity: (H, W) calibrated, 0..255.
-        time_s: (W,) seconds from the first valid column of the turn; NaN where none came.
+        time_s: (W,) seconds since the first valid column of the rotation; NaN for missing columns.
     """
 
     range_m: NDArray[np.float64]
@@ -73,22 +73,22 @@ class Scan:
 
     @property
     def columns(self) -> int:
-        """How many columns came."""
+        """Number of received columns."""
         return int(np.isfinite(self.time_s).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class OusterFormat:
-    """How a unit sends its scans, and where its beams point.
+    """Packet format and beam directions of a unit.
 
     Attributes:
-        profile: of the packets, as the metadata has it.
-        altitude, azimuth: (H,) of the beams, radians, azimuth clockwise from the encoder's.
-        columns: of a turn.
-        columns_per_packet: of a packet.
-        beam_mm: (2,) where beams begin, out from the axis and up.
-        sensor_from_lidar: (4, 4) to the sensor's frame, millimetres.
-        has_safety_header: whether packets begin as those of functional safety (FUSA) do.
+        profile: profile of the packets in the metadata.
+        altitude, azimuth: (H,) beam angles, radians, azimuth clockwise from the encoder's.
+        columns: columns per rotation.
+        columns_per_packet: columns per packet.
+        beam_mm: (2,) beam origin: distance from the axis and height.
+        sensor_from_lidar: (4, 4) transform to the sensor frame, millimetres.
+        has_safety_header: whether packets have a header of functional safety (FUSA).
     """
 
     profile: str
@@ -102,7 +102,7 @@ class OusterFormat:
 
     @property
     def returns(self) -> int:
-        """Returns of a pixel: 1 or 2."""
+        """Returns per pixel: 1 or 2."""
         return self._pixel.returns
 
     @property
@@ -111,7 +111,7 @@ class OusterFormat:
         return 2 * self._around + self.columns_per_packet * self._column_type.itemsize
 
     def frame_id(self, packet: bytes) -> int:
-        """Return the number of the turn that a packet is of."""
+        """Return the number of a packet's rotation."""
         if self._is_legacy:
             return int.from_bytes(packet[10:12], "little")
         if self.has_safety_header:
@@ -119,7 +119,7 @@ class OusterFormat:
         return int.from_bytes(packet[2:4], "little")
 
     def scan(self, packets: list[bytes]) -> Scan:
-        """Return the turn that packets of one frame make up."""
+        """Return the rotation of the packets of one frame."""
         shape = (len(self.altitude), self.columns)
         millimetres = np.zeros(shape)
         reflectivity = np.zeros(shape)
@@ -142,10 +142,9 @@ class OusterFormat:
         return Scan(millimetres / 1000, reflectivity, time_s)
 
     def points(self, range_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the points (H, W, 3) of ranges (H, W) in the sensor's frame, metres.
+        """Return the points (H, W, 3) of ranges (H, W) in the sensor frame, metres.
 
-        Where the beam leaves, a distance from the axis, counts towards its range; a range of 0
-        is no point.
+        Ranges include the distance of the beam origin from the axis; a range of 0 is no point.
         """
         out, up = self.beam_mm / 1000
         theta = 2 * np.pi * (1 - np.arange(self.columns) / self.columns)[None, :]
@@ -173,7 +172,7 @@ class OusterFormat:
 
     @property
     def _around(self) -> int:
-        """Bytes of a packet's header, and of its footer."""
+        """Size of a packet's header, and of its footer, bytes."""
         return 0 if self._is_legacy else 32
 
     @property
@@ -200,23 +199,23 @@ class OusterFormat:
 
 
 def read_ouster_format(path: Path) -> OusterFormat:
-    """Read a unit's metadata, of any firmware.
+    """Return the packet format of a unit's metadata file, of any firmware.
 
     Raises:
-        InputError: it is not such metadata, or of an unknown profile.
+        InputError: it is no such metadata, or has an unknown profile.
     """
     return ouster_format(read_json_document(path, _EXPECTED), path)
 
 
 def ouster_format(document: Any, path: Path) -> OusterFormat:  # noqa: ANN401 - whatever JSON holds
-    """Return what a unit's metadata say of its packets.
+    """Return the packet format of a unit's metadata.
 
     Args:
         document: the metadata.
-        path: they are from, for errors.
+        path: its file, for errors.
 
     Raises:
-        InputError: they are no such metadata, or of an unknown profile.
+        InputError: it is no such metadata, or has an unknown profile.
     """
     with laid_out(path, _EXPECTED):
         values: dict[str, Any] = dict(document)
@@ -241,7 +240,7 @@ def ouster_format(document: Any, path: Path) -> OusterFormat:  # noqa: ANN401 - 
             columns_per_packet=int(values.get("columns_per_packet", 16)),
             beam_mm=beam.astype(np.float64),
             sensor_from_lidar=np.array(matrix, np.float64).reshape(4, 4),
-            # Before metadata said it, the profile did.
+            # older metadata state it in the profile
             has_safety_header=values.get("header_type", profile).startswith("FUSA"),
         )
     if profile not in _PROFILES:

@@ -1,7 +1,7 @@
-"""UDP datagrams in a pcap or pcapng file: where their bytes are, fragments put together.
+"""UDP datagrams in a pcap or pcapng file: locations of their bytes, with fragments reassembled.
 
 Source: the libpcap file format (draft-ietf-opsawg-pcap), pcapng (draft-ietf-opsawg-pcapng), RFC 791
-(IPv4), RFC 768 (UDP). A large LiDAR packet travels as several fragments.
+(IPv4), RFC 768 (UDP). A large LiDAR packet is sent in several fragments.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["Datagram", "datagrams_in", "is_pcap", "mapped", "payload_of"]
 
 
 class Datagram(NamedTuple):
-    """Where one datagram's payload is, and how it travelled.
+    """Location and addresses of one datagram's payload.
 
     Attributes:
-        parts: (begin, end) of its bytes in the file, one after the other.
-        source: address that it is from.
-        port: it was sent to.
-        stamp_s: when it was captured, seconds from 1970; 0 where the file does not say.
+        parts: (begin, end) of its bytes in the file, in sequence.
+        source: source address.
+        port: destination port.
+        stamp_s: time of capture, seconds since 1970; 0 if unknown.
     """
 
     parts: tuple[tuple[int, int], ...]
@@ -35,11 +35,11 @@ class Datagram(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many bytes its payload has."""
+        """Number of bytes of its payload."""
         return sum(end - begin for begin, end in self.parts)
 
 
-#: First four bytes -> byte order, and how many steps of its clock make a second.
+#: Magic bytes -> byte order, and clock steps per second.
 _MAGIC = {
     b"\xd4\xc3\xb2\xa1": ("<", 1e6),
     b"\xa1\xb2\xc3\xd4": (">", 1e6),
@@ -47,11 +47,11 @@ _MAGIC = {
     b"\xa1\xb2\x3c\x4d": (">", 1e9),
 }
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
-#: Blocks of pcapng: a section, an interface, packets in three forms; one of its options.
+#: Block types of pcapng: a section, an interface, packets in three forms; and one option.
 _SECTION, _INTERFACE, _PACKET, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _RESOLUTION = 9
 _EXPECTED = "a pcap or pcapng file"
-#: Link type -> bytes before the network layer, and where among them its protocol is.
+#: Link type -> size of the link header, and offset of the protocol in it.
 _LINKS: dict[int, tuple[int, int | None]] = {
     0: (4, None),
     1: (14, 12),
@@ -62,19 +62,19 @@ _LINKS: dict[int, tuple[int, int | None]] = {
     276: (20, 0),
 }
 _IPV4, _UDP = 0x0800, 17
-#: Protocols that are a tag of 4 bytes before the next protocol (IEEE 802.1Q, 802.1ad, and what
-#: switches sent before it); a frame may have several.
+#: Protocols of 4 byte tags before the next protocol (IEEE 802.1Q, 802.1ad, and older ones); a frame
+#: may have several.
 _VLAN = (0x8100, 0x88A8, 0x9100, 0x9200)
 _UDP_HEADER = 8
-#: The most incomplete datagrams that are kept; the oldest is dropped as lost.
+#: Maximum number of incomplete datagrams; the oldest is dropped as lost.
 _MOST_OPEN = 256
 
-#: A captured frame: begin, end, link type, when.
+#: A captured frame: begin, end, link type, time.
 _Captured = tuple[int, int, int, float]
 
 
 def is_pcap(path: Path) -> bool:
-    """Return whether a file begins as a pcap or pcapng file does."""
+    """Return whether a file has the magic bytes of pcap or pcapng."""
     with path.open("rb") as stream:
         start = stream.read(4)
     return start in _MAGIC or start == _PCAPNG
@@ -82,7 +82,7 @@ def is_pcap(path: Path) -> bool:
 
 @contextmanager
 def mapped(path: Path) -> Iterator[memoryview]:
-    """Give the bytes of a file without reading it into memory.
+    """Provide the memory-mapped bytes of a file.
 
     Raises:
         InputError: it is empty.
@@ -98,7 +98,7 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 
 def payload_of(stream: BinaryIO, one: Datagram) -> bytes:
-    """Read the payload of a datagram from its file."""
+    """Return the payload of a datagram from its file."""
     parts = []
     for begin, end in one.parts:
         stream.seek(begin)
@@ -107,12 +107,12 @@ def payload_of(stream: BinaryIO, one: Datagram) -> bytes:
 
 
 def datagrams_in(path: Path, data: memoryview) -> Iterator[Datagram]:
-    """Return where the UDP payloads of a capture are, in their order.
+    """Yield the UDP datagrams of a capture, in order.
 
-    A packet that was cut at the end of the file is left out.
+    A packet truncated at the end of the file is left out.
 
     Args:
-        path: for errors.
+        path: the file, for errors.
         data: the file's bytes.
 
     Raises:
@@ -149,7 +149,7 @@ def _in_pcap(data: memoryview) -> Iterator[_Captured]:
 
 
 def _in_pcapng(path: Path, data: memoryview) -> Iterator[_Captured]:
-    """Walk through the blocks: type, length, content, length again."""
+    """Yield the frames of the blocks: type, length, content, length again."""
     order, at = "<", 0
     links: list[tuple[int, float]] = []
     while at + 12 <= len(data):
@@ -179,7 +179,7 @@ def _in_pcapng(path: Path, data: memoryview) -> Iterator[_Captured]:
 
 
 def _steps_of(options: memoryview, order: str) -> float:
-    """Return how many steps of an interface's clock make a second: if_tsresol, else 10^6."""
+    """Return the clock steps per second of an interface: if_tsresol, or 10^6."""
     at = 0
     while at + 4 <= len(options):
         code, length = struct.unpack_from(order + "HH", options, at)
@@ -191,7 +191,7 @@ def _steps_of(options: memoryview, order: str) -> float:
 
 
 def _network(data: memoryview, begin: int, end: int, link: int) -> tuple[int, int] | None:
-    """Return where the IPv4 packet of a captured frame is, None for anything else."""
+    """Return the location of the IPv4 packet of a captured frame, None for other protocols."""
     header, protocol_at = _LINKS[link]
     start = begin + header
     if start + 20 > end:
@@ -207,17 +207,17 @@ def _network(data: memoryview, begin: int, end: int, link: int) -> tuple[int, in
 
 
 class _Fragments:
-    """Datagrams of which not all fragments have come."""
+    """Incomplete datagrams."""
 
     def __init__(self) -> None:
         self._open: dict[bytes, dict[int, tuple[int, int]]] = {}
         self._length: dict[bytes, int] = {}
 
     def add(self, data: memoryview, start: int, end: int, stamp: float) -> Datagram | None:
-        """Add an IPv4 packet; return the payload of the datagram that it completes."""
+        """Add an IPv4 packet; return the payload of the datagram if it is complete."""
         total, identity, flags = struct.unpack_from(">HHH", data, start + 2)
         begin = start + 4 * (data[start] & 0xF)
-        # Of a segment that the network card is yet to cut, some systems capture no length.
+        # With segmentation offload, some systems capture no length.
         stop = min(end, start + total) if total else end
         if data[start + 9] != _UDP or begin >= stop:
             return None

@@ -1,8 +1,8 @@
-"""Packets of Velodyne's sensors: the model that sent them, their azimuths, and their points.
+"""Packets of Velodyne sensors: the model that sent them, their azimuths, and their points.
 
 A packet has 1206 bytes: twelve blocks of a flag, an azimuth in hundredths of a degree and 32 pairs
 of distance and intensity; then a time, the return mode and the model ("VLP-16 User Manual", 9.3).
-It is decoded by `velodyne-decoder`, with the calibration that it has of the model.
+It is decoded by `velodyne-decoder`, with its calibration of the model.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _MODELS = {
     0xA1: "VLS-128",
 }
 _HDL_64E = "HDL-64E"
-#: Series of it, and published calibrations that the decoder brings along.
+#: Its series, and published calibrations in the decoder.
 _OTHER_64E = {"HDL64E_S2": "HDL-64E_S2.1-sztaki.yml", "HDL64E_S3": "HDL-64E_S3-VeloView.yml"}
 _FLAGS = struct.Struct("<" + "H98x" * 12)
 _AZIMUTHS = struct.Struct("<" + "2xH96x" * 12)
@@ -53,20 +53,20 @@ _NEAREST_M, _FARTHEST_M = 0.0, 1000.0
 
 
 def velodyne_model(packet: bytes | memoryview) -> str | None:
-    """Return the model that sent a packet; None where it is not one of these."""
+    """Return the model that sent a packet; None if it is of none of these."""
     if len(packet) != PACKET_BYTES or bytes(packet[:2]) != b"\xff\xee":
         return None
     flags = _FLAGS.unpack_from(packet)
     if max(_AZIMUTHS.unpack_from(packet)) >= 36000:
         return None
-    # An HDL-64E has its own status where others have mode and model; its halves take turns.
+    # An HDL-64E has its status in the bytes of mode and model; its halves alternate.
     if flags[:4] == (_UPPER, _LOWER, _UPPER, _LOWER):
         return _HDL_64E
     return _MODELS.get(packet[PACKET_BYTES - 1])
 
 
 def unread_model(packet: bytes | memoryview) -> str | None:
-    """Return the model of a packet in Velodyne's form that is not read."""
+    """Return the unsupported model of a packet in Velodyne's layout."""
     if len(packet) != PACKET_BYTES or bytes(packet[:2]) != b"\xff\xee":
         return None
     return f"a Velodyne of model {packet[PACKET_BYTES - 1]:#04x}"
@@ -81,12 +81,12 @@ class Velodyne:
     """The decoder of one unit's packets."""
 
     def __init__(self, model: str, file: Path, packets: Iterable[bytes] = ()) -> None:
-        """Find the decoder's settings.
+        """Determine the decoder's settings.
 
         Args:
-            model: of `velodyne_model`.
-            file: for errors.
-            packets: of the recording, which may contain an HDL-64E's calibration.
+            model: result of `velodyne_model`.
+            file: the file, for errors.
+            packets: packets of the recording, which may contain an HDL-64E's calibration.
 
         Raises:
             InputError: the packets do not determine the model's beams.
@@ -116,28 +116,28 @@ class Velodyne:
     def fields(
         self, packets: Sequence[bytes], stamps_s: Sequence[float]
     ) -> dict[str, NDArray[np.generic]]:
-        """Return the points of a turn: x (forward), y (left), z and what is known of each.
+        """Return the points of a rotation: x (forward), y (left), z and other fields.
 
         Args:
-            packets: of one turn, in their order.
-            stamps_s: when each was captured.
+            packets: packets of one rotation, in order.
+            stamps_s: their times of capture, seconds.
 
         Raises:
-            InputError: they are of several models, or not this model's.
+            InputError: no packet is of this model, or decoding fails.
         """
         own = [
             (packet, stamp)
             for packet, stamp in zip(packets, stamps_s, strict=True)
             if velodyne_model(packet) == self.model
         ]
-        if not own:  # which the decoder does not check
+        if not own:  # not checked by the decoder
             raise InputError(f"has no packet of a {self.model}", file=self._file)
         points = read_in_child(
             "urbantwin.io.packets.velodyne:_decoded", own, self._decoder_model, self._calibration,
             file=self._file, size=PACKET_BYTES * len(own), expected="packets of a Velodyne",
         )  # fmt: skip
         points = points[_stronger(points)]
-        # The sensor's clock begins anew every hour.
+        # The sensor's clock restarts every hour.
         time = points["time"].astype(np.float64)
         time = (time + _HOUR_S / 2) % _HOUR_S - _HOUR_S / 2
         return {name: points[name] for name in ("x", "y", "z", "intensity", "ring", "column")} | {
@@ -145,7 +145,7 @@ class Velodyne:
         }
 
     def has_two_returns(self, packet: bytes) -> bool:
-        """Return whether a packet says that it has two returns of each beam."""
+        """Return whether a packet has two returns of each beam."""
         if self.model == _HDL_64E:
             azimuth = _AZIMUTHS.unpack_from(packet)
             return bool(azimuth[0] == azimuth[2])
@@ -177,11 +177,11 @@ def _decoded(
 def _stronger(points: NDArray[np.void]) -> NDArray[np.int64]:
     """Return the indices of the stronger return of each beam, in order.
 
-    The return that a packet calls the strongest is the second strongest where the last return is
-    stronger ("VLP-16 User Manual", 6.1.3).
+    If the last return is the strongest, the other one in the packet is the second strongest
+    ("VLP-16 User Manual", 6.1.3).
     """
     beam = points["column"].astype(np.int64) * 256 + points["ring"]
-    # Of two equal returns, the one called the strongest, which comes second.
+    # of two equal returns, the one labelled strongest, which comes second
     order = np.lexsort((-np.arange(len(points)), -points["intensity"], beam))
     return np.sort(order[np.unique(beam[order], return_index=True)[1]])
 
@@ -194,7 +194,7 @@ def _published(name: str) -> str:
 
 
 def _hdl_64e(packets: Iterable[bytes]) -> tuple[str, str | None]:
-    """Return the series and the calibration that an HDL-64E sends along, byte by byte."""
+    """Return the series and the calibration that an HDL-64E transmits byte by byte."""
     import yaml
     from velodyne_decoder import hdl64e
 

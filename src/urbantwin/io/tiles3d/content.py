@@ -37,13 +37,13 @@ __all__ = [
 
 @dataclass
 class Content:
-    """What a tile holds.
+    """The content of a tile.
 
     Attributes:
         meshes: triangles, z up, in the tile's frame.
         clouds: points, z up, in the tile's frame.
-        problems: what was left out, a line each.
-        copyright: as the file states it.
+        problems: omissions, a line each.
+        copyright: copyright statements of the files.
     """
 
     meshes: list[TriangleMesh] = field(default_factory=list)
@@ -52,7 +52,7 @@ class Content:
     copyright: set[str] = field(default_factory=set)
 
     def add(self, other: Content) -> None:
-        """Add what another content holds."""
+        """Add another content."""
         self.meshes += other.meshes
         self.clouds += other.clouds
         self.problems += other.problems
@@ -61,13 +61,13 @@ class Content:
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What a tile's content is read with, beside its bytes.
+    """Context for reading a tile's content.
 
     Attributes:
-        resolve: gives the bytes of a URI relative to the tile.
+        resolve: returns the bytes of a URI relative to the tile.
         axis: (3, 3) from glTF's axes to z up.
         transform: (4, 4) from the tile to the tileset's frame.
-        spend: called with the number of new triangles and points; refuses too many.
+        spend: called with the number of new triangles and points; raises an error above the limit.
     """
 
     resolve: Callable[[str], bytes]
@@ -83,13 +83,13 @@ def read_model(
     feature_names: Sequence[str] = (),
     centre: NDArray[np.float64] | None = None,
 ) -> Content:
-    """Read the glTF of a tile, turn it z up, and move it to its centre.
+    """Read the glTF of a tile, convert it to z up, and shift it to its centre.
 
-    Source: 3D Tiles 1.1, sections "y-up to z-up" and "Transforms"; the centre, be it
-    ``RTC_CENTER`` or ``CESIUM_RTC``, is added after the turn.
+    Source: 3D Tiles 1.1, sections "y-up to z-up" and "Transforms"; the centre (``RTC_CENTER`` or
+    ``CESIUM_RTC``) is added after the conversion.
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
     scene = read_scene(data, context.resolve, feature_names=feature_names)
     offset = np.zeros(3)
@@ -129,7 +129,7 @@ _MOST_FEATURES = 1 << 25
 
 
 class FeatureTable:
-    """A table whose JSON is ``fields`` and whose binary body is ``body``.
+    """A table with its JSON in ``fields`` and its binary body in ``body``.
 
     Source: 3D Tiles 1.0, section "Feature Table".
     """
@@ -168,7 +168,7 @@ class FeatureTable:
         return np.asarray(steps.astype(np.float64) / 65535.0 * scale + offset)
 
     def column(self, key: str, kind: str, width: int, count: int) -> NDArray[Any] | None:
-        """Return ``count`` rows of ``width`` numbers, or ``None`` where there is no such column."""
+        """Return ``count`` rows of ``width`` numbers, or ``None`` if there is no such column."""
         where = self.fields.get(key)
         if where is None:
             return None
@@ -191,7 +191,7 @@ class FeatureTable:
 
 
 def batch_names(header: bytes, body: bytes, count: int) -> list[str]:
-    """Return a name for each of ``count`` features; none where no property names them.
+    """Return a name for each of ``count`` features; empty if no property names them.
 
     Source: 3D Tiles 1.0, section "Batch Table".
     """
@@ -214,7 +214,7 @@ def batch_names(header: bytes, body: bytes, count: int) -> list[str]:
 
 
 def _shown(key: str, value: object) -> str:
-    """Return a name as text: numbers with the property that they are of."""
+    """Return a name as text; numbers are prefixed with their property."""
     if isinstance(value, str):
         return " ".join(value.split())[:80]
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -225,10 +225,10 @@ def _shown(key: str, value: object) -> str:
 def split_tables(
     data: bytes, start: int, lengths: tuple[int, int, int, int]
 ) -> tuple[list[bytes], bytes]:
-    """Return the four parts of a tile's two tables, and what follows them.
+    """Return the four parts of a tile's two tables, and the remaining bytes.
 
     Raises:
-        MalformedError: they run beyond the tile.
+        MalformedError: they exceed the tile.
     """
     parts, at = [], start
     for length in lengths:
@@ -240,12 +240,12 @@ def split_tables(
 
 
 def read_batched(data: bytes, context: Context) -> Content:
-    """Read a b3dm, of which ``data`` is all of its bytes and no more.
+    """Read a b3dm from exactly its bytes.
 
     Source: 3D Tiles 1.0, section "Batched 3D Model".
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
     if len(data) < 28:
         raise MalformedError("ends within its header")
@@ -262,12 +262,12 @@ def read_batched(data: bytes, context: Context) -> Content:
 
 
 def read_points(data: bytes, context: Context) -> Content:
-    """Read a pnts, of which ``data`` is all of its bytes and no more; it is z up.
+    """Read a pnts from exactly its bytes; it is z up.
 
     Source: 3D Tiles 1.0, section "Point Cloud"; ``3DTILES_draco_point_compression``.
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
     if len(data) < 28:
         raise MalformedError("ends within its header")
@@ -318,7 +318,7 @@ def _colours(features: FeatureTable, count: int) -> NDArray[np.uint8] | None:
 
 
 def _unpacked(features: FeatureTable, count: int) -> dict[str, NDArray[Any]]:
-    """Return the columns that Draco packs, by name."""
+    """Return the columns compressed by Draco, by name."""
     extension = table(table(features.fields, "extensions"), "3DTILES_draco_point_compression")
     if not extension:
         return {}

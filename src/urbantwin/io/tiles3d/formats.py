@@ -1,4 +1,4 @@
-"""Instanced models (i3dm), composites (cmpt), and the content of a tile by its first bytes."""
+"""Instanced models (i3dm), composites (cmpt), and dispatch of tile contents by magic bytes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ __all__ = ["read_content"]
 
 
 def read_instanced(data: bytes, context: Context) -> Content:
-    """Read an i3dm, of which ``data`` is all of its bytes and no more.
+    """Read an i3dm from exactly its bytes.
 
-    Source: 3D Tiles 1.0, section "Instanced 3D Model": instance = RTC_CENTER + POSITION, turned
-    by [right, up, right x up], scaled; in the tile's frame, after the glTF was turned z up.
+    Source: 3D Tiles 1.0, section "Instanced 3D Model": instance = RTC_CENTER + POSITION, rotated by
+    [right, up, right x up], scaled; in the tile's frame, after the conversion of the glTF to z up.
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
     if len(data) < 32:
         raise MalformedError("ends within its header")
@@ -53,7 +53,7 @@ def read_instanced(data: bytes, context: Context) -> Content:
     elif form != 1:
         raise MalformedError(f"has a model of format {form}")
     single = read_model(model, context)
-    # One was spent for the model itself.
+    # the model itself is already counted once
     triangles = sum(len(mesh.faces) for mesh in single.meshes)
     points = sum(len(cloud.points) for cloud in single.clouds)
     context.spend((triangles + points) * max(count - 1, 0))
@@ -83,7 +83,7 @@ def _orientations(
         return np.stack([right, up, np.cross(right, up)], axis=2)
     if not flag(table.fields, "EAST_NORTH_UP"):
         return np.broadcast_to(np.eye(3), (count, 3, 3))
-    # The tile's own coordinates are Earth-centred, or those after its transform are.
+    # Earth-centred are either the tile's own coordinates or the transformed ones.
     if count and np.linalg.norm(places, axis=1).min() > 6.2e6:
         return _east_north_up(places)
     linear = context.transform[:3, :3]
@@ -116,7 +116,7 @@ def _directions(table: FeatureTable, key: str, count: int) -> NDArray[np.float64
 
 
 def _from_octahedron(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit vectors of oct-encoded ones, -1..1.
+    """Return unit vectors from oct-encoded ones, -1..1.
 
     Source: Cigolle et al. 2014, "A Survey of Efficient Representations for Independent Unit
     Vectors", which the standard refers to.
@@ -130,7 +130,7 @@ def _from_octahedron(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _names(table: FeatureTable, header: bytes, body: bytes, count: int) -> list[str]:
-    """Return a name for each instance: its feature's, and its number."""
+    """Return a name for each instance: its feature's, or its number."""
     column = table.column("BATCH_ID", "UNSIGNED_SHORT", 1, count)
     batch = np.arange(count) if column is None else column[:, 0].astype(np.int64)
     try:
@@ -149,7 +149,7 @@ def _repeated(
     linear: NDArray[np.float64],
     names: list[str],
 ) -> TriangleMesh:
-    """Return a mesh at every place; every instance has objects of its own."""
+    """Return a mesh at every position; every instance has its own objects."""
     count, size = len(places), len(mesh.vertices)
     vertices = np.einsum("nij,vj->nvi", linear, mesh.vertices) + places[:, None, :]
     faces = np.broadcast_to(mesh.faces, (count, *mesh.faces.shape)).copy()
@@ -169,7 +169,7 @@ def _repeated(
 def _scattered(
     cloud: PointCloud, places: NDArray[np.float64], linear: NDArray[np.float64]
 ) -> PointCloud:
-    """Return a cloud at every place."""
+    """Return a cloud at every position."""
     points = np.einsum("nij,vj->nvi", linear, cloud.points) + places[:, None, :]
     colour = None if cloud.colour is None else np.tile(cloud.colour, (len(places), 1))
     return PointCloud(points.reshape(-1, 3), colour)
@@ -179,17 +179,17 @@ _DEEPEST = 8
 _READERS = {b"b3dm": read_batched, b"i3dm": read_instanced, b"pnts": read_points}
 
 
-@np.errstate(all="ignore")  # what is not a number is looked for, and told
+@np.errstate(all="ignore")  # non-numbers are detected and reported
 def read_content(data: bytes, context: Context, depth: int = 0) -> Content:
     """Read a b3dm, i3dm, pnts, cmpt, glb or glTF.
 
     Args:
-        data: its bytes, unpacked; more may follow within a composite.
-        context: what it cannot know by itself.
-        depth: how many composites are around it.
+        data: its decompressed bytes, possibly followed by others within a composite.
+        context: context of the tile.
+        depth: number of enclosing composites.
 
     Raises:
-        MalformedError: nothing of it can be read.
+        MalformedError: nothing can be read.
     """
     magic = data[:4]
     if magic == b"glTF" or data[:64].lstrip()[:1] == b"{" or data[:3] == b"\xef\xbb\xbf":
@@ -213,7 +213,7 @@ def read_content(data: bytes, context: Context, depth: int = 0) -> Content:
 
 
 def _read_composite(data: bytes, context: Context, depth: int) -> Content:
-    """Read the tiles inside a cmpt; a bad one leaves the others.
+    """Read the tiles inside a cmpt; invalid ones are skipped.
 
     Source: 3D Tiles 1.0, section "Composite".
     """

@@ -1,4 +1,4 @@
-"""Implicit tilings: even quadtrees or octrees, whose subtrees list the available tiles."""
+"""Implicit tilings: regular quadtrees or octrees, whose subtrees list the available tiles."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ __all__ = ["SubtreeLink", "implicit_tiling", "morton", "read_subtree"]
 
 @dataclass(frozen=True)
 class Availability:
-    """One bit per tile, in the order of levels and along the Morton curve.
+    """One bit per tile, by level and along the Morton curve.
 
     Attributes:
-        constant: the same for all, or ``None``.
+        constant: common value of all, or ``None``.
         bits: packed, the least significant first.
     """
 
@@ -44,7 +44,7 @@ class Availability:
 
 @dataclass(frozen=True)
 class Subtree:
-    """Which tiles of a subtree, which contents and which subtrees below it are available."""
+    """Availability of a subtree's tiles, contents and child subtrees."""
 
     tiles: Availability
     contents: tuple[Availability, ...]
@@ -69,15 +69,15 @@ def read_subtree(
 
     Args:
         data: its bytes.
-        levels: how many levels it has.
+        levels: number of its levels.
         branches: children of a tile: 4 or 8.
-        resolve: gives the bytes of external buffers.
+        resolve: returns the bytes of external buffers.
 
     Source: 3D Tiles 1.1, section "Subtrees"; ``3DTILES_implicit_tiling`` of 1.0, whose
     ``bufferView`` became ``bitstream``.
 
     Raises:
-        MalformedError: it cannot be understood, or is too short for its levels.
+        MalformedError: it is invalid, or too short for its levels.
     """
     binary = b""
     if data[:4] == b"subt":
@@ -144,14 +144,14 @@ class _Views:
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
-    """An even subdivision of a tile.
+    """A regular subdivision of a tile.
 
     Attributes:
-        volume: of its root, in the tileset's frame.
-        error: of its root, metres.
+        volume: volume of its root, in the tileset's frame.
+        error: geometric error of its root, metres.
         axes: 2 for a quadtree, 3 for an octree.
-        levels: of a subtree.
-        available: levels in all.
+        levels: levels of a subtree.
+        available: total number of levels.
         subtrees: template of the subtrees' URIs.
         contents: templates of the contents' URIs.
     """
@@ -166,7 +166,7 @@ class Tiling:
 
     @property
     def branches(self) -> int:
-        """Children of a tile."""
+        """Number of children of a tile."""
         return 1 << self.axes
 
     def uri(self, template: str, level: int, place: tuple[int, ...]) -> str:
@@ -179,12 +179,12 @@ class Tiling:
 
 @dataclass(frozen=True, eq=False)
 class SubtreeLink:
-    """A subtree that must be read before the tile at its top is known.
+    """A subtree that must be read before its root tile is known.
 
     Attributes:
-        tiling: of which it is a part.
-        level: of its top tile.
-        place: of its top tile: x, y (and z).
+        tiling: its tiling.
+        level: level of its root tile.
+        place: coordinates of its root tile: x, y (and z).
     """
 
     tiling: Tiling
@@ -193,15 +193,15 @@ class SubtreeLink:
 
     @property
     def uri(self) -> str:
-        """Where it lies."""
+        """URI of the subtree."""
         return self.tiling.uri(self.tiling.subtrees, self.level, self.place)
 
     def tiles(self, parent: Tile) -> Iterator[Tile | MalformedError]:
-        """Yield nothing: the subtree is not read yet."""
+        """Yield nothing: the subtree has not been read."""
         return iter(())
 
     def top(self, tile: Tile, subtree: Subtree) -> bool:
-        """Let a tile stand for the top of its subtree, now read; false if it is not available."""
+        """Set a tile to the root of its loaded subtree; return False if it is not available."""
         if not subtree.tiles[0]:
             return False
         cell = Cell(self.tiling, subtree, self, 0, (0,) * self.tiling.axes)
@@ -211,14 +211,14 @@ class SubtreeLink:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A tile of an implicit tiling, and so what stands below it.
+    """A tile of an implicit tiling, as source of its children.
 
     Attributes:
-        tiling: of which it is a part.
-        subtree: of which it is a part.
-        link: of the subtree.
+        tiling: its tiling.
+        subtree: its subtree.
+        link: link of the subtree.
         depth: level within the subtree.
-        local: place within the subtree's level.
+        local: coordinates within the subtree's level.
     """
 
     tiling: Tiling
@@ -234,7 +234,7 @@ class Cell:
 
     @property
     def place(self) -> tuple[int, ...]:
-        """Place within the whole tiling's level."""
+        """Coordinates within the whole tiling's level."""
         pairs = zip(self.link.place, self.local, strict=True)
         return tuple((top << self.depth) + own for top, own in pairs)
 
@@ -249,11 +249,11 @@ class Cell:
         )
 
     def is_leaf(self) -> bool:
-        """Return whether there is nothing below it."""
+        """Return whether it has no children."""
         return next(self._available(), None) is None
 
     def tiles(self, parent: Tile) -> Iterator[Tile | MalformedError]:
-        """Yield the children; those that begin a further subtree wait for it as their ``below``."""
+        """Yield the children; roots of further subtrees have a link as their ``below``."""
         tiling, level, depth = self.tiling, self.level + 1, self.depth + 1
         for local in self._available():
             if depth < tiling.levels:
@@ -265,7 +265,7 @@ class Cell:
             yield _tile(parent, tiling, level, place, SubtreeLink(tiling, level, place))
 
     def _available(self) -> Iterator[tuple[int, ...]]:
-        """Yield the places, within the subtree's next level, of children that there are."""
+        """Yield the coordinates, in the subtree's next level, of available children."""
         tiling, depth = self.tiling, self.depth + 1
         if self.level + 1 >= tiling.available:
             return
@@ -296,12 +296,12 @@ def _tile(
 
 
 def implicit_tiling(spec: dict[str, Any], tile: Tile) -> SubtreeLink | None:
-    """Return the first subtree of a tile that is tiled implicitly, ``None`` for any other.
+    """Return the first subtree of an implicitly tiled tile, ``None`` for other tiles.
 
     Source: 3D Tiles 1.1, section "Implicit Tiling"; ``3DTILES_implicit_tiling`` of 1.0.
 
     Raises:
-        MalformedError: the tiling cannot be understood.
+        MalformedError: the tiling is invalid.
     """
     implicit = table(spec, "implicitTiling") or table(
         table(spec, "extensions"), "3DTILES_implicit_tiling"

@@ -1,4 +1,4 @@
-"""The traversal of a tileset, and the contents of the selected tiles in its frame."""
+"""Traversal of a tileset, and loading of the selected tiles in its frame."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _MOST_TILES = 200_000
 class Traversal:
     """Walks tilesets, external and implicit ones included, down to a geometric error.
 
-    Source: 3D Tiles 1.1, sections "Geometric Error" and "Refinement". A tile whose error is small
-    enough, or that nothing refines, gives its content; so does one that its children add to. An
-    empty tile is always refined. Tiles that do not meet the region are not looked into.
+    Source: 3D Tiles 1.1, sections "Geometric Error" and "Refinement". A tile's content is selected
+    if its error is small enough, if it is a leaf, or if its children add to it. An empty tile is
+    always refined. Tiles outside of the region are skipped.
 
     Args:
-        files: gives the files.
+        files: access to the files.
         interest: the region.
-        target_m: the geometric error that is good enough.
+        target_m: the geometric error to reach, metres.
 
     Attributes:
-        tiles: every tile that meets the region, parents before their children.
-        failed: tiles of which something that was wanted cannot be read.
-        problems: what cannot be read, a line each.
+        tiles: every tile that intersects the region, parents before their children.
+        failed: tiles with a selected but unreadable part.
+        problems: unreadable parts, a line each.
     """
 
     def __init__(self, files: TileFiles, interest: Interest, target_m: float) -> None:
@@ -54,7 +54,7 @@ class Traversal:
         self.problems: list[str] = []
 
     def fail(self, tile: Tile, problem: str) -> None:
-        """Note that something of a tile cannot be read."""
+        """Record that a part of a tile cannot be read."""
         self.failed.append(tile)
         self.problems.append(problem)
 
@@ -71,7 +71,7 @@ class Traversal:
         self._walk([self._external(tile, address, data)])
 
     def refine(self, tile: Tile) -> bool:
-        """Walk on below a tile that was good enough but cannot be read; false if it is a leaf."""
+        """Continue below an unreadable tile; return False if it has no children."""
         if tile.opened or tile.below is None:
             return False
         children = self._children(tile)
@@ -79,7 +79,7 @@ class Traversal:
         return bool(children)
 
     def _walk(self, tiles: Iterable[Tile]) -> None:
-        """Visit tiles and all below them; files that describe more tiles are fetched by waves."""
+        """Visit tiles and their descendants; files of further tiles are fetched in batches."""
         waiting = self._descend(tiles)
         while waiting:
             addresses = [address for _, address, _ in waiting]
@@ -98,7 +98,7 @@ class Traversal:
                     self.fail(tile, f"{self._files.name(address)}: {error}")
 
     def _descend(self, tiles: Iterable[Tile]) -> list[tuple[Tile, str, SubtreeLink | None]]:
-        """Visit tiles and those below; return the further files that they need."""
+        """Visit tiles and their descendants; return the further files that they need."""
         waiting: list[tuple[Tile, str, SubtreeLink | None]] = []
         stack = [tile for tile in tiles if self._interest.meets(tile.volume)][::-1]
         while stack:
@@ -119,7 +119,7 @@ class Traversal:
         return waiting
 
     def _visited(self, tile: Tile) -> list[tuple[Tile, str, SubtreeLink | None]]:
-        """Decide what is wanted of a tile; return the tilesets among its contents."""
+        """Select the contents of a tile; return the tilesets among them."""
         links = [
             link for link in tile.links if link.volume is None or self._interest.meets(link.volume)
         ]
@@ -128,13 +128,13 @@ class Traversal:
         return [asked for link in links if link.is_tileset for asked in self._asked(tile, link.uri)]
 
     def _goes_on(self, tile: Tile) -> bool:
-        """Return whether a tile is to be refined."""
+        """Return whether a tile is refined."""
         if tile.below is None:
             return False
         return tile.error > self._target or all(link.is_tileset for link in tile.links)
 
     def _children(self, tile: Tile) -> list[Tile]:
-        """Return the children of a tile that meet the region."""
+        """Return the children of a tile that intersect the region."""
         tile.opened = True
         children: list[Tile] = []
         if tile.below is None:
@@ -171,7 +171,7 @@ class Traversal:
     def _planted(
         self, tile: Tile, address: str, link: SubtreeLink, data: bytes
     ) -> list[tuple[Tile, str, SubtreeLink | None]]:
-        """Take a subtree that was read, and go on below its top."""
+        """Attach a loaded subtree, and continue below its root."""
 
         def resolve(uri: str) -> bytes:
             return self._files.read(self._files.resolve(address, uri))
@@ -183,27 +183,27 @@ class Traversal:
         return self._descend([tile])
 
     def selected(self, known: int) -> Iterator[tuple[Tile, ContentLink]]:
-        """Yield the contents that are wanted of tiles after the first ``known``."""
+        """Yield the selected contents of tiles after the first ``known``."""
         for tile in self.tiles[known:]:
             for link in tile.wanted:
                 yield tile, link
 
 
-#: Triangles and points that a source may keep near the region.
+#: Maximum number of triangles and points of a source near the region.
 _MOST_KEPT = 10_000_000
 
 
 class Reading:
-    """Reads contents; where one fails, finer or coarser tiles take its place.
+    """Reads contents; failed tiles are replaced by finer or coarser ones.
 
-    A tile that is good enough but cannot be read is refined instead. What cannot be refined is
-    filled from the nearest ancestor that it replaces: with the ancestor's triangles inside the
-    failed tile's volume that lie in no volume of a tile that did load.
+    An unreadable tile is refined if it has children. Otherwise it is filled from the nearest
+    ancestor that it replaces, with the ancestor's triangles that are inside the failed tile's
+    volume and in no volume of a loaded tile.
 
     Attributes:
-        content: everything that was read, in the tileset's frame.
-        read: how many contents were read.
-        filled: how many tiles an ancestor stands in for.
+        content: all content, in the tileset's frame.
+        read: number of contents read.
+        filled: number of tiles filled from an ancestor.
     """
 
     def __init__(
@@ -224,7 +224,7 @@ class Reading:
         self._holes: list[Tile] = []
 
     def run(self) -> None:
-        """Read all that is wanted, and stand-ins for what fails."""
+        """Read all selected contents, and substitutes for failed ones."""
         traversal, known, handled = self._traversal, 0, 0
         while True:
             while known < len(traversal.tiles):
@@ -234,13 +234,13 @@ class Reading:
             failed, handled = traversal.failed[handled:], len(traversal.failed)
             leaves = [tile for tile in dict.fromkeys(failed) if not traversal.refine(tile)]
             if known == len(traversal.tiles):
-                # Only when everything is read is it known which volumes are filled.
+                # which volumes are filled is known only after everything is read
                 self._fill([*self._holes, *leaves])
                 return
             self._holes += leaves
 
     def _read(self, pending: list[tuple[Tile, ContentLink]]) -> None:
-        """Read contents; failures are noted in the traversal."""
+        """Read contents; failures are recorded in the traversal."""
         asked: list[tuple[Tile, str]] = []
         for tile, link in pending:
             try:
@@ -262,7 +262,7 @@ class Reading:
                 self._traversal.fail(tile, f"{self._files.name(address)}: {error}")
 
     def _opened(self, tile: Tile, address: str, data: bytes) -> Content:
-        """Return a content in the tileset's frame, its objects named after the tile."""
+        """Return a content in the tileset's frame, with objects named after the tile."""
         spent = 0
 
         def resolve(uri: str) -> bytes:
@@ -321,7 +321,7 @@ class Reading:
         self.content.add(content)
 
     def _fill(self, holes: list[Tile]) -> None:
-        """Fill failed tiles from the nearest ancestors that have a content of their own."""
+        """Fill failed tiles from the nearest ancestors with a content of their own."""
         standing: dict[Tile, Content | None] = {}
         below: dict[Tile, list[Tile]] = {}
         for hole in dict.fromkeys(holes):
@@ -351,7 +351,7 @@ class Reading:
             self._keep(content)
 
     def _stand_in(self, tile: Tile) -> Content | None:
-        """Return the content of a tile that was refined, or ``None`` where it gives nothing."""
+        """Return the content of a refined tile, or ``None`` if it is empty."""
         whole = Content()
         for link in tile.links:
             if link.is_tileset:
@@ -376,7 +376,7 @@ def _is_below(tile: Tile, ancestor: Tile) -> bool:
 def _chosen(
     points: NDArray[np.float64], failed: list[Tile], loaded: list[Tile]
 ) -> NDArray[np.bool_]:
-    """Return which points (N, 3) lie in failed tiles, and in no loaded one if that leaves any."""
+    """Return the mask of points (N, 3) in failed tiles, and if possible in no loaded one."""
     inside = np.zeros(len(points), bool)
     for tile in failed:
         inside |= tile.volume.contains(points)

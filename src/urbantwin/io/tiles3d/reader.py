@@ -1,4 +1,4 @@
-"""3D Tiles as a model: the tiles that meet a region, down to a geometric error."""
+"""Reading of 3D Tiles as a model: the tiles that intersect a region, down to a geometric error."""
 
 from __future__ import annotations
 
@@ -42,32 +42,30 @@ def read_tiles3d(
     region: shapely.Polygon,
     progress: Progress | None = None,
 ) -> ImportedModel:
-    """Read the tiles of a tileset that meet a region.
+    """Read the tiles of a tileset that intersect a region.
 
     Args:
-        source: a ``tileset.json`` (a folder that holds one, a ``.3tz``, or one tile alone), or
-            its address.
+        source: a ``tileset.json`` (or a folder with one, a ``.3tz``, or a single tile), or its URL.
         frame: the site frame.
-        region: what is of interest, site frame, metres; tiles are tested against it, and not cut
-            along it.
-        progress: called with the fraction done (0..1) and what is being done.
+        region: region of interest, site frame, metres; tiles are tested against it, but not cut.
+        progress: called with the fraction done (0..1) and the current step.
 
     Returns:
-        Meshes and clouds in EPSG:4978 where the tileset lies on the ellipsoid; otherwise in the
+        Meshes and clouds in EPSG:4978 if the tileset is on the ellipsoid; otherwise in the
         tileset's own frame, z up, without a CRS. Objects are named ``"tile / node / feature /
-        material"``. Tiles that cannot be read are lines of ``problems``.
+        material"``. Unreadable tiles are lines of ``problems``.
 
     Source: 3D Tiles 1.1 (OGC 22-025r4) and 1.0 (OGC 18-053r2).
 
     Raises:
-        InputError: nothing can be read, no tile meets the region, or the source is beyond the
-            limits of size.
+        InputError: nothing can be read, no tile intersects the region, or the source exceeds the
+            size limits.
     """
     tell = progress or untold
     store = _opened(source)
     files = TileFiles(store)
     root = _root(source, store, files)
-    # What holds everything says nothing of where it is: then its content does, later.
+    # An unknown volume does not locate the tileset; its content does, later.
     placed = root.volume.kind != "unknown"
     on_earth = is_on_earth(root.volume) and _may_be_on_earth(source, root.volume)
     to_site = site_from_tileset(source, frame, on_earth=on_earth) if placed else None
@@ -118,7 +116,7 @@ def read_tiles3d(
 
 
 def middle_of_tileset(source: GeometrySource) -> tuple[float, float] | None:
-    """Return latitude and longitude (degrees) of a tileset's middle; ``None`` if it is local.
+    """Return latitude and longitude (degrees) of a tileset's centre; ``None`` if it is local.
 
     Raises:
         InputError: it cannot be read.
@@ -136,7 +134,7 @@ def middle_of_tileset(source: GeometrySource) -> tuple[float, float] | None:
 
 
 def _opened(source: GeometrySource) -> Store:
-    """Return the store that a source names."""
+    """Return the store of a source."""
     path = source.path
     if path is None:
         return open_web(source)
@@ -150,7 +148,7 @@ def _opened(source: GeometrySource) -> Store:
 
 
 def _root(source: GeometrySource, store: Store, files: TileFiles) -> Tile:
-    """Return the root tile: of a tileset, or made up for a source that is one tile."""
+    """Return the root tile of a tileset, or a root for a source that is a single tile."""
     name = _name(source)
     try:
         data = files.read(store.root)
@@ -162,7 +160,7 @@ def _root(source: GeometrySource, store: Store, files: TileFiles) -> Tile:
     last = store.root
     if source.path is None:
         last = unquote(urlsplit(last).path.rpartition("/")[2])
-    # A single tile is where its own coordinates put it, which its centre shows.
+    # A single tile is located by its own coordinates, with its centre.
     return Tile(
         None,
         tileset,
@@ -177,7 +175,7 @@ def _root(source: GeometrySource, store: Store, files: TileFiles) -> Tile:
 
 
 def _lies_on_earth(mesh: TriangleMesh | None, cloud: PointCloud | None) -> bool:
-    """Return whether vertices are as far from their origin as the ground is from the Earth's."""
+    """Return whether vertices have about the Earth's radius as distance from their origin."""
     points = np.zeros((0, 3)) if mesh is None else mesh.vertices
     if cloud is not None:
         points = np.concatenate([points, cloud.points])
@@ -186,12 +184,12 @@ def _lies_on_earth(mesh: TriangleMesh | None, cloud: PointCloud | None) -> bool:
 
 
 def _name(source: GeometrySource) -> str | Path:
-    """Return what errors call a source: its file, or its address without any key."""
+    """Return the name of a source in errors: its file, or its URL without credentials."""
     return re.sub(r"//[^/@]*@", "//", source.name) if source.path is None else source.path
 
 
 def _may_be_on_earth(source: GeometrySource, volume: Volume) -> bool:
-    """Return whether nothing says that the coordinates are of another system."""
+    """Return whether the settings allow Earth-centred coordinates."""
     spec = source.spec
     if spec.origin is not None or spec.control_points is not None or spec.similarity is not None:
         return False
@@ -206,7 +204,7 @@ def _may_be_on_earth(source: GeometrySource, volume: Volume) -> bool:
 def _nothing(
     source: GeometrySource, traversal: Traversal, problems: list[str], *, on_earth: bool
 ) -> InputError:
-    """Return the error of a tileset of which nothing was read."""
+    """Return the error of a tileset without any content read."""
     path = source.path
     name: str | Path = source.name if path is None else path
     if problems:

@@ -1,4 +1,4 @@
-"""Which tiles meet the region of interest: a conservative test."""
+"""Conservative test of which tiles intersect the region of interest."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Interest", "is_on_earth", "site_from_tileset"]
 
-#: The plane and the curved Earth part by 0.08 m at 1 km: what a test may be wrong by, and more.
+#: Margin of the test, metres, above the 0.08 m by which plane and curved Earth deviate at 1 km.
 _SLACK_M = 5.0
-#: No ground lies further above or below the anchor's tangent plane within a site.
+#: Maximum height above or below the anchor's tangent plane within a site, metres.
 _TALLEST_M = 20_000.0
-#: Triangles this far from the region are of no use to any stage.
+#: Distance from the region beyond which triangles are dropped, metres.
 _FAR_M = 500.0
 
 
 class Interest:
-    """The region of interest, and how a tileset's frame lies to it.
+    """The region of interest, and the transform of a tileset's frame to it.
 
     Args:
         region: site frame, metres.
         frame: the site frame.
-        to_site: (4, 4) from the tileset's frame to the site's, or ``None`` where that is not
-            known: every box and sphere then meets the region.
-        margin_m: how far the region reaches beyond its border.
+        to_site: (4, 4) from the tileset's frame to the site's, or ``None`` if unknown: every box
+            and sphere then intersects the region.
+        margin_m: margin around the region, metres.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Interest:
         shapely.prepare(self._lonlat)
 
     def meets(self, volume: Volume) -> bool:
-        """Return whether a volume may hold something of the region."""
+        """Return whether a volume may intersect the region."""
         if volume.kind in ("cell", "unknown"):
             return True
         if volume.kind == "region":
@@ -66,7 +66,7 @@ class Interest:
             return True
         x0, y0, x1, y1 = self._bounds
         corners = self.in_site(volume.corners())
-        if not np.isfinite(corners).all():  # larger than numbers are
+        if not np.isfinite(corners).all():  # numeric overflow
             return True
         low, high = corners.min(axis=0), corners.max(axis=0)
         beside = low[0] > x1 or low[1] > y1 or high[0] < x0 or high[1] < y0
@@ -76,14 +76,14 @@ class Interest:
         return bool(self._area.intersects(hull))
 
     def in_site(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (N, 3) of the tileset's frame in the site's tangent plane."""
+        """Return points (N, 3) of the tileset's frame in the site frame (tangent plane)."""
         assert self._to_site is not None
         return np.asarray(points @ self._to_site[:3, :3].T + self._to_site[:3, 3])
 
     def near(
         self, vertices: NDArray[np.float64], faces: NDArray[np.int32]
     ) -> NDArray[np.bool_] | None:
-        """Return which triangles (F,) are not far off the region; ``None`` for all of them."""
+        """Return the mask of triangles (F,) near the region; ``None`` for all of them."""
         if self._to_site is None:
             return None
         low = np.array([*self._bounds[:2], -_TALLEST_M]) - _FAR_M
@@ -96,7 +96,7 @@ class Interest:
         return np.asarray(meet.all(axis=1))
 
     def near_points(self, points: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-        """Return which points (N,) are not far off the region; ``None`` for all of them."""
+        """Return the mask of points (N,) near the region; ``None`` for all of them."""
         if self._to_site is None:
             return None
         low = np.array(self._bounds[:2]) - _FAR_M
@@ -106,7 +106,7 @@ class Interest:
 
 
 def is_on_earth(volume: Volume) -> bool:
-    """Return whether a root's volume is one of an Earth-centred frame and not of a local one."""
+    """Return whether a root's volume is in an Earth-centred frame, not in a local one."""
     if volume.kind in ("region", "cell", "unknown"):
         return True
     distance = float(np.linalg.norm(volume.values[:3]))
@@ -120,12 +120,12 @@ def is_on_earth(volume: Volume) -> bool:
 def site_from_tileset(
     source: GeometrySource, frame: SiteFrame, *, on_earth: bool
 ) -> NDArray[np.float64] | None:
-    """Return the (4, 4) transform from a tileset's frame to the site's, good enough to choose.
+    """Return the approximate (4, 4) transform from a tileset's frame to the site's.
 
-    ``None`` where it takes control points or registration to know it.
+    ``None`` if it is only known after control points or registration.
 
     Raises:
-        InputError: the source's CRS is not known.
+        InputError: the source's CRS is unknown.
     """
     spec = source.spec
     if on_earth:
@@ -162,7 +162,7 @@ def _site_from_ecef(frame: SiteFrame) -> NDArray[np.float64]:
 
 
 def _site_from_crs(source: GeometrySource, frame: SiteFrame) -> NDArray[np.float64] | None:
-    """Return the plane of a projected CRS at the anchor as an affine transform to the site's."""
+    """Return the affine transform from a projected CRS at the anchor to the site's plane."""
     try:
         crs = CRS.from_user_input(source.spec.crs)
         if not crs.is_projected and not (crs.is_compound and crs.sub_crs_list[0].is_projected):

@@ -1,4 +1,4 @@
-"""Stores of tiles: a folder or an archive, which no path leads out of; and their files fetched."""
+"""Stores of tiles, a folder or an archive, which no path can leave; and access to their files."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from urbantwin.io.values import MalformedError
 
 __all__ = ["LARGEST_TILE", "Archive", "Folder", "Store", "TileFiles"]
 
-#: A tile, unpacked, may have this many bytes.
+#: Maximum decompressed size of a tile, bytes.
 LARGEST_TILE = 1 << 28
 
 
 class Store(Protocol):
-    """A place that tiles are fetched from.
+    """A source of files.
 
     Attributes:
         root: the address of the first file.
@@ -34,7 +34,7 @@ class Store(Protocol):
     parallel: int
 
     def resolve(self, base: str, uri: str) -> str:
-        """Return the address that ``uri`` means in the file at ``base``.
+        """Return the address of ``uri`` relative to the file at ``base``.
 
         Raises:
             MalformedError: it leads out of the store.
@@ -51,16 +51,16 @@ class Store(Protocol):
         """Return the name of a file for reports, without secrets."""
 
     def hidden(self, text: str) -> str:
-        """Return a text of a file for reports, without secrets."""
+        """Return a text from a file for reports, without secrets."""
 
 
 def local_path(base: str, uri: str) -> str:
-    """Return the path, relative to a store's root, that ``uri`` means in the file at ``base``.
+    """Return the path, relative to a store's root, of ``uri`` relative to the file at ``base``.
 
-    Percent-encoding is undone once, before anything is judged.
+    Percent-encoding is decoded once, before any check.
 
     Raises:
-        MalformedError: it has a scheme or a host, is absolute, or climbs out.
+        MalformedError: it has a scheme or a host, is absolute, or leads out.
     """
     try:
         parts = urlsplit(uri.strip())
@@ -80,7 +80,7 @@ def local_path(base: str, uri: str) -> str:
 
 
 class Folder:
-    """A folder of tiles; links that lead out of it are refused as well."""
+    """A folder of tiles; links that lead out of it are rejected, too."""
 
     parallel = 1
 
@@ -89,7 +89,7 @@ class Folder:
         self.root = first.name
 
     def resolve(self, base: str, uri: str) -> str:
-        """Return the path below the folder that ``uri`` means in the file at ``base``."""
+        """Return the path in the folder of ``uri`` relative to the file at ``base``."""
         return local_path(base, uri)
 
     def fetch(self, address: str) -> bytes:
@@ -112,7 +112,7 @@ class Folder:
         return address
 
     def hidden(self, text: str) -> str:
-        """Return the text: nothing is secret here."""
+        """Return the text unchanged: there are no secrets."""
         return text
 
 
@@ -129,11 +129,11 @@ class Archive:
         self.root = "tileset.json"
 
     def resolve(self, base: str, uri: str) -> str:
-        """Return the member that ``uri`` means in the member ``base``."""
+        """Return the member of ``uri`` relative to the member ``base``."""
         return local_path(base, uri)
 
     def fetch(self, address: str) -> bytes:
-        """Return a member, never more of it than a tile may have."""
+        """Return a member, at most the size limit of a tile."""
         try:
             with self._zip.open(address) as member:
                 data = member.read(LARGEST_TILE + 1)
@@ -150,15 +150,15 @@ class Archive:
         return address
 
     def hidden(self, text: str) -> str:
-        """Return the text: nothing is secret here."""
+        """Return the text unchanged: there are no secrets."""
         return text
 
 
 def unzipped(data: bytes) -> bytes:
-    """Return a tile as it was before it was packed with gzip, or unchanged if it was not.
+    """Return a tile decompressed by gzip, or unchanged if it is not compressed.
 
     Raises:
-        MalformedError: it cannot be unpacked, or unpacks to more than a tile may have.
+        MalformedError: it cannot be decompressed, or exceeds the size limit of a tile.
     """
     if data[:2] != b"\x1f\x8b":
         return data
@@ -174,7 +174,7 @@ def unzipped(data: bytes) -> bytes:
     return result
 
 
-#: The most bytes and files that a source may fetch.
+#: Maximum number of bytes and files that a source may fetch.
 _MOST_BYTES = 8 << 30
 _MOST_FILES = 100_000
 
@@ -183,7 +183,7 @@ class TileFiles:
     """Fetches files of a store.
 
     Attributes:
-        digests: name and SHA-256 of every file that was read, as it was stored.
+        digests: name and SHA-256 of every file that was read, as stored.
     """
 
     def __init__(self, store: Store) -> None:
@@ -201,26 +201,26 @@ class TileFiles:
         return self._store.name(address)
 
     def hidden(self, text: str) -> str:
-        """Return a text of a file for reports."""
+        """Return a text from a file for reports, without secrets."""
         return self._store.hidden(text)
 
     def resolve(self, base: str, uri: str) -> str:
-        """Return the address that ``uri`` means in the file at ``base``."""
+        """Return the address of ``uri`` relative to the file at ``base``."""
         return self._store.resolve(base, uri)
 
     def read(self, address: str) -> bytes:
-        """Return a file, unpacked.
+        """Return a decompressed file.
 
         Raises:
             MalformedError: it cannot be read.
-            InputError: the source is larger than any site.
+            InputError: the source exceeds the limits.
         """
         return self._taken(address, self._store.fetch(address))
 
     def read_all(self, addresses: Sequence[str]) -> Iterator[bytes | MalformedError]:
-        """Yield files in the requested order; the error of a file that cannot be read."""
+        """Yield files in the requested order, or the error of an unreadable one."""
         with ThreadPoolExecutor(self._store.parallel) as pool:
-            # A few more than are being fetched may wait, so that memory stays bounded.
+            # the queue is slightly longer than the number of fetches, to limit memory
             ahead = 1 if self._store.parallel == 1 else 2 * self._store.parallel
             waiting = [pool.submit(self._fetched, a) for a in addresses[:ahead]]
             try:

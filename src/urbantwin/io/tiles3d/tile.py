@@ -16,7 +16,7 @@ from urbantwin.io.values import MalformedError, numbers, table
 
 __all__ = ["ContentLink", "Tile", "Tileset", "Volume", "geodetic_from_ecef", "read_volume"]
 
-#: Slack of containment, metres: stored volumes are rounded.
+#: Tolerance of containment, metres, as stored volumes are rounded.
 _SLACK_M = 0.05
 
 
@@ -33,11 +33,11 @@ def geodetic_from_ecef(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Where a tile's content lies, in the tileset's own frame.
+    """Bounding volume of a tile's content, in the tileset's own frame.
 
     Attributes:
-        kind: ``region``, ``box``, ``sphere``; ``cell`` (of S2), which is taken to hold the whole
-            Earth, or ``unknown``, which is taken to hold everything.
+        kind: ``region``, ``box``, ``sphere``; ``cell`` (of S2), treated as the whole Earth, or
+            ``unknown``, treated as unbounded.
         values: region: west, south, east, north (radians, east > west), lowest, highest (metres
             above the ellipsoid); box: centre and three half axes; sphere: centre and radius.
     """
@@ -46,7 +46,7 @@ class Volume:
     values: NDArray[np.float64]
 
     def transformed(self, transform: NDArray[np.float64]) -> Volume:
-        """Return it moved by a (4, 4) transform, which regions are not subject to."""
+        """Return it transformed by (4, 4), which does not apply to regions."""
         if self.kind in ("region", "cell", "unknown"):
             return self
         values, linear = self.values.copy(), transform[:3, :3]
@@ -64,7 +64,7 @@ class Volume:
         return np.asarray(self.values[:3] + signs @ axes)
 
     def part(self, level: int, place: tuple[int, ...]) -> Volume:
-        """Return the cell at ``place`` (x, y or x, y, z) of an even subdivision.
+        """Return the cell at ``place`` (x, y or x, y, z) of a regular subdivision.
 
         Source: 3D Tiles 1.1, section "Implicit Tiling", "Subdivision Rules".
         """
@@ -84,12 +84,12 @@ class Volume:
         return replace(self, values=values)
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which of (N, 3) points of the tileset's frame lie inside."""
+        """Return the mask of (N, 3) points of the tileset's frame inside."""
         v = self.values
         if self.kind == "region":
             lon, lat, height = geodetic_from_ecef(points).T
             slack = _SLACK_M / 6.4e6
-            # Longitudes are compared from the region's west, wherever that is.
+            # longitudes are relative to the region's west
             turn = np.mod(lon - v[0] + slack, 2 * math.pi)
             inside = (turn <= v[2] - v[0] + 2 * slack) & (lat >= v[1] - slack)
             inside &= (lat <= v[3] + slack) & (height >= v[4] - 1.0) & (height <= v[5] + 1.0)
@@ -98,7 +98,7 @@ class Volume:
             distance = np.linalg.norm(points - v[:3], axis=1)
             return np.asarray(distance <= v[3] + _SLACK_M)
         if self.kind == "box":
-            # For axes that are not at right angles too: the box's own coordinates.
+            # the box's own coordinates, also for axes that are not orthogonal
             axes = v[3:].reshape(3, 3)
             length = np.maximum(np.linalg.norm(axes, axis=1), 1e-12)
             unit = axes / length[:, None]
@@ -108,12 +108,12 @@ class Volume:
 
 
 def read_volume(spec: dict[str, Any]) -> Volume:
-    """Return a ``boundingVolume``; one of a kind that is not known holds everything.
+    """Return a ``boundingVolume``; an unknown kind is unbounded.
 
     Source: 3D Tiles 1.1, section "Bounding Volumes".
 
     Raises:
-        MalformedError: its numbers are not what its kind prescribes.
+        MalformedError: its numbers do not match its kind.
     """
     volume = table(spec, "boundingVolume")
     if volume.get("region") is not None:
@@ -140,9 +140,9 @@ class Tileset:
     """One tileset file.
 
     Attributes:
-        address: where it lies.
+        address: its address.
         axis: (3, 3) from the axes of its glTF to z up.
-        chain: the tilesets that it is inside of, outermost first, itself last.
+        chain: the enclosing tilesets, outermost first, itself last.
     """
 
     address: str
@@ -152,10 +152,10 @@ class Tileset:
 
 @dataclass(frozen=True, eq=False)
 class ContentLink:
-    """A content that a tile names.
+    """A content reference of a tile.
 
     Attributes:
-        uri: as the tileset has it.
+        uri: URI in the tileset.
         volume: its own bounding volume in the tileset's frame, or ``None``.
     """
 
@@ -164,15 +164,15 @@ class ContentLink:
 
     @property
     def is_tileset(self) -> bool:
-        """Whether its name says that it is a further tileset."""
+        """Whether its name is that of another tileset."""
         return self.uri.split("?")[0].split("#")[0].lower().endswith(".json")
 
 
 class Below(Protocol):
-    """What stands below a tile: children written out, or implied by a tiling."""
+    """Children of a tile: explicit, or implied by a tiling."""
 
     def tiles(self, parent: Tile) -> Iterator[Tile | MalformedError]:
-        """Yield the children; one that cannot be read as its error."""
+        """Yield the children, or the error of an unreadable one."""
 
 
 @dataclass(eq=False)
@@ -181,17 +181,17 @@ class Tile:
 
     Attributes:
         parent: the tile that it refines, or ``None``.
-        tileset: the file that it is of.
-        volume: where its content lies, in the tileset's frame.
-        transform: (4, 4) from the tile to the tileset's frame, its parents' included.
+        tileset: its tileset file.
+        volume: bounding volume of its content, in the tileset's frame.
+        transform: (4, 4) from the tile to the tileset's frame, including its parents'.
         error: geometric error, metres.
         replaces: whether its children replace its content, or add to it.
         links: its contents.
         below: its children, or ``None`` for a leaf.
-        depth: how many tiles are above it.
-        requested_near: whether viewers ask for it only from close by (which is ignored).
-        wanted: the contents that are to be read.
-        loaded: whether any of them was.
+        depth: number of its ancestors.
+        requested_near: whether it has a viewer request volume (which is ignored).
+        wanted: the contents selected for reading.
+        loaded: whether any of them was read.
         opened: whether its children were visited.
     """
 

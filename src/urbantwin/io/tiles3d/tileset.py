@@ -32,7 +32,7 @@ _AXES = {
 
 
 def is_tileset(data: bytes) -> bool:
-    """Return whether a content that is JSON is a tileset, and not glTF."""
+    """Return whether JSON content is a tileset, not glTF."""
     if data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")[:1] != b"{":
         return False
     try:
@@ -46,11 +46,11 @@ def read_tileset(data: bytes, address: str, parent: Tile | None) -> Tile:
 
     Args:
         data: the bytes of its JSON.
-        address: where it lies.
+        address: its address.
         parent: the tile whose content it is.
 
-    Source: 3D Tiles 1.1, sections "Tileset JSON" and "External tilesets"; ``asset.gltfUpAxis``
-    of drafts before 1.0.
+    Source: 3D Tiles 1.1, sections "Tileset JSON" and "External tilesets"; ``asset.gltfUpAxis`` of
+    drafts before 1.0.
 
     Raises:
         MalformedError: it is not a tileset.
@@ -64,13 +64,13 @@ def read_tileset(data: bytes, address: str, parent: Tile | None) -> Tile:
     chain = () if parent is None else parent.tileset.chain
     spec = document["root"]
     if spec.get("geometricError") is None and parent is None:
-        # Without any error said, nothing but the finest is good enough.
+        # without a stated error, only the finest tiles suffice
         spec = {**spec, "geometricError": document.get("geometricError", 1e12)}
     return _tile(spec, parent, Tileset(address, _AXES[up], (*chain, address)))
 
 
 class _Written:
-    """Children that are written out in the tileset's JSON."""
+    """Explicit children in the tileset's JSON."""
 
     def __init__(self, specs: list[Any]) -> None:
         self._specs = specs
@@ -98,7 +98,7 @@ def _links(spec: dict[str, Any], transform: NDArray[np.float64]) -> tuple[Conten
     for entry in found:
         if not isinstance(entry, dict):
             raise MalformedError("has a content that is not an object")
-        # Before 1.0 it was called a url.
+        # named url before 1.0
         uri = text(entry, "uri") or text(entry, "url")
         if not uri:
             raise MalformedError("has a content without a uri")
@@ -110,12 +110,12 @@ def _links(spec: dict[str, Any], transform: NDArray[np.float64]) -> tuple[Conten
 
 
 def _tile(spec: dict[str, Any], parent: Tile | None, tileset: Tileset) -> Tile:
-    """Return a tile as its JSON describes it.
+    """Return a tile from its JSON.
 
     Source: 3D Tiles 1.1, sections "Tiles", "Transforms", "Refinement".
 
     Raises:
-        MalformedError: it cannot be understood.
+        MalformedError: it is invalid.
     """
     transform = matrix(spec, "transform")
     if parent is not None:

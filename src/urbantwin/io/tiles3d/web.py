@@ -1,4 +1,4 @@
-"""Tiles fetched over HTTP, with a key that is sent to their server alone."""
+"""Tiles fetched over HTTP, with a key that is sent to their server only."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["open_web"]
 
-#: Of one tile, of all tiles of a source, and how long all of them may take.
+#: Limits: size of a tile, total size of a source, and total time.
 LIMITS = Limits(LARGEST_TILE, 8 << 30, 4 * 3600.0)
-#: Parts of an address that identify the user.
+#: Query parameters that identify the user.
 _PERSONAL = frozenset({"key", "session", "access_token", "token", "sig", "signature"})
 
 
 def open_web(source: GeometrySource, environment: Mapping[str, str] | None = None) -> Web:
-    """Return the store of a source given by its address.
+    """Return the store of a source given by its URL.
 
-    The key is the value of the environment variable ``key_env``. It is sent as ``key=`` in the
-    address (Google's Photorealistic 3D Tiles), or as ``Authorization: Bearer`` where the
-    variable's name contains TOKEN (Cesium ion) or its value begins with "Bearer".
+    The key is the value of the environment variable ``key_env``. It is sent as ``key=`` in the URL
+    (Google's Photorealistic 3D Tiles), or as ``Authorization: Bearer`` if the variable's name
+    contains TOKEN (Cesium ion) or its value starts with "Bearer".
 
     Raises:
-        InputError: the user did not allow the variable to be sent there (`download.key_for`), it
-            is not set, or the address is not one of HTTP.
+        InputError: the user did not allow the variable to be sent there (`download.key_for`), it is
+            not set, or the URL is not HTTP.
     """
     environment = os.environ if environment is None else environment
     spec = source.spec
@@ -101,20 +101,20 @@ def _no_address(source: GeometrySource, error: DownloadError) -> InputError:
 
 
 class Web:
-    """Addresses of HTTP and HTTPS, asked by `download.Client`.
+    """HTTP and HTTPS URLs, fetched by `download.Client`.
 
-    The query of a parent's address (``session=``) is passed on to its children of the same
-    origin, as Google's tiles need it.
+    The query of a parent's URL (``session=``) is passed on to its children of the same origin, as
+    Google's tiles require.
 
     Args:
-        url: of the root.
+        url: URL of the root.
         key: sent as ``key=``, or ``None``.
         bearer: sent as ``Authorization: Bearer``, or ``None``.
-        origins: others that may be asked.
-        cache: a folder to keep what was fetched in, or ``None``.
+        origins: other allowed origins.
+        cache: a folder to cache responses, or ``None``.
 
     Raises:
-        DownloadError: the root is not an address of HTTP.
+        DownloadError: the root is not an HTTP URL.
     """
 
     parallel = 8
@@ -129,7 +129,7 @@ class Web:
         cache: Path | None = None,
     ) -> None:
         home = parse_address(url)
-        # What was written into the address itself is as secret as what an environment holds.
+        # Credentials in the URL are as secret as those of an environment variable.
         personal = [v for name, v in parse_qsl(home.query) if name.lower() in _PERSONAL]
         self.root = str(home)
         self._folder = home.path.rpartition("/")[0] + "/"
@@ -139,7 +139,7 @@ class Web:
         )
 
     def resolve(self, base: str, uri: str) -> str:
-        """Return the address that ``uri`` means in the file at ``base``."""
+        """Return the address of ``uri`` relative to the file at ``base``."""
         try:
             joined = urljoin(base, quote(uri.strip(), safe="%/:=&?~#+!$,;'@()*[]"))
             there, above = parse_address(joined), parse_address(base)
@@ -156,7 +156,7 @@ class Web:
         return f"{there.origin}{there.path}" + (f"?{urlencode(query)}" if query else "")
 
     def fetch(self, address: str) -> bytes:
-        """Return the bytes at an address; failures that may pass are tried again."""
+        """Return the bytes at an address; transient failures are retried."""
         kept = self._kept(address)
         if kept is not None and (known := kept_bytes(kept, USABLE)) is not None:
             return known
@@ -201,7 +201,7 @@ class Web:
         return self._cache / digest[:2] / digest
 
 
-#: Environment variable that names the folder.
+#: Environment variable with the cache folder.
 CACHE = "URBANTWIN_TILE_CACHE"
-#: What it has to name.
+#: Expected value of the variable, for errors.
 USABLE = f"a folder of your own with room, or no {CACHE}"
