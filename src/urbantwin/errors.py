@@ -1,13 +1,13 @@
-"""Everything that UrbanTwin raises on purpose.
+"""All errors that UrbanTwin raises intentionally.
 
     UrbanTwinError
-    ├── InputError      a file or value that a person gave is wrong      (exit code 2)
-    │   └── TooLittleRoomError   the result will not fit on the disk
-    └── StageError      a tool that a stage relies on failed             (exit code 1)
-        ├── NoRoomError          the disk is full, or the quota used up
-        └── LimitError           no memory, thread, process or open file is left
+    ├── InputError      a file or value given by the user is wrong       (exit code 2)
+    │   └── TooLittleRoomError   the result would not fit on the disk
+    └── StageError      a tool used by a stage failed                    (exit code 1)
+        ├── NoRoomError          the disk or the quota is full
+        └── LimitError           a limit of memory, threads, processes or files
 
-Only ``urbantwin.cli`` turns them into a line of text and an exit code.
+Only ``urbantwin.cli`` converts them to a line of text and an exit code.
 """
 
 from __future__ import annotations

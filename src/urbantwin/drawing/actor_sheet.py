@@ -17,15 +17,15 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["ShownActor", "actor_sheet"]
 
-#: Actors in a row of the sheet; pixels of each; and what is written under it.
+#: Actors per row of the sheet; size of each, pixels; and height of the text under it.
 ACROSS, PIXELS, TEXT = 8, (210, 140), 34
-#: Width of a portrait, and how far towards its border the actor reaches.
+#: Field of view of a portrait, and share of the distance to its border that the actor fills.
 _FIELD_DEG, _FILLED = 20.0, 0.92
 
 
 @dataclass(frozen=True, eq=False)
 class ShownActor:
-    """What the sheet shows of an actor: its mesh, and the two lines under it."""
+    """An actor on the sheet: its mesh, and the two lines under it."""
 
     mesh: LabelledMesh
     name: str
@@ -33,11 +33,11 @@ class ShownActor:
 
 
 def actor_sheet(actors: Sequence[ShownActor], *, tell: Progress = untold) -> Figure:
-    """Return the picture of actors, row by row, each filling its place.
+    """Return the picture of actors, row by row, each filling its cell.
 
     Args:
         actors: in their order.
-        tell: called with the fraction done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     (wide, high), rows = PIXELS, -(-len(actors) // ACROSS)
     size = ACROSS * wide, rows * (high + TEXT) + 70
@@ -59,7 +59,7 @@ def actor_sheet(actors: Sequence[ShownActor], *, tell: Progress = untold) -> Fig
 
 
 def _filled(mesh: LabelledMesh, camera: Camera) -> float:
-    """Return how far from its middle towards its border a mesh fills a picture, 1 to the border."""
+    """Return the extent of a mesh from the middle of a picture, as a share of the half width."""
     forward = np.asarray(camera.target) - camera.place
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -74,7 +74,7 @@ def _portrait(mesh: LabelledMesh, number: int) -> NDArray[np.uint8]:
     """Return the picture of one actor on a plain ground."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    # The number of a part decides its paint.
+    # The number of a part determines its paint.
     painted = replace(mesh, part=np.full(len(mesh.faces), number % 8 + 1, mesh.part.dtype))
     half = 60.0 * reach
     ground = LabelledMesh.build(

@@ -23,7 +23,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES, OBSTACLE, semantic_classes
 
 __all__ = ["birdseye", "birdseye_figure"]
 
-#: Classes of points in the legend at most.
+#: Maximum number of point classes in the legend.
 _LEGEND_ROWS = 14
 #: Height of a row of the legend, which is 1 high.
 _ROW = 0.0285
@@ -42,9 +42,9 @@ def birdseye(
     Args:
         frame: the frame.
         path: the PNG to write.
-        reach_m: half the side of the picture; without it what holds 97 % of the points.
-        title: of the picture.
-        attribution: whose data it shows.
+        reach_m: half the side of the picture; default: the value that contains 97 % of the points.
+        title: title of the picture.
+        attribution: sources of the data.
     """
     figure = birdseye_figure(frame, reach_m=reach_m, title=title, attribution=attribution)
     return style.save(figure, path)
@@ -124,7 +124,7 @@ def _rings(axes: Axes, frame: LabelledPoints, reach: float) -> None:
 
 
 def _points(axes: Axes, frame: LabelledPoints, reach: float) -> None:
-    """Draw what is low first, so that walls and actors stay visible over the ground."""
+    """Draw low points first, so that walls and actors stay visible over the ground."""
     order = np.argsort(frame.points[:, 2], kind="stable")
     actor = frame.instance[order] > 0
     size = float(np.clip(60.0 / reach, 0.35, 3.0))
@@ -141,7 +141,7 @@ def _points(axes: Axes, frame: LabelledPoints, reach: float) -> None:
 
 
 def _draw_ignored(axes: Axes, frame: LabelledPoints) -> None:
-    """Hatch where labels do not count, under the points."""
+    """Hatch areas in which labels do not count, under the points."""
     with mpl.rc_context({"hatch.linewidth": 0.6}):
         for area in frame.ignored.values():
             fill(axes, [area], "none", hatch="////", edgecolor=style.FAINT, zorder=1)
@@ -156,7 +156,7 @@ def _draw_boxes(axes: Axes, frame: LabelledPoints) -> None:
     for box, name, level in zip(frame.boxes, frame.classes, levels, strict=True):
         shapes.append(box_corners(box)[:4, :2])
         colour = style.actor_colour(name)
-        # Boxes that do not count are labels too, drawn fainter and broken.
+        # Boxes that do not count are labels too, drawn fainter and dashed.
         alpha, line = (1.0, 1.5) if level else (0.5, 1.0)
         faces.append((*colour, 0.18 if level else 0.06))
         edges.append((*colour, alpha))
@@ -190,7 +190,7 @@ def _legend(figure: Figure, frame: LabelledPoints) -> None:
     names = {one.id: one.name for one in semantic_classes().values()}
     rows = sorted(zip(counts.tolist(), numbers.tolist(), strict=True), reverse=True)
     y = _heading(axes, y, "Points")
-    # What is below needs its room first: a heading and its gap take as much as 2.5 rows.
+    # The lower part needs its space first: a heading and its gap take as much as 2.5 rows.
     below = len(ACTOR_CLASSES) + len(frame.ignored) + len(frame.sensors)
     below += (len(LEVELS) + 1) * bool(frame.difficulty)
     headings = 3 + bool(frame.difficulty) + bool(frame.ignored)

@@ -1,4 +1,4 @@
-"""Pictures of all boxes of a dataset: points by range, sizes, boxes per frame, where they are."""
+"""Pictures of all boxes of a dataset: points by range, sizes, boxes per frame, positions."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ __all__ = [
     "points_by_range_figure",
 ]
 
-#: Metres of range that a median is of, and boxes that it takes at least.
+#: Width of a range bin for a median, metres, and its minimum number of boxes.
 _BIN_M, _LEAST = 5.0, 5
-#: Boxes of a class that are drawn as dots; of more, some evenly.
+#: Maximum number of dots per class; of more boxes an even selection is drawn.
 _DOTS = 4000
 #: Side of a cell of the map, metres.
 _CELL_M = 1.0
@@ -41,13 +41,13 @@ def pictures_of_boxes(
     out: Path,
     attribution: str | Iterable[str] = (),
 ) -> list[Path]:
-    """Draw what all boxes of a dataset are like into a folder.
+    """Draw statistics of all boxes of a dataset into a folder.
 
     Args:
-        statistics: of the boxes.
+        statistics: statistics of the boxes.
         splits: names of the frames of each split.
-        out: the folder; pictures of these names are replaced.
-        attribution: whose data they show.
+        out: the folder; pictures with these names are replaced.
+        attribution: sources of the data.
     """
     drawings: dict[str, Callable[[], Figure]] = {
         "points_by_range.png": lambda: points_by_range_figure(statistics, attribution),
@@ -65,7 +65,7 @@ def picture_of_split(
     file: Path,
     attribution: str | Iterable[str] = (),
 ) -> Path:
-    """Draw the one picture that tells a split; see `objects_per_frame_figure`."""
+    """Draw the picture of a split; see `objects_per_frame_figure`."""
     return style.save(objects_per_frame_figure(statistics, splits, attribution), file)
 
 
@@ -79,7 +79,7 @@ def points_by_range_figure(
     style.title(figure, "Points on a box by its distance", below)
     axes = _axes(figure, (0.075, 0.1, 0.9, 0.74))
     axes.set_yscale("log")
-    axes.minorticks_off()  # they are not to be seen, but take half of the time
+    axes.minorticks_off()  # they would not be visible, but take half of the time
     furthest, most, colours = 10.0, 10.0, _colours(statistics.names)
     for name in statistics.names:
         mine = np.flatnonzero(seen & (statistics.kind == name))
@@ -138,7 +138,7 @@ def objects_per_frame_figure(
     splits: Mapping[str, Sequence[str]],
     attribution: str | Iterable[str] = (),
 ) -> Figure:
-    """Draw how many boxes with points each frame has, by class, and which split it is of."""
+    """Draw the number of boxes with points in each frame, by class, and its split."""
     figure = style.new_figure(12, 6)
     count = len(statistics.frames)
     mean = statistics.seen.sum() / max(count, 1)
@@ -157,7 +157,7 @@ def objects_per_frame_figure(
     shown = [k for k, row in enumerate(rows) if row.any()]
     colours = _colours(statistics.names)
     if shown:
-        # A step for each frame: nobody is between two of them.
+        # A step for each frame: there are no values between two frames.
         edges = np.arange(count + 1)
         heights = np.hstack([rows[shown], rows[shown][:, -1:]])
         axes.stackplot(
@@ -184,7 +184,7 @@ def objects_per_frame_figure(
 
 
 def places_figure(statistics: BoxStatistics, attribution: str | Iterable[str] = ()) -> Figure:
-    """Draw where boxes with points are, from above: how many in each square metre of the site."""
+    """Draw the number of boxes with points in each square metre of the site, from above."""
     figure = style.new_figure(10, 9.4)
     seen = np.flatnonzero(statistics.seen)
     below = f"{len(seen):,} boxes with points, by square metre; north is up"
@@ -230,7 +230,7 @@ def _axes(figure: Figure, place: tuple[float, float, float, float]) -> Axes:
 
 
 def _legend(axes: Axes, *, reverse: bool = False) -> None:
-    """Write what the colours mean above the axes, to the right."""
+    """Draw the legend of the colours above the axes, on the right."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(
@@ -245,7 +245,7 @@ def _legend(axes: Axes, *, reverse: bool = False) -> None:
 
 
 def _colours(names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return a colour for each class; of those that the taxonomy has one for, lighter ones."""
+    """Return a colour for each class: the taxonomy's, or a lighter one if it is already used."""
     found: dict[str, NDArray[np.float64]] = {}
     for name in names:
         known = name in BOX_SEMANTICS

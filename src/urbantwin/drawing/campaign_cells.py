@@ -26,9 +26,9 @@ def cells_picture(
     """Draw frames from above, points by class.
 
     Args:
-        frames: title and frame of each, one at least.
+        frames: title and frame of each, at least one.
         path: the PNG to write.
-        attribution: whose data it shows.
+        attribution: sources of the data.
     """
     across = min(_ACROSS, len(frames))
     down = math.ceil(len(frames) / across)

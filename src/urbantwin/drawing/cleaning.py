@@ -1,4 +1,4 @@
-"""A picture of cleaning: the source before and after, from above, and what was taken out."""
+"""A picture of cleaning: the source before and after, from above, and the removed parts."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def cleaning_picture(
     """Draw a source before and after cleaning, side by side.
 
     Args:
-        picture: of ``cleaned`` or ``cleaned_cloud``.
+        picture: result of ``cleaned`` or ``cleaned_cloud``.
         path: the PNG to write.
-        title: written above.
-        attribution: whose data it shows.
+        title: title above the picture.
+        attribution: sources of the data.
     """
     bounds = _bounds(picture)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
@@ -94,7 +94,7 @@ def cleaning_picture(
 
 
 def _bounds(picture: CleaningPicture) -> tuple[float, float, float, float]:
-    """Return what is drawn: the region and what was there, a little beyond the border."""
+    """Return the bounds of the picture: the region and the source in it, with a margin."""
     west, south, east, north = shapely.buffer(picture.region, 4.0).bounds
     before = picture.before
     places = before.vertices if isinstance(before, TriangleMesh) else before.points
@@ -110,7 +110,7 @@ def _bounds(picture: CleaningPicture) -> tuple[float, float, float, float]:
 def _from_above(
     what: TriangleMesh | PointCloud, bounds: tuple[float, float, float, float]
 ) -> NDArray[np.float64]:
-    """Return the picture (rows from south, columns, 3), 0..1, of what is seen from above."""
+    """Return the picture from above (rows from south, columns, 3), 0..1."""
     step = max(bounds[2] - bounds[0], bounds[3] - bounds[1]) / _PIXELS
     grid = Grid.over(bounds, step)
     if isinstance(what, PointCloud):
@@ -141,7 +141,7 @@ def _from_above(
 
 
 def _by_height(height: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Return colours of heights, shaded, dark where nothing is."""
+    """Return colours of heights, shaded, dark where there is no height."""
     known = np.isfinite(height)
     out = np.tile(np.array([0.06, 0.09, 0.11]), (*height.shape, 1))
     if known.any():
@@ -164,7 +164,7 @@ def _border(axes: Axes, shape: shapely.Geometry, colour: str, width: float) -> N
 
 
 def _marks(axes: Axes, picture: CleaningPicture, *, before: bool) -> None:
-    """Draw outlines of what was taken (before) or closed (after), kept and passed by."""
+    """Draw outlines of removed parts (before) or closed areas (after), kept and skipped ones."""
     for removals, colour in (
         (picture.removed, _VEHICLE),
         (picture.kept, _KEPT),

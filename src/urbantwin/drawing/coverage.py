@@ -37,7 +37,7 @@ _MAPS = {
 }
 #: Points per frame and square metre from the darkest colour to the lightest.
 _LEAST, _MOST = 1.0, 1000.0
-#: Shown around what is covered, metres.
+#: Margin around the covered area, metres.
 _MARGIN_M = 8.0
 #: Size of the sheet, inches.
 _SIDE, _GAP, _ABOVE, _BELOW = 5.9, 0.2, 1.5, 0.85
@@ -57,14 +57,14 @@ def coverage_picture(
     """Draw the maps of a coverage side by side, north up.
 
     Args:
-        coverage: what to draw.
+        coverage: the coverage.
         path: the PNG to write.
         sensors: name, x and y of each, site frame, metres.
-        mesh: the static world: its buildings and plants are drawn.
+        mesh: the static scene: its buildings and plants are drawn.
         roads: the lanes: edges of carriageways are drawn.
         region: the region of interest, site frame.
-        title: of the picture.
-        attribution: whose data it shows.
+        title: title of the picture.
+        attribution: sources of the data.
     """
     figure = coverage_figure(
         coverage,
@@ -94,7 +94,7 @@ def coverage_figure(
     figure = style.new_figure(width, height)
     shown = _shown(coverage)
     places = list(sensors)
-    # Without its darkest part, which would look like the ground.
+    # Without its darkest part, which would be similar to the ground.
     colours = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.12, 1.0, 256))).with_extremes(
         bad=(0, 0, 0, 0), under=(0, 0, 0, 0)
     )
@@ -137,7 +137,7 @@ def coverage_figure(
 
 
 def _shown(coverage: Coverage) -> tuple[float, float, float, float]:
-    """Return a square about what is covered, within the grid."""
+    """Return a square around the covered area, within the grid."""
     cells = coverage.cells
     rows, columns = cells.shape
     far = (cells.x0 + columns * cells.size_m, cells.y0 + rows * cells.size_m)
@@ -167,13 +167,13 @@ def _extent(coverage: Coverage) -> tuple[float, float, float, float]:
 def _base(
     axes: Axes, coverage: Coverage, region: shapely.Polygon | None, mesh: LabelledMesh | None
 ) -> None:
-    """Draw what lies under the map."""
+    """Draw the background of the map."""
     west, east, south, north = _extent(coverage)
     draw_ground(axes, region or shapely.box(west, south, east, north), mesh, DARK)
 
 
 def _lines(axes: Axes, roads: RoadNetwork | None, mesh: LabelledMesh | None) -> None:
-    """Draw the edges of carriageways and, over what lies behind walls, buildings."""
+    """Draw the edges of carriageways and, above areas behind walls, buildings."""
     if mesh is not None:
         fill(
             axes,

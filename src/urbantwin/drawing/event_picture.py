@@ -1,4 +1,4 @@
-"""One event of a motion from above: who was where at the moment that counts, and their ways."""
+"""An event of a motion from above: positions of actors at its main moment, and their paths."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from urbantwin.twin import Twin
 
 __all__ = ["event_figure"]
 
-#: Half of the side of what is shown, metres, and so much of everybody's way, seconds.
+#: Half of the side of the picture, metres, and duration of the drawn paths, seconds.
 _HALF_M, _WAY_S = 32.0, 4.0
 
 
 def event_figure(
     motion: Motion, twin: Twin, event: dict[str, Any], *, attribution: str | Iterable[str] = ()
 ) -> Figure:
-    """Draw an event at its moment: of the smallest gap, or of its beginning.
+    """Draw an event at its main moment: of the smallest gap, or of its beginning.
 
     Args:
         motion: the motion.
-        twin: that it is on.
+        twin: twin of the motion.
         event: a row of the motion's ``events``.
-        attribution: whose data it shows.
+        attribution: sources of the data.
     """
     nearest = event.get("nearest") or {}
     moment = nearest.get("ttc_at_s") or nearest.get("gap_at_s") or event["from_s"]
@@ -81,7 +81,7 @@ def _draw_box(axes: Axes, row: np.void, *, marked: bool) -> None:
 
 
 def _figures(nearest: dict[str, Any]) -> str:
-    """Return what was measured, in a line."""
+    """Return the measured values in a line."""
     words = []
     for key, name, unit in (("ttc_s", "TTC", "s"), ("pet_s", "PET", "s"), ("gap_m", "gap", "m")):
         if nearest.get(key) is not None:

@@ -1,4 +1,4 @@
-"""What became of the objects of recordings that differ in one factor, as bars."""
+"""Fates of the objects of recordings that differ in one factor, as bars."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fates_figure(rows: Sequence[dict[str, Any]], factor: str) -> Figure:
 
     Args:
         rows: ``name`` and ``fates`` (counts by fate) of each.
-        factor: what differs.
+        factor: the factor that differs.
     """
     figure = style.new_figure(10.0, 1.9 + 0.55 * len(rows))
     height = figure.get_figheight()

@@ -1,4 +1,4 @@
-"""A frame of a fleet from above: the points of each node, who is seen by whom, where nodes are."""
+"""A frame of a fleet from above: points of each node, visibility of actors, poses of nodes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["figure_of_fleet", "telling_frame"]
 
-#: Of nodes, in their order; then anew.
+#: Colours of nodes, in their order; repeated if there are more nodes.
 _COLOURS = ("#5ec8f2", "#f2b84b", "#8bd450", "#e77fd0", "#f26d5b", "#9a8cff", "#4fd6b5", "#d8d8d8")
 _SEEN_BY_MORE, _SEEN_BY_NONE = "#ffffff", "#77808a"
 _REACH_M = (25.0, 130.0)
@@ -31,7 +31,7 @@ _SHOWN_ERROR_M = 0.05
 
 
 def telling_frame(fleet: Fleet) -> str:
-    """Return the frame with the most actors that more than one node sees; of several the first."""
+    """Return the first frame with the most actors seen by more than one node."""
     frames = np.asarray(fleet.boxes["frame"].to_pylist(), object)
     shared = fleet.boxes["num_nodes"].to_numpy() > 1
     counts = [int(shared[frames == name].sum()) for name in fleet.names]
@@ -43,14 +43,14 @@ def figure_of_fleet(
 ) -> Figure:
     """Return the figure of a frame; its first axes are in metres of the site.
 
-    Points have the colour of their node, by its true pose; boxes are white where several nodes have
-    points on the actor, of the node's colour where one has, and broken where none has. Where a
-    node believes itself to be elsewhere, a cross says where.
+    Points have the colour of their node and are drawn at its true pose. Boxes are white if several
+    nodes have points on the actor, of the node's colour if one has, and dashed if none has. A cross
+    marks a node's estimated position if it differs from the true one.
 
     Args:
         fleet: the fleet.
-        frame: name of the frame; that of `telling_frame` if not given.
-        attribution: whose data it shows.
+        frame: name of the frame; default: that of `telling_frame`.
+        attribution: sources of the data.
 
     Raises:
         InputError: there is no such frame, or a file is damaged.
@@ -96,7 +96,7 @@ def _colour(number: int) -> str:
 
 
 def _places(fleet: Fleet, frame: str) -> list[tuple[str, Pose | None, Pose | None]]:
-    """Return name, true and reported pose of every node; ``None`` of one that is absent."""
+    """Return name, true and reported pose of every node; ``None`` for a node that is absent."""
     states = ((name, fleet.state(frame, name)) for name in fleet.node_names)
     return [(name, state.place, state.believed) for name, state in states]
 
@@ -117,7 +117,7 @@ def _view(
 
 
 def _boxes(axes: Axes, fleet: Fleet, rows: pa.Table) -> dict[str, int]:
-    """Draw the common labels and return how many are seen by none, by one and by more."""
+    """Draw the common labels; return the numbers seen by no node, by one and by several."""
     counts = {"none": 0, "one": 0, "more": 0}
     for row in rows.to_pylist():
         box = np.array([row[name] for name in BOX], np.float64)
@@ -139,7 +139,7 @@ def _boxes(axes: Axes, fleet: Fleet, rows: pa.Table) -> dict[str, int]:
 
 
 def _node(axes: Axes, name: str, pose: Pose, believed: Pose, colour: str) -> None:
-    """Draw where a node is, where it looks, and where it believes itself to be."""
+    """Draw a node's position, its heading, and its estimated position."""
     place, ahead = pose.translation[:2], pose.rotation[:2, 0]
     axes.plot(*np.array([place, place + 4.0 * ahead]).T, color=colour, linewidth=2.0, zorder=29)
     axes.plot(*place, "o", color=colour, markeredgecolor=style.PAPER, markersize=11, zorder=30)

@@ -10,9 +10,9 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["footprints"]
 
-#: Faces that look up by more than this cover the ground.
+#: Minimum z component of the normal of faces that cover the ground.
 UP = 0.05
-#: Corners nearer than this to a line between others are left out, metres.
+#: Corners closer than this to a line between others are left out, metres.
 SIMPLER_M = 0.1
 #: An object that fills this share of its hull is drawn as its hull.
 ROUND = 0.55
@@ -22,9 +22,9 @@ def footprints(mesh: LabelledMesh, kind: str, *, hull: bool = False) -> dict[int
     """Return the area in plan of every object of a semantic class by its ``part``.
 
     Args:
-        mesh: the static world, site frame, metres.
+        mesh: the static scene, site frame, metres.
         kind: a semantic class.
-        hull: whether the hull will do for what is round, like the crowns of trees: it is a
+        hull: whether the hull may be used for round objects, such as the crowns of trees: it is a
             hundred times faster.
     """
     of_kind = mesh.select(mesh.semantic == semantic_id(kind))

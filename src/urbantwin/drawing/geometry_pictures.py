@@ -1,4 +1,4 @@
-"""Pictures of imported geometry: how it was registered and cleaned."""
+"""Pictures of imported geometry: its registration and its cleaning."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def registration_picture(
     """Draw a model's walls over roads and outlines of buildings, before and after.
 
     Args:
-        registration: what `placed` found.
+        registration: result of `placed`.
         surroundings: the map in plan.
         path: the PNG to write.
-        title: of the picture: the source's name.
-        attribution: whose data it shows.
+        title: title of the picture: the source's name.
+        attribution: sources of the data.
     """
     figure = style.new_figure(14, 8.3)
     style.title(figure, title or "Registration", registration.lines[0])
@@ -116,9 +116,9 @@ def pictures_of_geometry(
     """Draw ``geometry-N-registration.png`` and ``geometry-N-cleaning.png`` of the N-th source.
 
     Args:
-        reconstruction: what the sources gave.
-        out: the folder, made if it is not there.
-        attribution: whose data is shown.
+        reconstruction: result of the sources.
+        out: the folder, created if missing.
+        attribution: sources of the data.
     """
     out.mkdir(parents=True, exist_ok=True)
     drawn = []

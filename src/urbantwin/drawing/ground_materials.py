@@ -18,9 +18,9 @@ from urbantwin.taxonomy import materials
 
 __all__ = ["ground_figure", "ground_picture", "materials_from_above"]
 
-#: Pixels along the longer side of what is drawn.
+#: Pixels along the longer side of the picture.
 _PIXELS = 1400
-#: What stands on the ground.
+#: Colour of objects on the ground.
 _STANDS = np.array([0.80, 0.80, 0.79])
 
 
@@ -36,12 +36,12 @@ def ground_picture(
     """Draw the materials of the ground in a region.
 
     Args:
-        mesh: the static world, site frame, metres.
+        mesh: the static scene, site frame, metres.
         surface: materials of the ground that are finer than the mesh.
-        region: what is drawn.
+        region: the region to draw.
         path: the PNG to write.
         title: a line above.
-        attribution: whose data it shows.
+        attribution: sources of the data.
     """
     figure = ground_figure(mesh, surface, region, title=title, attribution=attribution)
     return style.save(figure, path)
@@ -94,10 +94,10 @@ def materials_from_above(
     step: float,
     shape: tuple[int, int],
 ) -> NDArray[np.int64]:
-    """Return the material (ny, nx) that is first met from above; -1 where that is no ground.
+    """Return the material (ny, nx) of the uppermost surface; -1 if it is not ground.
 
     Args:
-        mesh: the static world.
+        mesh: the static scene.
         surface: materials of the ground that are finer than the mesh.
         x0: west edge, metres.
         y0: south edge, metres.

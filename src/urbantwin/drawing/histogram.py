@@ -1,4 +1,4 @@
-"""How many points and objects of each class a dataset holds."""
+"""Number of points and objects of each class in a dataset."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def histogram(
     Args:
         points_by_class: number of points by name of ``taxonomy.semantic_classes``.
         boxes: number of boxes by name of ``taxonomy.ACTOR_CLASSES``, over all frames.
-        boxes_with_points: those of them that a ray returned from.
+        boxes_with_points: number of boxes with at least one return.
         path: the PNG to write.
-        title: of the picture.
+        title: title of the picture.
         below: a line under the title.
-        attribution: whose data it shows.
+        attribution: sources of the data.
     """
     figure = histogram_figure(
         points_by_class,
@@ -98,7 +98,7 @@ def _bars(
     axes.set_facecolor(style.PAPER)
     axes.set_title(heading, loc="left", color=style.INK, fontsize=13, weight="bold", pad=12)
     axes.set_xscale("log")
-    axes.minorticks_off()  # they are not to be seen, but take half of the time
+    axes.minorticks_off()  # they would not be visible, but take half of the time
     texts = [f"{count:,}" for count in counts]
     if within is not None:
         texts = [f"{text} ({part:,})" for text, part in zip(texts, within, strict=True)]

@@ -1,4 +1,4 @@
-"""One labelled frame of a recorded dataset, as pictures need it."""
+"""A labelled frame of a recorded dataset, in the form used by pictures."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class SensorPlace:
 
     Attributes:
         name, model: as in the rig.
-        columns: firings per turn.
-        elevation_deg: (C,) of each channel, as ``ring`` numbers them.
-        dataset_SE3_sensor: its place in the dataset's frame.
-        has_pattern: it scans a pattern that does not repeat, not channels by columns.
+        columns: firings per revolution.
+        elevation_deg: (C,) elevation of each channel, in the order of ``ring``.
+        dataset_SE3_sensor: its pose in the dataset's frame.
+        has_pattern: its scan pattern does not repeat; it has no channels by columns.
     """
 
     name: str
@@ -46,20 +46,20 @@ class LabelledPoints:
     """One frame.
 
     Attributes:
-        name: of the frame.
+        name: name of the frame.
         time_s: seconds from the start of the motion.
         points: (N, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
         semantic: (N,) numbers of ``taxonomy.semantic_classes``.
-        instance: (N,) track; 0 for the static world.
+        instance: (N,) track; 0 for the static scene.
         boxes: (B, 7) x, y, z, length, width, height, yaw; dataset frame.
         classes: (B,) names of ``taxonomy.ACTOR_CLASSES``.
-        box_points: (B,) returns from each.
+        box_points: (B,) number of returns from each.
         sensors: the rig.
-        sensor, ring, column: (N,) the ray of each point; None if not known.
+        sensor, ring, column: (N,) the ray of each point; ``None`` if unknown.
         x_axis_yaw: heading of the dataset's x axis, counter-clockwise from east, radians.
-        difficulty: (B,) level of each box, ``None`` for one that does not count; empty if not
-            known.
-        ignored: where labels do not count, by reason, dataset frame in plan.
+        difficulty: (B,) level of each box, ``None`` for a box that does not count; empty if
+            unknown.
+        ignored: areas in which labels do not count, by reason, dataset frame in plan.
     """
 
     name: str
@@ -80,7 +80,7 @@ class LabelledPoints:
 
 
 def read_labelled_points(folder: Path, name: str | None = None) -> LabelledPoints:
-    """Read a frame of a dataset; without a name the one with the most labelled actors.
+    """Read a frame of a dataset; without a name, the frame with the most labelled actors.
 
     Raises:
         InputError: there is no dataset, no such frame, or a file of it is missing.
@@ -97,7 +97,7 @@ def read_labelled_points(folder: Path, name: str | None = None) -> LabelledPoint
     sensors = dataset.manifest["rig"]["sensors"]
     rays = frame.rays_of("sensor", "ring", "column", sensors=len(sensors))
     dataset_SE3_site = frame.site_SE3_dataset.inverse()
-    # Only of a rig that rides do sensors move so far that it shows.
+    # Only sensors of a moving rig move enough to be visible.
     moved = frame.site_SE3_sensors if dataset.manifest["dataset_SE3_site"] is None else {}
     return LabelledPoints(
         name=name,
@@ -132,7 +132,7 @@ def read_labelled_points(folder: Path, name: str | None = None) -> LabelledPoint
 
 
 def _ignored(dataset: Path, dataset_SE3_site: Pose) -> dict[str, shapely.Geometry]:
-    """Return where labels do not count, seen from above in the dataset's frame."""
+    """Return areas in which labels do not count, in plan in the dataset's frame."""
     path = dataset / IGNORE_REGIONS
     if not path.is_file():
         return {}

@@ -1,7 +1,7 @@
 """Paint on the carriageway, for pictures and CARLA: zebras, lane marks, stop lines, arrows.
 
-The twin's mesh has no paint; these are thin sheets just above it, laid where the lane model has
-its marks (``roads.marking``).
+The twin's mesh has no paint. These are thin sheets slightly above it, at the marks of the lane
+model (``roads.marking``).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ def markings(
 
     Args:
         network: the lanes.
-        ground: what it lies on: paint where nothing is under it is left out.
-        model: the lane model; without it little is known of what is painted.
+        ground: the ground: paint without ground below it is left out.
+        model: the lane model; without it only few markings are known.
     """
     corners = painted(network, model).quads
     if not len(corners):
         return LabelledMesh.empty()
-    # From 3 m above the lane model, so that a bridge's paint does not fall on the street below.
+    # From 3 m above the lane model, so that a bridge's paint is not put on the street below.
     heights = _heights(network, corners)
     above = np.column_stack([corners.reshape(-1, 2), heights + 3.0])
     z = DownwardProbe(ground).height_below(above)

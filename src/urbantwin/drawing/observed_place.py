@@ -1,4 +1,4 @@
-"""A place from above as its sensors saw it, to draw streets on: a raster with a world file."""
+"""A place from above as measured by its sensors, to draw streets on: a raster with a world file."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from urbantwin.traffic.observed import Observation
 
 __all__ = ["draw_observed_place"]
 
-#: Metres of a pixel, and how much higher or lower than its surroundings the ground is black or
-#: white: a curb has 0.12 m.
+#: Size of a pixel, metres; height difference from the surroundings at which the ground is black or
+#: white (a curb has 0.12 m); and their radius.
 PIXEL_M, RELIEF_M, AROUND_M = 0.1, 0.15, 6.0
 
 
 def draw_observed_place(folder: Path, found: Observation) -> None:
-    """Write ``above.png`` and ``above.pgw``, which places it in programs for maps.
+    """Write ``above.png`` and ``above.pgw``, which gives its position to map programs.
 
-    Grey is the ground, lighter where it is higher than around; blue to yellow are the points that
-    moved, from the first frame to the last.
+    Grey is the ground, lighter where it is higher than its surroundings; blue to yellow are the
+    points that moved, from the first frame to the last.
 
     Args:
-        folder: where to write.
-        found: what moves, and the ground.
+        folder: output folder.
+        found: moving points, and the ground.
     """
     grid = found.ground.grid
     heights = found.ground.heights

@@ -19,25 +19,25 @@ from urbantwin.twin import Twin
 
 __all__ = ["paths_figure"]
 
-#: Shown around the paths where no twin says what is shown, metres.
+#: Margin around the paths if there is no twin, metres.
 _MARGIN_M = 5.0
-#: A path is broken where an actor is this far from where it was, metres: it left and came again.
+#: A path is interrupted if an actor moves by this between steps, metres: it left and returned.
 _LEAP_M = 25.0
-#: Of a way a place is drawn every so often, metres.
+#: Distance between drawn points of a path, metres.
 _FINE_M = 0.25
-#: So many classes fit into one row of the legend.
+#: Number of classes in one row of the legend.
 _ROW = 6
 
 
 def paths_figure(
     motion: Motion, twin: Twin | None = None, *, attribution: str | Iterable[str] = ()
 ) -> Figure:
-    """Draw the way of every actor, by class, and where each is at the end of its way.
+    """Draw the path of every actor, by class, and its position at the end of its path.
 
     Args:
-        motion: whose actors.
-        twin: whose ground and lanes lie below, and whose region is shown.
-        attribution: whose data it shows.
+        motion: the motion.
+        twin: twin with the ground, the lanes and the region of the picture.
+        attribution: sources of the data.
     """
     figure = style.new_figure(12.0, 12.9)
     axes = figure.add_axes((0.02, 0.06, 0.96, 0.87))

@@ -1,4 +1,4 @@
-"""Light in pictures of the twin: the sky, what scatters about a surface, tones of a screen."""
+"""Light in pictures of the twin: the sky, diffuse directions at a surface, screen tones."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ HORIZON = np.array([0.80, 0.86, 0.91], np.float32)
 
 
 def scattered_about(normal: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """Return one direction (N, 3) about each normal, as a matt surface scatters light.
+    """Return one direction (N, 3) around each normal, as a matt surface scatters light.
 
-    A point on the unit sphere about the normal's tip is such a direction (cosine-weighted).
+    A point on the unit sphere around the end of the normal gives such a direction
+    (cosine-weighted).
     """
     generator = np.random.Generator(np.random.Philox(key=seed))
     z = generator.random(len(normal), np.float32) * 2 - 1
@@ -42,7 +43,7 @@ def smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def sky(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the sky's colour (N, 3) where directions rise by ``z``, linear light."""
+    """Return the sky's colour (N, 3) for directions with z component ``z``, linear light."""
     share = np.sqrt(np.clip((z + np.float32(0.05)) * 2, 0, 1))[:, None]
     return np.asarray(HORIZON * (1 - share) + _ZENITH * share, np.float32)
 

@@ -66,15 +66,15 @@ def pictures_of_twin(
     pool: ProcessPoolExecutor | None = None,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and what there is of the others.
+    """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and, if possible, the others.
 
-    ``sight.png`` is of a rig that stands, ``ground.png`` of imagery.
+    ``sight.png`` requires a fixed rig, ``ground.png`` imagery.
 
     Args:
         twin: the twin.
-        out: the folder, made if it is not there; pictures of these names are replaced.
-        pool: of helpers, which draw the scene while this process draws the plan.
-        progress: called with the fraction done and what is being done.
+        out: the folder, created if missing; pictures with these names are replaced.
+        pool: helper processes, which draw the scene while this process draws the plan.
+        progress: called with the share done and the current task.
     """
     tell = progress or untold
     out.mkdir(parents=True, exist_ok=True)
@@ -126,7 +126,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
 
     Args:
         twin: the twin.
-        picture: ``plan``, ``sight`` (what the sensors see), ``scene`` or ``ground``.
+        picture: ``plan``, ``sight`` (the field of view of the sensors), ``scene`` or ``ground``.
 
     Raises:
         InputError: there is no such picture.
@@ -164,7 +164,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
 
 
 def sight_on(twin: Twin) -> RigSight | None:
-    """Return what a twin's own rig sees of the junction; see `lidar.sight.sight_of_rig`."""
+    """Return the part of the junction visible to a twin's own rig; see `sight_of_rig`."""
     rig = place_rig(
         twin.rig_spec(), twin.mesh, file=twin.rig_path, anchor_height_m=twin.anchor_height_m
     )
@@ -189,13 +189,13 @@ def picture_of_motion(motion: Motion, twin: Twin, path: Path) -> Path:
 
 
 def figure_of_motion(motion: Motion, twin: Twin | None) -> Figure:
-    """Draw the paths of a motion's actors, on its twin where there is one."""
+    """Draw the paths of a motion's actors, on its twin if given."""
     sources = [] if twin is None else attributions(twin.manifest)
     return paths_figure(motion, twin, attribution=sources)
 
 
 def redraw_split(dataset: Path) -> None:
-    """Draw the picture of a dataset that tells its split anew; the file may have other names.
+    """Redraw the picture of a dataset's split, for example after a change of the split files.
 
     Raises:
         InputError: a file of the dataset is missing or damaged.
@@ -217,18 +217,19 @@ def pictures_of_dataset(
 ) -> list[Path]:
     """Draw a recorded dataset: the frame with the most labelled actors, and its classes.
 
-    ``birdseye.png``, ``range_image.png``, ``histogram.png``, what `pictures_of_boxes` draws of all
-    frames, and, where the twin and its motion are given, ``scene.png``: the same moment in the
-    twin with its actors. In a folder with a dataset for each sensor, those of all.
+    The pictures are ``birdseye.png``, ``range_image.png``, ``histogram.png`` and those of
+    `pictures_of_boxes` for all frames. If the twin and its motion are given, ``scene.png`` shows
+    the same moment in the twin with its actors. In a folder with a dataset for each sensor, the
+    pictures of all are drawn.
 
     Args:
         dataset: the dataset's folder.
-        out: where to; without it the dataset's ``pictures/``.
-        twin: the twin that it was recorded in.
-        motion: the motion that it was recorded from.
-        pool: of helpers, which draw the frame and what is of all boxes while this process draws
-            the scene.
-        progress: called with the fraction done and what is being done.
+        out: output folder; default: the dataset's ``pictures/``.
+        twin: the twin in which it was recorded.
+        motion: the motion from which it was recorded.
+        pool: helper processes, which draw the frame and the boxes while this process draws the
+            scene.
+        progress: called with the share done and the current task.
 
     Raises:
         InputError: there is no dataset, or a file of it is missing.
@@ -282,7 +283,7 @@ def _pictures_of_boxes(dataset: Path, out: Path, sources: list[str]) -> list[Pat
 def _pictures_of_frame(
     frame: LabelledPoints, manifest: dict[str, Any], out: Path, sources: list[str]
 ) -> list[Path]:
-    """Draw a frame, and how many points and boxes of each class there are."""
+    """Draw a frame, and the number of points and boxes of each class."""
     kinds = ["birdseye", "range_image"] if len(frame.points) else ["birdseye"]
     figures = {kind: _figure_of_frame(frame, kind, sources) for kind in kinds}
     figures["histogram"] = _figure_of_counts(manifest)
@@ -290,16 +291,16 @@ def _pictures_of_frame(
 
 
 def picture_of_fleet(fleet: Fleet, path: Path) -> Path:
-    """Draw what the nodes of a fleet see of one moment into a PNG."""
+    """Draw the points of the nodes of a fleet at one moment into a PNG."""
     return style.save(figure_of_fleet(fleet, attribution=attributions(fleet.manifest)), path)
 
 
 def figure_of_dataset(dataset: Path, frame: str | None, picture: str) -> Figure:
-    """Draw a frame of a dataset, or how many points and boxes of each class it has.
+    """Draw a frame of a dataset, or its number of points and boxes of each class.
 
     Args:
         dataset: its folder.
-        frame: the frame's name; without it the one with the most labelled actors.
+        frame: the frame's name; default: the frame with the most labelled actors.
         picture: ``birdseye``, ``range_image`` or ``histogram``.
 
     Raises:
@@ -337,17 +338,17 @@ def _figure_of_counts(manifest: dict[str, Any]) -> Figure:
 
 
 def picture_of_coverage(coverage: Coverage, rig: Rig, twin: Twin, path: Path) -> Path:
-    """Draw where a rig on a twin sees how much into a PNG; see `figure_of_coverage`."""
+    """Draw the coverage of a rig on a twin into a PNG; see `figure_of_coverage`."""
     return style.save(figure_of_coverage(coverage, rig, twin), path)
 
 
 def figure_of_coverage(coverage: Coverage, rig: Rig, twin: Twin) -> Figure:
-    """Draw where a rig on a twin sees how much.
+    """Draw the coverage of a rig on a twin.
 
     Args:
-        coverage: of the rig.
+        coverage: coverage of the rig.
         rig: its sensors.
-        twin: where it stands.
+        twin: twin of the site.
     """
     places = [one.site_SE3_sensor.translation for one in rig.sensors]
     return coverage_figure(
@@ -367,11 +368,11 @@ def figure_of_coverage(coverage: Coverage, rig: Rig, twin: Twin) -> Figure:
 def actor_meshes(
     rows: Rows, mesh_of: Callable[[str, int], LabelledMesh] = asset_mesh
 ) -> list[LabelledMesh]:
-    """Return the posed meshes of the actors at one moment, their track as ``part``.
+    """Return the posed meshes of the actors at one moment, with their track as ``part``.
 
     Args:
         rows: the actors.
-        mesh_of: the mesh of an asset and phase: a motion's own, else the catalogue's.
+        mesh_of: function for the mesh of an asset and phase; default: that of the catalogue.
     """
     meshes = []
     for row in rows:
@@ -386,14 +387,14 @@ def actor_meshes(
 
 
 def title_of(twin: Twin) -> str:
-    """Return the twin's name, or where it is if the name cannot be written."""
+    """Return the twin's name, or its coordinates if the name cannot be drawn."""
     where = f"{abs(twin.frame.latitude):.4f}° {'N' if twin.frame.latitude >= 0 else 'S'}, "
     where += f"{abs(twin.frame.longitude):.4f}° {'E' if twin.frame.longitude >= 0 else 'W'}"
     return legible(str(twin.manifest.get("name") or "")) or f"Intersection at {where}"
 
 
 def attributions(manifest: dict[str, Any]) -> list[str]:
-    """Return whose data an artefact was made from, each once."""
+    """Return the attributions of the inputs of an artefact, each once."""
     found = [str(one.get("attribution") or "") for one in manifest.get("inputs", [])]
     return [one for one in dict.fromkeys(found) if one not in ("", "not stated")]
 

@@ -1,4 +1,4 @@
-"""A plan of the lane network, with what stands around it."""
+"""A plan of the lane network with its surroundings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = ["plan", "plan_figure"]
 #: Size of the sheet, inches: title above the map, legend below it.
 WIDTH, TITLE, LEGEND = 12.0, 0.95, 0.75
 MARGIN = 0.35
-#: Streets that fill less than this share of the region are shown with so much around them, metres.
+#: Streets with less than this share of the region are shown with this margin around them, metres.
 FILLED, AROUND_M = 0.75, 20.0
 #: Sizes of text, points.
 NAMES, NOTES = 9.0, 9.0
@@ -52,19 +52,19 @@ def plan(
 ) -> Path:
     """Draw the lane network from above, north up, as PNG or, by the file's name, as SVG.
 
-    Lanes by kind with their markings, the turns that each may take at its stop line, zebras,
-    islands and curbs, signals with the direction that they face, signs, street names, north, a
-    scale, a legend and the region's border. The same twin gives the same bytes.
+    The plan shows lanes by kind with their markings, the permitted turns at stop lines, zebra
+    crossings, islands, curbs, signals with their direction, signs and street names. It has a north
+    arrow, a scale, a legend and the region's border. The same twin gives the same bytes.
 
     Args:
         network: the lanes.
         region: the region of interest, site frame, metres.
         path: the ``.png`` or ``.svg`` to write.
-        model: the lane model: markings, islands, heads and signs are its own.
-        mesh: the static world: its buildings and plants are drawn behind.
+        model: the lane model, with markings, islands, heads and signs.
+        mesh: the static scene: its buildings and plants are drawn in the background.
         sensors: name, x and y of each, site frame, metres.
-        title: of the picture.
-        attribution: whose data it shows.
+        title: title of the picture.
+        attribution: sources of the data.
     """
     figure = plan_figure(
         network,
@@ -161,7 +161,7 @@ def plan_figure(  # noqa: PLR0913 - all that a plan shows
 
 
 def _shown(network: RoadNetwork, region: shapely.Polygon) -> tuple[float, float, float, float]:
-    """Return the bounds of the region, or of its streets where they fill little of it."""
+    """Return the bounds of the region, or of its streets if they fill little of it."""
     lines = [shapely.LineString(lane.centre[:, :2]) for lane in network.lanes]
     streets = shapely.intersection(shapely.MultiLineString(lines), region)
     whole: tuple[float, float, float, float] = region.bounds
@@ -180,7 +180,7 @@ def _bounds(axes: Axes) -> tuple[float, float, float, float]:
 
 
 def _north_and_scale(axes: Axes, look: Look, metre_per_point: float) -> list[shapely.Geometry]:
-    """Draw an arrow to the north and a bar of a round length; return what they cover."""
+    """Draw an arrow to the north and a bar of a round length; return the covered areas."""
     x0, y0, x1, y1 = _bounds(axes)
     unit = metre_per_point
     round_lengths = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -191,7 +191,7 @@ def _north_and_scale(axes: Axes, look: Look, metre_per_point: float) -> list[sha
         "linewidth": 0.6,
         "zorder": 60,
     }
-    # The bar, on a ground of its own at the lower left.
+    # The bar, on its own background at the lower left.
     left, low = x0 + 14 * unit, y0 + 14 * unit
     wide = length + 30 * unit
     axes.add_patch(Rectangle((x0 + 6 * unit, y0 + 6 * unit), wide, 30 * unit, **ground))
@@ -228,7 +228,7 @@ def _north_and_scale(axes: Axes, look: Look, metre_per_point: float) -> list[sha
 def _sensors(
     axes: Axes, sensors: list[tuple[str, float, float]], look: Look, metre_per_point: float
 ) -> list[shapely.Geometry]:
-    """Draw sensors with their names; return what they cover."""
+    """Draw sensors with their names; return the covered areas."""
     taken = []
     for name, east, north in sensors:
         axes.plot(east, north, "o", color=look.sensor, markersize=9, zorder=45)
@@ -273,7 +273,7 @@ def _legend(
     below: float,
     sensors: bool,
 ) -> None:
-    """Explain what is on this plan, below the map."""
+    """Draw the legend of this plan, below the map."""
     kinds = {lane.kind for lane in network.lanes} | {kind for kind, _ in islands(network, model)}
     rows: list[tuple[object, str]] = [
         (Patch(facecolor=look.lanes[kind], edgecolor=look.curb, linewidth=0.5), name)

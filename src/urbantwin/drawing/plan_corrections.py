@@ -1,4 +1,4 @@
-"""Corrections on a plan: where each is, by its number, and a list that tells what it is."""
+"""Corrections on a plan: their numbers at their positions, and a list of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urbantwin.twin import Corrected
 
 __all__ = ["draw_corrections", "list_corrections", "list_height"]
 
-#: Rows and columns of the list; what has no room is told to be in the manifest.
+#: Columns and maximum number of rows of the list; the list refers to the manifest for the others.
 COLUMNS, MOST = 2, 40
 #: Height of a row and of the list's title, inches; sizes of text, points.
 ROW, TITLE = 0.2, 0.3
@@ -28,9 +28,9 @@ LONGEST = 88
 def draw_corrections(
     axes: Axes, corrections: Sequence[Corrected], look: Look, metre_per_point: float
 ) -> list[shapely.Geometry]:
-    """Draw lines and points of corrections with their numbers; return what they cover.
+    """Draw lines and points of corrections with their numbers; return the covered areas.
 
-    What was not applied is drawn dashed and hollow.
+    Corrections that were not applied are dashed and hollow.
     """
     taken = []
     for one in corrections:
@@ -51,7 +51,7 @@ def draw_corrections(
                 )  # fmt: skip
         if one.at_m:
             first = np.asarray(one.at_m[0], np.float64)
-            # On a line its number stands in the middle, so that it hides no end.
+            # The number of a line is in its middle, so that it hides no end.
             place = first[0]
             if len(first) > 1:
                 line = shapely.LineString(first)
@@ -88,7 +88,7 @@ def _number(
 
 
 def list_height(corrections: Sequence[Corrected]) -> float:
-    """Return how high the list is, inches."""
+    """Return the height of the list, inches."""
     rows = -(-min(len(corrections), MOST + 1) // COLUMNS)
     return TITLE + ROW * rows if corrections else 0.0
 
@@ -96,14 +96,14 @@ def list_height(corrections: Sequence[Corrected]) -> float:
 def list_corrections(
     figure: Figure, corrections: Sequence[Corrected], look: Look, *, left: float, top: float
 ) -> None:
-    """Write what each number is, in columns from ``top`` downwards.
+    """Write the description of each number, in columns from ``top`` downwards.
 
     Args:
         figure: the sheet.
-        corrections: what is listed.
+        corrections: the corrections.
         look: colours.
-        left: where the list begins, inches.
-        top: where its title stands, inches from the bottom.
+        left: left border of the list, inches.
+        top: position of its title, inches from the bottom.
     """
     width, height = figure.get_figwidth(), figure.get_figheight()
     done = sum(one.applied for one in corrections)

@@ -23,11 +23,11 @@ from urbantwin.scene.surface import PARTS
 
 __all__ = ["draw_ground", "draw_surfaces", "fill"]
 
-#: Lanes whose fill is their own; all other carriageway is drawn as one.
+#: Lanes with a separate fill; all other parts of the carriageway are drawn as one.
 _OWN_FILL = ("driving", "bus", "bicycle", "parking", "shoulder")
-#: A carriageway's edge this near to what is raised is a curb, metres.
+#: A carriageway's edge within this distance of a raised area is a curb, metres.
 _AT_CURB_M = 0.35
-#: What `_of_mesh` returned, as long as the mesh is in use.
+#: Results of `_of_mesh`, as long as the mesh is in use.
 _OUTLINES: WeakKeyDictionary[LabelledMesh, tuple[list[shapely.Geometry], ...]] = WeakKeyDictionary()
 
 
@@ -55,7 +55,7 @@ def fill(
 
 
 def draw_ground(axes: Axes, region: shapely.Polygon, mesh: LabelledMesh | None, look: Look) -> None:
-    """Draw the region's ground, and what stands on it."""
+    """Draw the region's ground, and the objects on it."""
     fill(axes, [region], look.ground, zorder=0)
     if mesh is None:
         return
@@ -75,7 +75,7 @@ def draw_ground(axes: Axes, region: shapely.Polygon, mesh: LabelledMesh | None, 
 def _of_mesh(mesh: LabelledMesh) -> tuple[list[shapely.Geometry], ...]:
     """Return the outlines of islands, plants and buildings; several plans show the same mesh."""
     if mesh not in _OUTLINES:
-        # What lies between carriageways is raised in the scene, also where no lane of the model is.
+        # Areas between carriageways are raised in the scene, even without a lane in the model.
         island = mesh.select(mesh.part == PARTS["island"])
         found = (
             footprints(island, "other-ground"),
@@ -87,7 +87,7 @@ def _of_mesh(mesh: LabelledMesh) -> tuple[list[shapely.Geometry], ...]:
 
 
 def draw_surfaces(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
-    """Draw what one drives and walks on, level by level: a deck hides what runs under it."""
+    """Draw carriageways and footways, level by level: a deck hides the ways below it."""
     raised = islands(network, model)
     for level in network.levels:
         zorder = 10.0 + 10 * level

@@ -17,17 +17,17 @@ from urbantwin.roads import RoadNetwork
 
 __all__ = ["Label", "draw_labels", "street_labels"]
 
-#: A name again after so many metres of its street.
+#: Minimum distance between repetitions of a street's name along the street, metres.
 _AGAIN_M = 170.0
 #: Width of a letter and height of a line in parts of the font's size.
 _LETTER, _LINE = 0.62, 1.3
-#: Places along a street that are tried, the middle first.
+#: Candidate positions along a street, the middle first.
 _TRIED = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8, 0.12, 0.88)
 
 
 @dataclass(frozen=True)
 class Label:
-    """Text on the map: where its middle is (metres), how it is turned (degrees), what it covers."""
+    """Text on the map: its middle (metres), its rotation (degrees), and its area."""
 
     text: str
     x: float
@@ -43,12 +43,12 @@ def street_labels(
     *,
     letter_m: float,
 ) -> list[Label]:
-    """Place the name of each street beside it, and on it where there is no room beside.
+    """Place the name of each street beside it, or on it if there is no space beside.
 
     Args:
         network: the lanes.
-        room: where text may stand.
-        taken: what must not be covered.
+        room: area for text.
+        taken: areas that must not be covered.
         letter_m: the size of the font, metres on the map.
     """
     paved = shapely.union_all(
@@ -136,7 +136,7 @@ def _candidates(
     *,
     beside: bool,
 ) -> Iterator[Label]:
-    """Yield places along a street: off both its edges, or on its middle."""
+    """Yield positions along a street: outside both its edges, or on its middle."""
     for share in _TRIED:
         at = share * line.length
         a, b = (

@@ -32,9 +32,9 @@ from urbantwin.roads.model import LaneModel
 
 __all__ = ["draw_marks", "draw_signals"]
 
-#: Widths of lines as drawn, metres: painted ones are 0.12 to 0.25 m wide.
+#: Drawn widths of lines, metres: painted ones are 0.12 to 0.25 m wide.
 _LINE_M, _STOP_M = 0.2, 0.5
-#: Arrows that say which way a lane runs stand at least so far from each other, metres.
+#: Minimum distance between arrows for the direction of a lane, and their length, metres.
 _DIRECTION_EVERY_M, _DIRECTION_M = 45.0, 3.2
 #: Numbers of the stop sign in the catalogues of Germany, the USA and Australia, and in Vienna's.
 STOP = frozenset({"206", "R1-1", "B2a", "B2"})
@@ -42,7 +42,7 @@ _DRIVEN = ("driving", "bus", "bicycle")
 
 
 def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
-    """Draw what is painted on the road."""
+    """Draw the road markings."""
     across = [*guide_lines(model), *lines_through(network, model)] if model else []
     for line in [*lane_marks(network, model), *across]:
         if line.kind == "curb":
@@ -63,7 +63,7 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
     crossings = np.isin(paint.kind, [PAINT_KINDS.index(kind) for kind in ("zebra", "crossing")])
     for level in np.unique(paint.level[crossings]).tolist():
         quads = shapely.polygons(paint.quads[crossings & (paint.level == level)])
-        # Where a crossing leads over the street at an angle, its corners lie beyond the kerb.
+        # The corners of a crossing at an angle to the street are beyond the kerb.
         within = shapely.intersection(quads, network.carriageway(level))
         fill(axes, within, look.paint, zorder=11.1 + 10 * level)
     for lane in network.lanes:
@@ -74,14 +74,14 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
 def draw_signals(
     axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look, *, size_m: float
 ) -> list[shapely.Geometry]:
-    """Draw heads of signals, which look against the traffic that they are for, and signs.
+    """Draw heads of signals, facing their traffic, and signs.
 
-    Returns what they cover.
+    Returns the covered areas.
 
     Args:
-        axes: of the plan.
+        axes: axes of the plan.
         network: the lanes.
-        model: the lane model, where there is one.
+        model: the lane model, if there is one.
         look: colours.
         size_m: the size of a symbol, metres.
     """
@@ -90,7 +90,7 @@ def draw_signals(
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         across = np.array([-ahead[1], ahead[0]])
         at = np.array([x, y])
-        # A lamp with its face: the flat side looks at the traffic.
+        # A lamp with its face: the flat side faces the traffic.
         face = [at - 0.45 * size_m * ahead + k * 0.42 * size_m * across for k in (-1, 1)]
         axes.add_patch(
             Circle(
@@ -109,7 +109,7 @@ def draw_signals(
 
 
 def _draw_sign(axes: Axes, sign: Sign, size_m: float, look: Look) -> None:
-    """Draw a speed limit, a stop sign, a give-way sign or, for any other, a lozenge."""
+    """Draw a speed limit, a stop sign, a give-way sign or, for any other, a diamond."""
     at = np.array([sign.x, sign.y])
     edged: dict[str, Any] = {"facecolor": "#ffffff", "edgecolor": look.signal, "zorder": 39}
     if np.isfinite(sign.value) and sign.unit in ("km/h", "mph", "m/s"):
@@ -137,7 +137,7 @@ def _draw_sign(axes: Axes, sign: Sign, size_m: float, look: Look) -> None:
 
 
 def _heads(network: RoadNetwork, model: LaneModel | None) -> list[tuple[float, float, float]]:
-    """Return place and heading of the traffic of every head, those at one place once."""
+    """Return position and traffic heading of every head; heads at the same position once."""
     found: dict[tuple[int, int, int], tuple[float, float, float]] = {}
     for head in heads(network, model):
         key = round(head.x * 2), round(head.y * 2), round(float(np.cos(head.yaw)) * 2)

@@ -1,4 +1,4 @@
-"""Styles of a plan: dark like all pictures, or on white paper for print."""
+"""Styles of a plan: dark as in all pictures, or on white paper for print."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ LANE_NAMES = {
 
 @dataclass(frozen=True)
 class Look:
-    """Colours as matplotlib takes them.
+    """Colours in matplotlib's form.
 
     Attributes:
-        page: around the map.
-        ground: of the region.
+        page: area around the map.
+        ground: ground of the region.
         ink: text and the map's frame.
-        muted: text of less weight.
-        halo: behind text on the map.
-        building, green: what stands around.
+        muted: less important text.
+        halo: outline of text on the map.
+        building, green: surrounding buildings and plants.
         edge: outlines of buildings.
         lanes: fill by kind of lane; ``junction`` within junctions.
         paint: markings.
         curb: curbs.
-        direction: arrows that only say which way a lane runs.
+        direction: arrows that only show the direction of a lane.
         signal: heads of signals.
         sensor: sensors.
-        correction: what a person corrected.
+        correction: corrections by the user.
     """
 
     page: str

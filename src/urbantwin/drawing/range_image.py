@@ -1,4 +1,4 @@
-"""A labelled frame as its sensor saw it: channels by azimuth, coloured by range and by class."""
+"""A labelled frame as seen by its sensor: channels by azimuth, coloured by range and by class."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from urbantwin.geometry import box_corners
 
 __all__ = ["RangeImage", "range_image", "range_image_figure", "spread_rays"]
 
-#: Rows where the channels of the points are not known.
+#: Number of rows if the channels of the points are not known.
 _ROWS_WITHOUT_CHANNELS = 64
 #: Cells of a sensor without channels and columns: half a degree.
 _PATTERN_COLUMNS = 720
@@ -30,14 +30,15 @@ _EDGES += [(a + 4, b + 4) for a, b in _EDGES] + [(k, k + 4) for k in range(4)]
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """The rays of one sensor as an image: row 0 looks highest, column 0 looks straight back.
+    """The rays of one sensor as an image: row 0 is the highest, column 0 points straight back.
 
-    Columns go clockwise, as one sees the world: the left of the image is the sensor's left.
+    Columns are in clockwise order, as seen from the sensor: the left of the image is the sensor's
+    left.
 
     Attributes:
         range_m: (R, C) metres, nan without a return.
         semantic: (R, C) class numbers, 0 without a return.
-        elevation: (R,) elevation of each row, radians, falling.
+        elevation: (R,) elevation of each row, radians, descending.
     """
 
     range_m: NDArray[np.float64]
@@ -53,14 +54,14 @@ def range_image(
     title: str = "",
     attribution: str | Iterable[str] = (),
 ) -> Path:
-    """Draw what one sensor saw: range above, class with the boxes below.
+    """Draw the view of one sensor: range above, class with the boxes below.
 
     Args:
         frame: the frame.
         path: the PNG to write.
         sensor: number of the sensor in the rig.
-        title: of the picture.
-        attribution: whose data it shows.
+        title: title of the picture.
+        attribution: sources of the data.
 
     Raises:
         InputError: the rig has no such sensor, or it has no point in this frame.
@@ -123,9 +124,9 @@ def range_image_figure(
 def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
     """Return the points of one sensor as an image.
 
-    A point's row is its channel, highest first; its column is its azimuth, so that channels which
-    look aside of the encoder's angle stand where they look. Without known rays, and of a
-    pattern that does not repeat, both come from the point's direction.
+    A point's row is its channel, highest first; its column is its azimuth, so that channels with an
+    azimuth offset from the encoder's angle appear in their true direction. If rays are unknown, or
+    the pattern does not repeat, both are derived from the point's direction.
 
     Raises:
         InputError: the rig has no such sensor, or it has no point in this frame.
@@ -158,7 +159,7 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
         rows = len(order)
         row = np.argsort(order)[frame.ring[mine]]
         heights = channels[order]
-        # Where between two columns each channel fires: the mean phase of its points.
+        # Mean phase of each channel's points between two columns.
         turn = np.exp(1j * azimuth * columns)
         each = np.bincount(row, turn.real, rows) + 1j * np.bincount(row, turn.imag, rows)
         phase = np.angle(each) / columns
@@ -194,7 +195,7 @@ def _plain(axes: Axes, image: RangeImage, shape: tuple[int, int]) -> None:
 
 
 def _outline_boxes(axes: Axes, frame: LabelledPoints, sensor: int, image: RangeImage) -> None:
-    """Draw the edges of boxes that have points, as the sensor sees them."""
+    """Draw the edges of boxes that have points, as seen from the sensor."""
     place = frame.sensors[sensor]
     rows, columns = image.range_m.shape
     if rows < 2:
@@ -208,7 +209,7 @@ def _outline_boxes(axes: Axes, frame: LabelledPoints, sensor: int, image: RangeI
         for a, b in _EDGES:
             azimuth, elevation, _ = _spherical(corners[a] + steps * (corners[b] - corners[a]))
             x = (np.pi - azimuth) / (2 * np.pi) * columns - 0.5
-            # Rows are channels, which are not evenly spaced: beyond the ends they go on evenly.
+            # Rows are channels, which are not evenly spaced: beyond the ends the spacing is even.
             y = np.interp(-elevation, -image.elevation, np.arange(rows))
             y[elevation > image.elevation[0]] = -1
             y[elevation < image.elevation[-1]] = rows

@@ -1,7 +1,7 @@
 """Road furniture for pictures: signs, signal heads, islands.
 
-The lane model says it all. Of a twin without one only what the lane network tells is known: the
-signals at their stop lines.
+All data are from the lane model. For a twin without one only the data of the lane network are
+known: the signals at their stop lines.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["Head", "Sign", "heads", "islands", "signs"]
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign that does not change.
+    """A static sign.
 
     Attributes:
-        name: for people.
+        name: readable name.
         plate: the shape of its plate: disc, upright, octagon or triangle.
-        country, type, subtype, value, unit: what it says (``roads.model.RoadSignal``).
-        x, y: its place, site frame, metres.
-        yaw: heading of the traffic that it is for, radians.
+        country, type, subtype, value, unit: its meaning (``roads.model.RoadSignal``).
+        x, y: its position, site frame, metres.
+        yaw: heading of the traffic it applies to, radians.
     """
 
     name: str
@@ -49,13 +49,13 @@ class Head:
     """A head of a signal.
 
     Attributes:
-        type: OpenDRIVE's number of it; empty where it is not known.
+        type: OpenDRIVE's number of its type; empty if unknown.
         program: id of its signal program.
-        links: what it shows: indices into the program's states.
-        lane: id of the strip that it governs; empty where that is not known.
-        z: height of its middle above the road, metres; 0 where it is not known.
-        x, y: its place, site frame, metres.
-        yaw: heading of the traffic that it is for, radians.
+        links: indices of its signals in the program's states.
+        lane: id of the lane that it controls; empty if unknown.
+        z: height of its middle above the road, metres; 0 if unknown.
+        x, y: its position, site frame, metres.
+        yaw: heading of the traffic it applies to, radians.
     """
 
     type: str
@@ -93,7 +93,7 @@ def signs(model: LaneModel | None) -> list[Sign]:
 
 
 def heads(network: RoadNetwork, model: LaneModel | None) -> list[Head]:
-    """Return the heads of signals where they stand; without a lane model at their stop lines."""
+    """Return the heads of signals at their positions; without a lane model at their stop lines."""
     found = [
         Head(one.type, one.program, one.links, one.strip, one.z, *_stands(model, one))
         for one in (model.signals if model else ())

@@ -1,8 +1,9 @@
 """A perspective picture of the twin: ray-cast mesh with sun, shadow and ambient light.
 
-No window and no graphics card: `RayScene` casts one ray per sub-pixel, from what it hit one more
-towards the sun, and one into the open, at random about the surface's normal: the share of those
-that meet nothing near, over the neighbourhood, is the ambient light. Seeds are fixed.
+It needs no window and no graphics card. `RayScene` casts one ray per sub-pixel, and from its hit
+one ray towards the sun and one in a random direction around the surface's normal. The share of the
+random rays without a close hit, averaged over neighbouring pixels, is the ambient light. Seeds are
+fixed.
 """
 
 from __future__ import annotations
@@ -37,16 +38,16 @@ __all__ = [
 _SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
 _SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
 _GROUNDLIGHT = np.array([1.0, 0.93, 0.82], np.float32)
-#: A ray into the open that meets nothing within this distance sees the sky, metres.
+#: A random ray without a hit within this distance reaches the sky, metres.
 _AMBIENT_M = 12.0
 #: The streets within this distance of a place are the junction that is to be seen, metres.
 JUNCTION_M = 35.0
-#: Where cameras are tried: how high they stand, and how far round from the usual azimuth.
+#: Elevations of the candidate cameras, and their offsets from the default azimuth.
 ELEVATIONS_DEG = (29.0, 36.0, 44.0, 53.0, 62.0, 72.0)
 TURNS_DEG = (0, 25, -25, 50, -50, 75, -75, 100, -100, 130, -130, 155, -155, 180)
-#: What one degree of steepness costs, in shares of the junction that is seen.
+#: Penalty for one degree of steepness, in shares of the visible junction.
 STEEPNESS = 0.004
-#: What is lower than this above the junction does not stand in the way, metres.
+#: Objects lower than this above the junction do not count as obstacles, metres.
 HIGH_M = 5.0
 #: Rows of sub-pixels cast at once.
 _BAND = 32 * SAMPLES
@@ -55,14 +56,14 @@ _OFFSET_M = 2e-3
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera that looks at a place from a height.
+    """A pinhole camera directed at a point from above.
 
     Attributes:
-        target: (3,) what is in the middle of the picture, site frame, metres.
-        distance_m: from the target.
-        azimuth_deg: where the camera stands, seen from the target: counter-clockwise from east.
-        elevation_deg: how high it stands, seen from the target.
-        field_deg: width of the picture.
+        target: (3,) point in the middle of the picture, site frame, metres.
+        distance_m: distance from the target.
+        azimuth_deg: direction from the target to the camera: counter-clockwise from east.
+        elevation_deg: elevation of the camera, seen from the target.
+        field_deg: horizontal field of view.
     """
 
     target: ArrayLike = (0.0, 0.0, 0.0)
@@ -73,7 +74,7 @@ class Camera:
 
     @property
     def place(self) -> NDArray[np.float64]:
-        """Where the camera stands (3,)."""
+        """Position of the camera (3,)."""
         a, e = np.radians([self.azimuth_deg, self.elevation_deg])
         back = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         return np.asarray(self.target, np.float64) + self.distance_m * back
@@ -114,18 +115,18 @@ def scene_picture(  # noqa: PLR0913 - what is drawn, from where, and what is wri
     surface: SurfaceMaterials | None = None,
     colours: PartColours | None = None,
 ) -> Path:
-    """Draw the twin's mesh from a height, in daylight.
+    """Draw the twin's mesh from above, in daylight.
 
     Args:
-        mesh: what to draw, site frame, metres: the static world, with actors or without.
+        mesh: the mesh to draw, site frame, metres: the static scene, with or without actors.
         path: the PNG to write.
-        camera: from where; without it from the side from which most of the middle is seen.
+        camera: the camera; default: the one with the most of the middle visible.
         size: width and height of the picture, pixels.
-        title: written into the sky.
+        title: text in the sky.
         below: a line under it.
-        attribution: whose data it shows.
+        attribution: sources of the data.
         surface: materials of the ground that are finer than the mesh.
-        colours: of its buildings.
+        colours: colours of its buildings.
     """
     figure = scene_figure(
         mesh,
@@ -152,7 +153,7 @@ def scene_figure(  # noqa: PLR0913 - as `scene_picture`
     colours: PartColours | None = None,
     tell: Progress = untold,
 ) -> Figure:
-    """Return the figure of ``scene_picture``; ``tell`` is called with the fraction done (0..1)."""
+    """Return the figure of ``scene_picture``; ``tell`` is called with the share done (0..1)."""
     caster = _Caster(mesh)
     camera = camera or _clearest(caster, Camera(), ELEVATIONS_DEG)
     width, height = size
@@ -191,25 +192,25 @@ def clear_camera(
     usual: Camera | None = None,
     elevations_deg: Sequence[float] = ELEVATIONS_DEG,
 ) -> Camera:
-    """Return the camera that sees most of the junction at a place.
+    """Return the camera with the most of the junction visible.
 
-    Cameras all around and at several heights are tried, each by rays: how much it sees of the
-    streets within ``JUNCTION_M`` (of any ground, where there are none), less how much of its
-    picture walls and roofs before the junction take, less a little for every degree that it looks
-    down more steeply than it must.
+    Candidate cameras all around and at several elevations are evaluated with rays. The score is the
+    visible share of the streets within ``JUNCTION_M`` (of any ground, if there are none). The share
+    of the picture that walls and roofs in front of the junction take is subtracted, and a small
+    penalty for every degree above the lowest elevation.
 
     Args:
-        mesh: the static world, site frame, metres.
-        target: (3,) what is to be seen, metres.
-        usual: its distance, field and azimuth are those of the cameras that are tried.
-        elevations_deg: how high they stand, seen from the target; the lowest first.
+        mesh: the static scene, site frame, metres.
+        target: (3,) the target point, metres.
+        usual: camera with the distance, field and azimuth of the candidates.
+        elevations_deg: elevations of the candidates, seen from the target; the lowest first.
     """
     like = replace(usual or Camera(), target=target)
     return _clearest(_Caster(mesh), like, elevations_deg)
 
 
 def _clearest(caster: _Caster, like: Camera, elevations_deg: Sequence[float]) -> Camera:
-    """Return the camera of `clear_camera`: that about its target, with its distance and field."""
+    """Return the camera of `clear_camera` for a given target, distance and field of view."""
     middle = np.asarray(like.target, np.float64)
     places = _streets_about(caster, middle)
     best, most = like, -np.inf
@@ -251,7 +252,7 @@ def _seen(caster: _Caster, camera: Camera, places: NDArray[np.float64]) -> float
 
 
 def _in_the_way(caster: _Caster, camera: Camera, middle: NDArray[np.float64]) -> float:
-    """Return the share of the picture that high things before the junction take."""
+    """Return the share of the picture taken by tall objects in front of the junction."""
     rays = camera.rays(32, 18).reshape(-1, 3)
     origin = camera.place.astype(np.float32)
     _, distance = caster.first(np.tile(origin, (len(rays), 1)), rays)
@@ -271,12 +272,12 @@ def render(
     """Return the picture (height, width, 3), 0..255.
 
     Args:
-        mesh: what to draw, site frame, metres.
-        camera: from where.
+        mesh: the mesh to draw, site frame, metres.
+        camera: the camera.
         width: pixels.
         height: pixels.
         surface: materials of the ground that are finer than the mesh.
-        colours: of its buildings.
+        colours: colours of its buildings.
     """
     return _rendered(_Caster(mesh), camera, width, height, surface, colours, untold)
 
@@ -318,13 +319,13 @@ def _rendered(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What each sub-pixel's rays met: (H, W) arrays, nan or -1 where they met nothing."""
+    """Hits of each sub-pixel's rays: (H, W) arrays, nan or -1 without a hit."""
 
     face: NDArray[np.int32]
     distance: NDArray[np.float32]
     sun: NDArray[np.float32]
     sky: NDArray[np.float32]
-    up: NDArray[np.float32]  # z of the normal that looks at the camera
+    up: NDArray[np.float32]  # z of the normal towards the camera
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> _Seen:
@@ -333,7 +334,7 @@ class _Seen:
 
 
 class _Colours:
-    """Colours of what rays from one place meet."""
+    """Colours of the hits of rays from one origin."""
 
     def __init__(
         self,
@@ -345,7 +346,7 @@ class _Colours:
         self._surface = surface if surface is not None and surface.layers else None
         self._origin = origin
         if self._surface is not None:
-            self._own = mesh.material  # of the triangles, by face
+            self._own = mesh.material  # material of each triangle
             self._takes = taking(mesh, np.arange(len(mesh.faces)))
         self._faces = surface_colours(mesh, colours).astype(np.float32)
         self._materials = material_colours().astype(np.float32)
@@ -356,7 +357,7 @@ class _Colours:
         way: NDArray[np.float32],
         distance: NDArray[np.float32],
     ) -> NDArray[np.float32]:
-        """Return the colour (N, 3) where rays that run along ``way`` (N, 3) meet faces (N,)."""
+        """Return the colour (N, 3) of hits of rays with directions ``way`` (N, 3) on faces (N,)."""
         found = self._faces.take(face, axis=0)
         if self._surface is not None:
             which = np.flatnonzero(self._takes[face])
@@ -378,11 +379,11 @@ def _look(
     seen: _Seen,
     band: slice,
 ) -> None:
-    """Cast the rays of a band of rows: to the mesh, from there to the sun and into the open."""
+    """Cast the rays of a band of rows: to the mesh, from there to the sun and at random."""
     directions = rays[band].reshape(-1, 3)
     face, distance = caster.first(origin, directions, beside=True)
     hit = np.flatnonzero(face >= 0)
-    # Rows by ``take``: an index does the same in many times the time.
+    # Rows by ``take``: an index takes many times as long.
     way = directions.take(hit, axis=0)
     normal = caster.normals.take(face[hit], axis=0)
     normal *= -np.sign(np.einsum("ij,ij->i", normal, way))[:, None]
@@ -391,7 +392,7 @@ def _look(
     lit = np.flatnonzero(facing > 0)
     _, to_sun = caster.first(place.take(lit, axis=0), sun, beside=True)
     facing[lit[np.isfinite(to_sun)]] = 0
-    # One of a pixel's sub-pixels looks into the open: its neighbours' average is what is used.
+    # One sub-pixel per pixel casts a random ray: the average over neighbours is used.
     shape = seen.face[band].shape
     column, row = hit % shape[1], hit // shape[1]
     few = np.flatnonzero((column % SAMPLES == 0) & (row % SAMPLES == 0))
@@ -444,7 +445,8 @@ class _Caster:
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return the first face (N,) along each ray, -1 for none, and its distance (N,).
 
-        Origins or directions may be one (3,) for all; ``beside`` as `RayScene.cast_single`.
+        Origins or directions may be a single (3,) for all rays; ``beside`` as in
+        `RayScene.cast_single`.
         """
         origins, directions = np.broadcast_arrays(origins, directions)
         found = self._scene.cast_single(origins, directions, beside=beside)

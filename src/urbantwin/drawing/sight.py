@@ -1,4 +1,4 @@
-"""A plan of the junction with what its sensors see of it, and what is hidden from them."""
+"""A plan of the junction with the areas visible to its sensors and the hidden areas."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urbantwin.roads.model import LaneModel
 
 __all__ = ["sight_figure"]
 
-#: Colours of what is seen and of what is not, and how much of the plan shines through.
+#: Colours of visible and hidden areas, and their opacity over the plan.
 _SEEN, _HIDDEN, _OPACITY = "#35b779", "#e4572e", 0.45
 #: Shown around the junction, metres.
 _AROUND_M = 15.0
@@ -37,13 +37,13 @@ def sight_figure(
     """Return a plan of the junction, coloured by whether a sensor has it in sight.
 
     Args:
-        sight: what the sensors see.
+        sight: visibility of the sensors.
         network: the lanes.
-        model: the lane model: markings, islands, heads and signs are its own.
-        mesh: the static world: its buildings and plants are drawn behind.
+        model: the lane model, with markings, islands, heads and signs.
+        mesh: the static scene: its buildings and plants are drawn in the background.
         sensors: name, x and y of each, site frame, metres.
-        title: of the picture.
-        attribution: whose data it shows.
+        title: title of the picture.
+        attribution: sources of the data.
     """
     places = [(name, east, north) for name, east, north in sensors]
     shown = shapely.MultiPoint([*sight.points[:, :2], *((x, y) for _, x, y in places)])

@@ -1,4 +1,4 @@
-"""One look for all pictures: colours, figures without a display, furniture of maps."""
+"""Common style of all pictures: colours, figures without a display, common map elements."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ __all__ = [
 
 PAPER, INK, MUTED, FAINT, ACCENT = "#10161d", "#eef2f6", "#9aa7b4", "#2c3743", "#ffd24a"
 
-#: Colours that the taxonomy has too dark for a dark ground are lifted to this lightness (0..255).
+#: Minimum lightness (0..255) of the taxonomy's colours on a dark background; darker ones are
+#: raised.
 _LEAST_LIGHT = 90.0
 
 
@@ -85,7 +86,7 @@ def figure_of_picture(path: Path) -> Figure:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a PNG or, by the file's name, an SVG; the same figure gives the same bytes."""
-    # A person's own matplotlibrc must not change what is drawn, nor crop it.
+    # A user's own matplotlibrc must not change or crop the drawing.
     fixed: dict[Any, Any] = {"savefig.bbox": None, "savefig.facecolor": "auto"}
     fixed |= {"svg.fonttype": "path", "svg.hashsalt": "urbantwin"}
     vector = path.suffix.lower() == ".svg"
@@ -97,7 +98,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 @cache
 def _glyphs() -> frozenset[int]:
-    """Return the characters of the font that comes with matplotlib, which every machine has."""
+    """Return the characters of the font included in matplotlib."""
     path = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     return frozenset(get_font(str(path)).get_charmap())
 
@@ -105,8 +106,8 @@ def _glyphs() -> frozenset[int]:
 def legible(text: str) -> str:
     """Return the text without characters that would be drawn as empty boxes.
 
-    The font has Latin, Greek, Cyrillic, Arabic and more, but not Chinese, Japanese or Korean.
-    What is left of a text that has no letter or digit left is the empty text.
+    The font has Latin, Greek, Cyrillic, Arabic and more, but not Chinese, Japanese or Korean. If no
+    letter or digit remains, the result is empty.
     """
     kept = "".join(one for one in text if ord(one) in _glyphs())
     if len(kept) < len(text):
@@ -142,16 +143,16 @@ def draw_lines(
     colours: Sequence[ArrayLike],
     **look: Any,  # noqa: ANN401 - matplotlib's properties of a collection
 ) -> None:
-    """Draw lines (N, 2), each in its colour, as ``Axes.plot`` does, in a fraction of the time.
+    """Draw lines (N, 2), each in its colour, as ``Axes.plot`` but much faster.
 
-    The limits of the axes are left as they are.
+    The limits of the axes are not changed.
     """
     usual: dict[str, Any] = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round"}
     axes.add_collection(LineCollection(lines, colors=colours, **(usual | look)), autolim=False)
 
 
 def bare(axes: Axes) -> None:
-    """Take ticks and frame away."""
+    """Remove ticks and frame."""
     axes.set_facecolor(PAPER)
     axes.set_xticks([])
     axes.set_yticks([])
@@ -182,7 +183,7 @@ def joined(sources: str | Iterable[str]) -> str:
 
 
 def written_attribution(figure: Figure, sources: str | Iterable[str]) -> None:
-    """Write whose data the picture shows at the lower right."""
+    """Write the sources of the data at the lower right."""
     text = joined(sources)
     if text:
         inch = 1.0 / figure.get_figheight()

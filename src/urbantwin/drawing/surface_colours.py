@@ -1,4 +1,4 @@
-"""Colours of a mesh as daylight shows it: by class and material, buildings each a little apart."""
+"""Colours of a mesh in daylight: by class and material, with slight differences of buildings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _BY_CLASS = {
     "traffic-sign": "#c8302a",
     "other-object": "#8f8578",
 }
-#: A material that says more than the class does, where it does.
+#: Colours of class and material, where the material is more specific than the class.
 _BY_CLASS_AND_MATERIAL = {
     ("building", "brick"): "#b06a4c",
     ("building", "plaster"): "#e3d8c4",
@@ -72,7 +72,7 @@ _BY_CLASS_AND_MATERIAL = {
     ("pole", "wood"): "#7d6650",
     ("vegetation", "foliage-needle"): "#436f3c",
 }
-#: Materials that lie on the ground's triangles, where imagery or the lane model knows them.
+#: Materials of the ground's triangles, if known from imagery or the lane model.
 _ON_THE_GROUND = {
     "road-paint": "#f3f1e8",
     "asphalt": "#5d6166",
@@ -86,7 +86,7 @@ _ON_THE_GROUND = {
     "water": "#4f7186",
     "snow": "#f7f9fb",
 }
-#: Materials that look the same on every actor.
+#: Materials with the same colour on every actor.
 _ON_ACTORS = {
     "glass": "#27323c",
     "glass-tinted": "#27323c",
@@ -104,7 +104,7 @@ _ON_ACTORS = {
 _ACTORS = (
     "car", "bus", "on-rails", "truck", "motorcycle", "motorcyclist", "bicyclist", "pedestrian",
 )  # fmt: skip
-#: Paints of cars and coats of people, from part to part.
+#: Colours of car paint and of clothes, different from part to part.
 _PAINTS = ("#2f6db5", "#b9322c", "#e6e7e8", "#25282c", "#8d949b", "#c9ccd0", "#2c6e5b", "#d6a431")
 
 
@@ -115,7 +115,7 @@ def surface_colours(
 
     Args:
         mesh: the triangles.
-        colours_of: colours of buildings; those that it does not know differ a little in shade.
+        colours_of: colours of buildings; other buildings differ slightly in shade.
     """
     number = mesh.semantic.astype(np.int64) << 8 | mesh.material
     kinds, kind = _numbered(number)
@@ -141,7 +141,7 @@ def surface_colours(
 
 
 def _numbered(values: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the values that there are, and which of them each is: ``np.unique`` of small ones."""
+    """Return the unique values, and the index of each value: ``np.unique`` for small integers."""
     there = np.bincount(values, minlength=1) > 0
     return np.flatnonzero(there), (np.cumsum(there) - 1)[values]
 

@@ -1,4 +1,4 @@
-"""A plan of what is weak about a site's inputs, numbered as in the list."""
+"""A plan of the weaknesses of a site's inputs, numbered as in the list."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["draw_weakness_plan", "weakness_figure", "write_weakness_page"]
 
 #: Size of the sheet, and of the list at its right, inches.
 WIDTH, HEIGHT, LIST = 15.0, 9.4, 5.6
-#: Colours by how much a finding matters.
+#: Colours by the importance of a finding.
 COLOURS = {"much": "#ff5a4f", "some": "#ffb13d", "little": "#7fb8e8"}
-#: Most places of a finding with a number; all have a dot.
+#: Maximum number of places of a finding with a number; all places have a dot.
 _NUMBERED = 6
-#: What is so near to a number has none of its own, metres of a plan 300 m wide.
+#: Minimum distance of a number from another, metres of a plan 300 m wide.
 _APART = 9.0
 _MARGIN_M = 12.0
 #: Letters of a line of the list.
@@ -79,7 +79,7 @@ def _draw_map(axes: Axes, found: InputCheck) -> None:
 
 
 def _draw_places(axes: Axes, found: InputCheck, scale: float) -> None:
-    """Draw a dot at every place, and numbers where there is room for them."""
+    """Draw a dot at every place, and numbers where there is space for them."""
     taken: list[tuple[float, float]] = []
     findings = list(enumerate(found.findings, 1))
     for _, one in reversed(findings):
@@ -113,7 +113,7 @@ def _is_inside(found: InputCheck, at: tuple[float, float]) -> bool:
 
 
 def _draw_list(figure: Figure, found: InputCheck) -> None:
-    """Write the list, as far as the sheet has room for it."""
+    """Write the list, as far as it fits on the sheet."""
     left, room = (WIDTH - LIST) / WIDTH, 0.022
     top, row = 0.885, 0.0182
     for number, one in enumerate(found.findings, 1):

@@ -1,4 +1,4 @@
-"""Angles and the shortest way round between them."""
+"""Angles and the smallest differences between them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def wrapped(angle: NDArray[np.float64], turn: float = ...) -> NDArray[np.float64
 def wrapped(
     angle: float | NDArray[np.float64], turn: float = math.tau
 ) -> float | NDArray[np.float64]:
-    """Return angles as they are within half a turn of zero.
+    """Return angles normalised to within half a turn of zero.
 
-    A number is wrapped exactly, to [-turn/2, turn/2] (the remainder of IEEE 754). Numpy has no
-    such remainder: arrays are wrapped to [-turn/2, turn/2), within a rounding error.
+    A number is wrapped exactly, to [-turn/2, turn/2] (the remainder of IEEE 754). Numpy has no such
+    remainder: arrays are wrapped to [-turn/2, turn/2), within a rounding error.
 
     Args:
         angle: any angle, or an array of them of any shape.

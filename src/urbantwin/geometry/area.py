@@ -1,8 +1,8 @@
-"""Robust set operations on areas in plan, which return areas alone.
+"""Robust set operations on areas in plan, which return only areas.
 
-Borders of lanes, junctions and footprints nearly coincide everywhere. Exact floating-point set
-operations fail on that now and then (GEOS: "side location conflict"); snapped to a grid of a
-millimetre they do not.
+Many borders of lanes, junctions and footprints nearly coincide. Exact floating-point set operations
+sometimes fail on them (GEOS: "side location conflict"); snapped to a grid of a millimetre they do
+not.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ def areas_of(shape: shapely.Geometry) -> shapely.MultiPolygon:
 
 
 def area_union(shapes: Iterable[shapely.Geometry]) -> shapely.MultiPolygon:
-    """Return where any of some areas is."""
+    """Return the union of areas."""
     return areas_of(shapely.union_all([areas_of(shape) for shape in shapes], grid_size=SNAP_M))
 
 
 def area_intersection(shape: shapely.Geometry, other: shapely.Geometry) -> shapely.MultiPolygon:
-    """Return where both areas are."""
+    """Return the intersection of two areas."""
     both = shapely.intersection(areas_of(shape), areas_of(other), grid_size=SNAP_M)
     return areas_of(both)
 
 
 def area_difference(shape: shapely.Geometry, other: shapely.Geometry) -> shapely.MultiPolygon:
-    """Return where the first area is and the other is not."""
+    """Return the first area without the other."""
     rest = shapely.difference(areas_of(shape), areas_of(other), grid_size=SNAP_M)
     return areas_of(rest)
 
 
 def grown(shape: shapely.Geometry, distance: float) -> shapely.MultiPolygon:
-    """Return an area grown (or, with a negative distance, shrunk) by metres, corners kept sharp."""
+    """Return an area grown (or, with a negative distance, shrunk) by metres, with sharp corners."""
     return areas_of(shapely.buffer(areas_of(shape), distance, join_style="mitre", mitre_limit=2))
 
 

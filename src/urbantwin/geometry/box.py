@@ -20,7 +20,7 @@ def bounding_box(points: NDArray[np.float64], yaw: float) -> NDArray[np.float64]
 
 
 def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the 8 corners (8, 3) of a box (7,): the floor counter-clockwise, then the roof."""
+    """Return the corners (8, 3) of a box (7,): the floor counter-clockwise, then the roof."""
     x, y, z, length, width, height, yaw = box
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
     flat = signs * [length, width]
@@ -33,7 +33,7 @@ def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
 def points_in_box(
     points: NDArray[np.floating], box: NDArray[np.float64], margin: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Return which of (N, 3) points lie in a box (7,), grown by ``margin`` metres each way."""
+    """Return which of (N, 3) points are in a box (7,), grown by ``margin`` metres on each side."""
     offset = np.asarray(points, np.float64)[:, :3] - box[:3]
     c, s = np.cos(box[6]), np.sin(box[6])
     half = box[3:6] / 2 + margin

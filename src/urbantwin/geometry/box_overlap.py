@@ -1,4 +1,4 @@
-"""What upright boxes have in common, in plan and in space."""
+"""Intersection of upright boxes, in plan and in space."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def box_footprints(boxes: NDArray[np.float64]) -> NDArray[np.object_]:
 
 
 def plan_overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas (...) that boxes (..., 7) have in common in plan, m2; shapes broadcast."""
+    """Return the common areas (...) of boxes (..., 7) in plan, m2; shapes broadcast."""
     common = shapely.intersection(box_footprints(first), box_footprints(second))
     return np.asarray(shapely.area(common), np.float64)
 
 
 def shared_heights(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the heights (...) that boxes (..., 7) have in common, metres; shapes broadcast."""
+    """Return the heights (...) of the intersection of boxes (..., 7), metres; shapes broadcast."""
     low = np.maximum(first[..., 2] - first[..., 5] / 2, second[..., 2] - second[..., 5] / 2)
     high = np.minimum(first[..., 2] + first[..., 5] / 2, second[..., 2] + second[..., 5] / 2)
     return np.asarray(np.maximum(high - low, 0.0))

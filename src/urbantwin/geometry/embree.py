@@ -1,10 +1,10 @@
-"""Embree 4 through its C interface: the one place that knows it.
+"""Embree 4 through its C interface; no other module uses it directly.
 
-The library is the one that the ``embreex`` wheel carries. ``embreex`` itself takes arrays of rays
-only; a frame's rays at its actors depend on each other (what a beam's edge meets, what stands
-behind glass), and are cast, one or eight at a time, from code that numba compiles.
+The library is the one in the ``embreex`` wheel. ``embreex`` itself only casts arrays of rays. The
+rays of a frame at its actors depend on each other (hits of a beam's edge, surfaces behind glass).
+They are cast, one or eight at a time, from code compiled by numba.
 
-Numbers of the C interface are those of ``embree4/rtcore_{scene,geometry,buffer,common}.h``.
+Numbers of the C interface are from ``embree4/rtcore_{scene,geometry,buffer,common}.h``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _UINT3, _FLOAT3 = 0x5003, 0x9003
 _OUT_OF_MEMORY = 4
 _ROBUST, _QUALITY_MEDIUM, _QUALITY_HIGH = 1 << 2, 1, 2
 _POINTER = ctypes.c_size_t
-#: Functions of the library that we call: what they return and take.
+#: Functions of the library that are called: their result and argument types.
 _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "rtcNewDevice": (_POINTER, [ctypes.c_char_p]),
     "rtcNewScene": (_POINTER, [_POINTER]),
@@ -53,7 +53,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 
 @cache
 def _library() -> Any:  # noqa: ANN401 - ctypes has no type for it
-    """Return the library that lies beside the ``embreex`` package."""
+    """Return the library next to the ``embreex`` package."""
     try:
         spec = find_spec("embreex")
     except ImportError:
@@ -85,7 +85,7 @@ def _device() -> int:
 
 @cache
 def why_missing() -> str:
-    """Return why Embree cannot cast rays here; an empty text where it can."""
+    """Return the reason why Embree is not available; empty if it is."""
     try:
         _device()
     except StageError as error:
@@ -106,15 +106,15 @@ def packet_address() -> int:
 
 
 class Scene:
-    """Triangles as a scene of Embree's in its robust mode; it is released with this object.
+    """Triangles as an Embree scene in its robust mode; it is released with this object.
 
     Args:
         vertices: (V, 3) metres.
         faces: (F, 3) indices of vertices.
-        many_rays: take longer over the tree, which pays off for millions of rays.
+        many_rays: spend more time on the tree, which is worthwhile for millions of rays.
 
     Attributes:
-        address: of the scene.
+        address: address of the scene.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Scene:
             (_VERTEX, _FLOAT3, np.ascontiguousarray(vertices)),
             (_INDEX, _UINT3, np.ascontiguousarray(faces)),
         ):
-            # Embree's own buffer, which it pads as its vector instructions need.
+            # Embree's own buffer, which it pads for its vector instructions.
             target = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
             if not target:
                 raise limit_reached(MemoryError()) or StageError("Embree has no memory")

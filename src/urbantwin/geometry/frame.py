@@ -16,8 +16,8 @@ __all__ = ["SiteFrame"]
 class SiteFrame:
     """A transverse Mercator plane centred on the anchor: x east, y north, scale 1 at the anchor.
 
-    Within 1 km of the anchor the plane's scale is off by less than 2e-8 (Snyder 1987, eq. 8-7),
-    so its metres are the ground's.
+    Within 1 km of the anchor the plane's scale error is less than 2e-8 (Snyder 1987, eq. 8-7), so
+    its metres equal those on the ground.
 
     Args:
         latitude: the anchor's latitude, degrees, WGS84.
@@ -29,7 +29,7 @@ class SiteFrame:
 
     @property
     def proj(self) -> str:
-        """The plane as a PROJ string: what goes into every file that names a CRS."""
+        """The plane as a PROJ string: written to every file that names a CRS."""
         return (
             f"+proj=tmerc +lat_0={self.latitude!r} +lon_0={self.longitude!r} "
             "+k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
@@ -37,10 +37,10 @@ class SiteFrame:
 
     @property
     def proj_with_datum(self) -> str:
-        """The plane with its datum said: what transformations from other datums must go to.
+        """The plane with its datum, required for transformations from other datums.
 
-        `proj` says an ellipsoid only, which PROJ takes for any datum: a transform from another
-        one (Amersfoort, DHDN, OSGB36) would leave its shift out, 100 m and more.
+        `proj` only has an ellipsoid, which PROJ treats as any datum: a transform from another datum
+        (Amersfoort, DHDN, OSGB36) would omit its shift, 100 m and more.
         """
         return self.proj.replace("+ellps=WGS84", "+datum=WGS84")
 

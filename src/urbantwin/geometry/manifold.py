@@ -24,8 +24,8 @@ def is_closed(faces: NDArray[np.int32]) -> bool:
 def with_simple_edges(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Triangles:
     """Return a closed surface in which every edge has exactly two faces.
 
-    Where bodies touch along an edge only, four faces share it. Its vertices are repeated, so that
-    each body has its own: positions do not change.
+    If bodies touch only along an edge, four faces share it. Its vertices are duplicated, so that
+    each body has its own; positions do not change.
 
     Args:
         vertices: (V, 3) metres.
@@ -66,7 +66,7 @@ def _paired(
     start: NDArray[np.int64],
     end: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Pair the half-edges (2 K,) of one edge such that the solid lies between each two."""
+    """Pair the half-edges (2 K,) of one edge such that the solid is between each two."""
     low = np.minimum(start, end)[half_edges[0]]
     high = np.maximum(start, end)[half_edges[0]]
     axis = vertices[high] - vertices[low]

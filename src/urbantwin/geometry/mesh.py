@@ -19,9 +19,9 @@ __all__ = ["MESH_FORM", "LabelledMesh", "checked_mesh"]
 
 #: No site reaches further, metres.
 _FURTHEST_M = 1e6
-#: Normals of so many triangles are computed together: what a cache holds.
+#: Number of triangles whose normals are computed together: as many as fit a cache.
 _TOGETHER = 1 << 13
-#: A triangle that is less wide is a line, which has no normal.
+#: A narrower triangle is a line, which has no normal.
 _THINNEST_M = 1e-9
 #: The arrays of a mesh in its file.
 MESH_FORM = {
@@ -42,8 +42,8 @@ class LabelledMesh:
         faces: (F, 3) int32, indices of vertices, counter-clockwise seen from outside.
         semantic: (F,) uint16, numbers of ``urbantwin.taxonomy.semantic_classes``.
         material: (F,) uint8, numbers of ``urbantwin.taxonomy.materials``.
-        part: (F,) int32, which object of its stage a triangle belongs to (a building, a pole);
-            0 for none.
+        part: (F,) int32, number of a triangle's object within its stage (a building, a pole); 0 for
+            none.
     """
 
     vertices: NDArray[np.float64]
@@ -71,7 +71,7 @@ class LabelledMesh:
         material: ArrayLike,
         part: ArrayLike = 0,
     ) -> LabelledMesh:
-        """Build from anything array-like; one label for all triangles may be a single number."""
+        """Build from array-like values; a single number is used as the label of all triangles."""
         triangles = np.asarray(faces, np.int32).reshape(-1, 3)
         count = len(triangles)
         return cls(
@@ -89,7 +89,7 @@ class LabelledMesh:
 
     @classmethod
     def concatenate(cls, meshes: Iterable[LabelledMesh]) -> LabelledMesh:
-        """Join meshes; ``part`` numbers are kept as they are."""
+        """Join meshes; ``part`` numbers are not changed."""
         parts = [mesh for mesh in meshes if len(mesh.faces)]
         if not parts:
             return cls.empty()
@@ -117,13 +117,13 @@ class LabelledMesh:
     def normals(self, which: NDArray[np.integer[Any]] | None = None) -> NDArray[np.float64]:
         """Return unit normals (N, 3) of the triangles ``which`` (N,), or of all (F, 3).
 
-        They are zero where a triangle is less wide than a nanometre: of a line, or a point, the
-        cross product of its edges is rounding.
+        They are zero if a triangle is narrower than a nanometre: for a line or a point, the cross
+        product of its edges is only rounding error.
         """
         faces = self.faces if which is None else self.faces.take(which, axis=0)
         vertices = np.ascontiguousarray(self.vertices.T)
         normals = np.empty((len(faces), 3))
-        # Some at a time: memory for all at once is new, and takes several times as long.
+        # In batches: allocating memory for all at once takes several times as long.
         for start in range(0, len(faces), _TOGETHER):
             # By coordinate: `np.cross` and sums over three take several times as long.
             some = slice(start, start + _TOGETHER)
@@ -176,20 +176,20 @@ class LabelledMesh:
 
     @classmethod
     def load(cls, path: Path) -> LabelledMesh:
-        """Read what ``save`` wrote.
+        """Read a file written by ``save``.
 
         Raises:
-            InputError: missing, damaged, or no triangles with labels that are known.
+            InputError: the file is missing or damaged, or its labels are unknown.
         """
         expected = "a mesh with labels"
         return cls(**checked_mesh(read_arrays(path, expected, MESH_FORM), path, expected))
 
 
 def checked_mesh(arrays: dict[str, NDArray[Any]], file: Path, expected: str) -> dict[str, Any]:
-    """Return the arrays of a mesh whose labels are all in the tables.
+    """Return the arrays of a mesh after a check of its labels against the tables.
 
     Raises:
-        InputError: a label is not.
+        InputError: a label is not in its table.
     """
     for name, known in (("semantic", semantic_classes()), ("material", materials())):
         numbers = {entry.id for entry in known.values()}

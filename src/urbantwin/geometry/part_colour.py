@@ -30,12 +30,12 @@ def _none(*shape: int) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, eq=False)
 class PartColours:
-    """Colours of what has one material in one part of a mesh.
+    """Colours of the triangles with one material in one part of a mesh.
 
     Attributes:
         part: (N,) int32, numbers of parts, as in ``LabelledMesh.part``.
         material: (N,) uint8, numbers of materials.
-        up: (N,) uint8, 1 for what faces up (a roof), 0 for walls and what faces down.
+        up: (N,) uint8, 1 for triangles facing up (a roof), 0 for walls and those facing down.
         rgb: (N, 3) uint8, sRGB.
     """
 
@@ -46,7 +46,7 @@ class PartColours:
 
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[int, int, bool, tuple[int, ...]]]) -> PartColours:
-        """Return the colours of (part, material, faces up, sRGB); of two of one key the first."""
+        """Return the colours of (part, material, faces up, sRGB); the first of a key counts."""
         first: dict[tuple[int, int, bool], tuple[int, ...]] = {}
         for part, material, up, rgb in rows:
             first.setdefault((part, material, up), rgb)
@@ -63,7 +63,8 @@ class PartColours:
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """Return colours (N, 3) of some triangles (N,), and which of them have one.
 
-        What faces the other way has the colour of its part's material too: window sills are walls.
+        If only the other direction has a colour, it is used too: window sills have the colour of
+        walls.
         """
         rgb, known = np.zeros((len(faces), 3), np.uint8), np.zeros(len(faces), bool)
         if not len(self.part):
@@ -84,10 +85,10 @@ class PartColours:
 
     @classmethod
     def load(cls, path: Path) -> PartColours:
-        """Read what ``save`` wrote.
+        """Read a file written by ``save``.
 
         Raises:
-            InputError: missing, damaged or no colours.
+            InputError: the file is missing, damaged or has no colours.
         """
         data = read_arrays(path, "a twin's colours of buildings", _FORM)
         return cls(data["part"], data["material"], data["up"], data["rgb"])

@@ -28,7 +28,7 @@ _TYPES = {
     **dict.fromkeys(("int64", "long"), "i8"),
     **dict.fromkeys(("uint64", "ulong"), "u8"),
 }
-#: Encoding -> numpy's sign of its byte order; text has none.
+#: Encoding -> numpy's character of its byte order; empty for text.
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -49,10 +49,10 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What a header declares.
+    """Contents of a header.
 
     Attributes:
-        order: numpy's sign of the byte order; empty for text.
+        order: numpy's character of the byte order; empty for text.
         elements: in their order in the file.
         comments: texts of ``comment`` and ``obj_info``.
         length: bytes before the first row.
@@ -83,7 +83,7 @@ def read_header(path: Path) -> Header:
     """Read the header of a PLY.
 
     Raises:
-        InputError: it is missing, has no end, or declares what PLY does not have.
+        InputError: it is missing, has no end, or is not valid.
     """
     with path.open("rb") as stream:
         start = stream.read(LONGEST_HEADER)
@@ -128,15 +128,15 @@ def _declare(element: Element, name: str, kind: str, size: str | None) -> None:
 
 
 def read_tables(path: Path, header: Header, last: str | None = None) -> dict[str, Table]:
-    """Read the elements of a PLY by their names; of two of one name the first.
+    """Read the elements of a PLY by their names; if a name is repeated, the first.
 
     Args:
         path: the file.
         header: its header.
-        last: the last element to read; those after it are left alone. By default all are read.
+        last: the last element to read; later ones are skipped. By default all are read.
 
     Raises:
-        InputError: the file ends before its last row, or a number of a text is none.
+        InputError: the file ends before its last row, or a value in a text file is not a number.
     """
     names = [element.name for element in header.elements]
     wanted = header.elements[: names.index(last) + 1] if last in names else header.elements

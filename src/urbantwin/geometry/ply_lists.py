@@ -1,4 +1,4 @@
-"""The lengths of lists in the rows of a PLY, compiled by numba: a file without lists loads none."""
+"""The lengths of lists in the rows of a PLY, compiled by numba only for files with lists."""
 
 import numba
 
@@ -7,7 +7,7 @@ __all__ = ["ascii_lengths", "binary_lengths"]
 
 @numba.njit(cache=True)
 def binary_lengths(data, at, lengths, sizes, counts, big):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Fill the lengths of lists; return the number of whole rows and where they end."""
+    """Fill the lengths of lists; return the number of complete rows and their end."""
     last = len(data)
     for row in range(lengths.shape[0]):
         for column in range(len(sizes)):
@@ -29,7 +29,7 @@ def binary_lengths(data, at, lengths, sizes, counts, big):  # type: ignore[no-un
 
 @numba.njit(cache=True)
 def ascii_lengths(values, at, lengths, is_list):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Fill the lengths of lists; return the number of whole rows and where they end."""
+    """Fill the lengths of lists; return the number of complete rows and their end."""
     for row in range(lengths.shape[0]):
         for column in range(len(is_list)):
             length = 1

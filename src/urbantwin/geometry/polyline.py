@@ -1,4 +1,4 @@
-"""Polylines in plan: the distance along them of each point, and lines beside them."""
+"""Polylines in plan: the distance of each point along them, and parallel lines."""
 
 from __future__ import annotations
 

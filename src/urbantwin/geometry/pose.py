@@ -1,8 +1,8 @@
 """Poses: rigid transforms between right-handed frames.
 
-``a_SE3_b`` takes points of frame b to frame a. Angles follow ROS REP-103: x forward, y left,
-z up; R = Rz(yaw) Ry(pitch) Rx(roll), so positive yaw turns counter-clockwise from above,
-positive pitch tips the nose **down**, positive roll lowers the right side.
+``a_SE3_b`` transforms points of frame b to frame a. Angles follow ROS REP-103: x forward, y left, z
+up; R = Rz(yaw) Ry(pitch) Rx(roll). Positive yaw is counter-clockwise from above, positive pitch
+moves the front **down**, positive roll lowers the right side.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def rotation_from_ypr(yaw: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> NDAr
 def ypr_from_rotation(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return yaw, pitch, roll in radians of one (3, 3) rotation matrix."""
     yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    # Numpy's clip takes a hundred times as long for one number.
+    # Numpy's clip is a hundred times slower for a single number.
     pitch = float(-np.arcsin(min(max(float(rotation[2, 0]), -1.0), 1.0)))
     roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
     return yaw, pitch, roll

@@ -1,4 +1,4 @@
-"""Heights of a mesh under given points, by rays cast straight down."""
+"""Heights of a mesh under given points, by rays cast vertically down."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class DownwardProbe:
         self._triangles = mesh.triangles()
 
     def face_below(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return the first face (N,) straight under each of (N, 3) points; -1 where none is."""
+        """Return the first face (N,) vertically below each of (N, 3) points; -1 for none."""
         origins = np.asarray(points, np.float32).reshape(-1, 3)
         down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
         return self._scene.cast_single(origins, down).face.astype(np.int64)
 
     def height_below(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the height (N,) of the first face under each of (N, 3) points; nan where none is.
+        """Return the height (N,) of the first face below each of (N, 3) points; nan without one.
 
         The height is evaluated on the face's plane in float64, not taken from the ray.
         """

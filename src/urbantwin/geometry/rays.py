@@ -1,11 +1,12 @@
-"""Rays cast at triangles on the processor, by Embree or by the built-in tracer.
+"""Rays cast on triangles on the CPU, by Embree or by the built-in tracer.
 
-- ``embree``: Embree 4, of the ``embreex`` wheel, which exists for x86-64 alone (`geometry.embree`);
-- ``bvh``: the built-in tracer, which numba compiles for any processor (`compiled.bvh`).
+- ``embree``: Embree 4, from the ``embreex`` wheel, which exists only for x86-64
+  (`geometry.embree`);
+- ``bvh``: the built-in tracer, compiled by numba for any processor (`compiled.bvh`).
 
 Both are two C functions with the same arguments, for one ray and for eight. Compiled code that
-casts rays calls them by their address, so nothing else differs between the two. Embree is used
-wherever it is installed. numba is loaded, and compiles, when the first ray is cast.
+casts rays calls them by their address, so there is no other difference between the two. Embree is
+used if it is installed. numba is loaded, and compiles, when the first ray is cast.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ __all__ = [
 
 #: Names of the two.
 LIBRARIES = ("embree", "bvh")
-#: What the built-in tracer costs: processor time by docs/method/lidar.md.
+#: Cost of the built-in tracer: processor time by docs/method/lidar.md.
 _COST = "rays take twice as long, recording with a fixed sensor 1.2 times as long"
 
 
 def library_named(name: str | None = None) -> str:
-    """Return the name of what casts rays; if none is given, ``embree`` or, without it, ``bvh``.
+    """Return the name of the ray casting library; by default ``embree`` or, without it, ``bvh``.
 
     Raises:
-        InputError: Embree is named and missing.
+        InputError: Embree is requested and missing.
     """
     why = embree.why_missing() if name in {None, "embree"} else ""
     if name and why:
@@ -50,7 +51,7 @@ def library_named(name: str | None = None) -> str:
 
 
 def missing_embree() -> str:
-    """Return a line that says what casts rays in place of Embree; empty where Embree does."""
+    """Return a line that names the replacement of Embree; empty if Embree is available."""
     why = embree.why_missing()
     if not why:
         return ""
@@ -73,11 +74,11 @@ def cast_addresses(library: str) -> tuple[int, int]:
 
 
 class _Tree(NamedTuple):
-    """Triangles as a library casts rays at them.
+    """Triangles in the form used by a library.
 
     Attributes:
-        address: what the library's functions take.
-        owner: what frees them when it goes.
+        address: argument of the library's functions.
+        owner: object that frees the memory when it is deleted.
     """
 
     address: int
@@ -98,11 +99,11 @@ def _built(
 
 
 class Hits(NamedTuple):
-    """What N rays hit first.
+    """First hits of N rays.
 
     Attributes:
-        range_m: (N,) float32, distance to the first hit; ``inf`` where a ray hits nothing.
-        face: (N,) int32, the face that was hit; -1 where a ray hits nothing.
+        range_m: (N,) float32, distance to the first hit; ``inf`` without a hit.
+        face: (N,) int32, the face that was hit; -1 without a hit.
     """
 
     range_m: NDArray[np.float32]
@@ -110,16 +111,16 @@ class Hits(NamedTuple):
 
 
 class RayScene:
-    """Triangles to cast rays at; no ray slips through the edge of two.
+    """Triangles for ray casting; no ray passes between two adjacent triangles.
 
-    Triangles are found in single precision: keep vertices and origins within a few hundred
-    metres of zero. Both sides of a triangle are hit. Threads may cast at the same time.
+    Hits are found in single precision: vertices and origins should be within a few hundred metres
+    of zero. Both sides of a triangle are hit. Several threads may cast at the same time.
 
     Args:
         vertices: (V, 3) metres.
         faces: (F, 3) indices of vertices.
-        many_rays: take longer over the tree, which pays off for millions of rays.
-        library: ``embree`` or ``bvh``; see `library_named` if not given.
+        many_rays: spend more time on the tree, which is worthwhile for millions of rays.
+        library: ``embree`` or ``bvh``; default: see `library_named`.
 
     Attributes:
         vertices: (V, 3) float64, as given.
@@ -142,16 +143,16 @@ class RayScene:
         self._lock = Lock()
 
     def tree(self, library: str | None = None) -> int:
-        """Return the address of the triangles' tree; 0 where there are no triangles.
+        """Return the address of the triangles' tree; 0 without triangles.
 
         A tree is built when it is first needed.
 
         Args:
-            library: which library casts at it; the scene's own if not given.
+            library: the library; default: the scene's own.
 
         Raises:
-            InputError: Embree is named and not installed.
-            StageError: there is no memory for it.
+            InputError: Embree is requested and not installed.
+            StageError: there is not enough memory.
         """
         if not len(self.faces):
             return 0
@@ -166,10 +167,10 @@ class RayScene:
         return self._trees[name].address
 
     def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float32]) -> Hits:
-        """Return the first hit of each ray, confirmed and its range found in double precision.
+        """Return the first hit of each ray, confirmed and with its range in double precision.
 
         Args:
-            origins: (3,) where all rays leave, or (N, 3) where each does, metres.
+            origins: (3,) origin of all rays, or (N, 3) origin of each, metres.
             directions: (N, 3) unit vectors.
         """
         from urbantwin.geometry.compiled.planes import cast_rays
@@ -183,10 +184,10 @@ class RayScene:
         """Return the first hit of each ray as the tracer finds it, in single precision.
 
         Args:
-            origins: (N, 3) where the rays leave, metres.
+            origins: (N, 3) origins of the rays, metres.
             directions: (N, 3) unit vectors.
-            beside: each ray runs beside the one before it, as those of a picture do: they are cast
-                in packets, in half the time.
+            beside: consecutive rays are close to each other, as in a picture: they are cast in
+                packets, in half the time.
         """
         starts = np.ascontiguousarray(origins, np.float32)
         if beside:

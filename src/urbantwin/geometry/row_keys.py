@@ -1,4 +1,4 @@
-"""One number for each row of whole numbers, as ``numpy.unique`` compares numbers quickly."""
+"""One number for each row of integers, because ``numpy.unique`` is faster for numbers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ __all__ = ["row_keys"]
 
 
 def row_keys(rows: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
-    """Return a number (N,) for each of rows (N, K), equal and in order as the rows are.
+    """Return a number (N,) for each of rows (N, K), with the same equality and order as the rows.
 
-    ``np.unique(row_keys(rows), axis=0, ...)`` finds which are equal as it does of the rows
-    themselves, in a tenth of the time. Where they lie farther apart than an index can number, what
-    is returned are the rows.
+    ``np.unique(row_keys(rows), axis=0, ...)`` gives the same result as for the rows themselves, in
+    a tenth of the time. If the range of the values is too large for an index, the rows are
+    returned.
     """
     if not len(rows):
         return rows

@@ -1,4 +1,4 @@
-"""A line drawn point by point, made smooth: as gently bent as its points allow."""
+"""Smoothing of a line drawn point by point, with as little bending as its points allow."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from urbantwin.geometry.polyline import stations_of_points
 
 __all__ = ["resampled", "smoothed", "tightest_bend"]
 
-#: How much bending weighs against closeness, tried from the nearest on (metres to the fourth).
+#: Weights of bending against distance, in ascending order (metres to the fourth).
 WEIGHTS = 10.0 ** np.arange(-2.0, 5.1, 0.25)
 
 
 def resampled(points: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
-    """Return points (M, 2), four at least, spaced evenly and about ``step_m`` apart on a line."""
+    """Return points (M, 2), at least four, evenly spaced about ``step_m`` apart on a line."""
     along = stations_of_points(points)
     stations = np.linspace(0.0, along[-1], max(4, round(along[-1] / step_m) + 1))
     return np.column_stack([np.interp(stations, along, axis) for axis in points.T])
@@ -29,19 +29,20 @@ def smoothed(
     radius_m: float = np.inf,
     step_m: float = 1.0,
 ) -> NDArray[np.float64]:
-    """Return a line with the same ends near a drawn one, without its corners.
+    """Return a smooth line close to a drawn line, with the same ends.
 
-    Of the lines that minimise the sum of squared distances from the drawn one and a multiple of
-    the squared curvature (a discrete smoothing spline; Reinsch, "Smoothing by spline functions",
-    1967), the nearest that bends gently enough, else the calmest that stays near enough.
+    Candidates minimise the sum of squared distances from the drawn line and a multiple of the
+    squared curvature (a discrete smoothing spline; Reinsch, "Smoothing by spline functions", 1967).
+    The result is the closest candidate with a sufficient radius, otherwise the smoothest one that
+    is close enough.
 
     Args:
-        points: the drawn line (N, 2), N >= 2, without a point twice.
-        within_m: how far it may leave the drawn line; if none of those tried stays so near, the
-            nearest of them is returned.
-        headings: radians, at its start and at its end; free where not given.
-        radius_m: the radius that is gentle enough; without it the calmest line is returned.
-        step_m: about how far apart its points are.
+        points: the drawn line (N, 2), N >= 2, without duplicate consecutive points.
+        within_m: maximum distance from the drawn line; if no candidate is within it, the closest
+            one is returned.
+        headings: radians, at its start and at its end; free if not given.
+        radius_m: the sufficient radius; without it the smoothest line is returned.
+        step_m: approximate distance between its points.
     """
     line = shapely.LineString(points)
     drawn = resampled(points, step_m)
@@ -74,7 +75,7 @@ def smoothed(
 
 
 def tightest_bend(points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Return the smallest radius of a line of many points (N, 2), metres, and where (2,)."""
+    """Return the smallest radius of a line of many points (N, 2), metres, and its point (2,)."""
     leg = np.diff(points, axis=0)
     length = np.linalg.norm(leg, axis=1)
     turn = np.abs(np.diff(np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))))

@@ -1,9 +1,9 @@
 """Materials of the ground finer than its triangles: sparse rasters of single bits.
 
-A layer says where one material is: tiles of 64 x 64 cells on a grid through the site frame's
-origin, eight cells a byte, and only tiles that hold any. Lane marks of a district take a few
-megabytes so, and where nothing is painted nothing is stored. Each tile knows the height of the
-surface that it lies on, so that what is painted on a bridge is not on the street below.
+A layer gives the area of one material: tiles of 64 x 64 cells on a grid through the site frame's
+origin, eight cells per byte, and only tiles that are not empty. So the lane markings of a district
+take a few megabytes, and areas without paint take no memory. Each tile has the height of its
+surface, so that paint on a bridge is not on the street below.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ __all__ = ["TILE", "MaterialLayer", "SurfaceMaterials", "taking"]
 
 #: Cells along a tile's side.
 TILE = 64
-#: How far above or below a tile's surface a point may lie and still be on it, metres: less than
-#: the clearance under a bridge, more than a tile's surface leaves the bilinear one of its corners.
+#: Maximum vertical distance of a point from a tile's surface for being on it, metres: less than the
+#: clearance under a bridge, more than a surface deviates from the bilinear surface of its tile's
+#: corners.
 REACH_M = 1.5
 _EXPECTED = "a twin's materials of the ground"
 #: Cells are no larger, metres, and no tile is further from the origin.
 _LARGEST, _FURTHEST = 1000.0, 1 << 24
-#: The arrays in their file: L layers, and the tiles of one after those of the other.
+#: The arrays in their file: L layers, and the tiles of all layers in sequence.
 _FORM = {
     "material": ArrayOf("u1", ("L",)),
     "level": ArrayOf("i4", ("L",)),
@@ -47,18 +48,18 @@ UP = 0.5
 
 @dataclass(frozen=True, eq=False)
 class MaterialLayer:
-    """Where one material is, on one level.
+    """Area of one material, on one level.
 
     Attributes:
         material: its number.
         level: 0 on the ground, 1, 2, ... above other roads.
         cell_m: side of a cell, metres.
-        tiles: (T, 2) int32, column and row of each tile, sorted by row and then by column: tile
-            (c, r) covers x from c to c + 1 times ``TILE`` cells.
+        tiles: (T, 2) int32, column and row of each tile, sorted by row and then by column: tile (c,
+            r) covers x from c to c + 1 times ``TILE`` cells.
         bits: (T, TILE, TILE / 8) uint8, rows from south to north, columns from west to east, the
             first cell in a byte's highest bit.
-        heights: (T, 2, 2) float32, metres, of the surface at the tile's corners: row south then
-            north, column west then east.
+        heights: (T, 2, 2) float32, metres, height of the surface at the tile's corners: row south
+            then north, column west then east.
     """
 
     material: int
@@ -74,7 +75,7 @@ class MaterialLayer:
 
     @property
     def area(self) -> float:
-        """What is covered, square metres."""
+        """Covered area, square metres."""
         return float(np.unpackbits(self.bits).sum()) * self.cell_m**2
 
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -107,10 +108,10 @@ def _key(column: NDArray[np.integer], row: NDArray[np.integer]) -> NDArray[np.in
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaterials:
-    """Materials that replace those of the ground's triangles where they are known more finely.
+    """Finer materials that replace those of the ground's triangles.
 
     Attributes:
-        layers: of two that cover a point the first one counts.
+        layers: if two layers cover a point, the first one counts.
     """
 
     layers: tuple[MaterialLayer, ...] = ()
@@ -119,7 +120,7 @@ class SurfaceMaterials:
         """Return the number of the material at points (N, 2) or (N, 3); 0 for the triangle's own.
 
         Args:
-            points: site frame, metres; without z, whatever level it is on.
+            points: site frame, metres; without z, on any level.
         """
         places = np.asarray(points, np.float64)
         found = np.zeros(len(places), np.uint8)
@@ -133,14 +134,14 @@ class SurfaceMaterials:
     def materials_of(
         self, mesh: LabelledMesh, face: NDArray[np.integer], points: NDArray[np.float64]
     ) -> NDArray[np.uint8]:
-        """Return the materials (N,) where rays hit a mesh.
+        """Return the materials (N,) of hits of rays on a mesh.
 
-        Only triangles of the ground that face up take another material than their own.
+        Only triangles of the ground that face up have finer materials.
 
         Args:
-            mesh: the static world, site frame.
+            mesh: the static scene, site frame.
             face: (N,) the triangle that was hit.
-            points: (N, 3) where, site frame, metres.
+            points: (N, 3) positions of the hits, site frame, metres.
         """
         material: NDArray[np.uint8] = mesh.material[face]
         if not self.layers:
@@ -165,10 +166,10 @@ class SurfaceMaterials:
 
     @classmethod
     def load(cls, path: Path) -> SurfaceMaterials:
-        """Read what ``save`` wrote.
+        """Read a file written by ``save``.
 
         Raises:
-            InputError: missing, damaged, or no layers of known materials in sorted tiles.
+            InputError: the file is missing or damaged, or its materials or tiles are not valid.
         """
         data = read_arrays(path, _EXPECTED, _FORM)
         counts = data["count"]
@@ -195,7 +196,7 @@ class SurfaceMaterials:
 
 
 def taking(mesh: LabelledMesh, face: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Return which faces (N,) of a mesh take materials finer than their own: ground, facing up."""
+    """Return which faces (N,) of a mesh can have finer materials: ground, facing up."""
     takes = np.isin(mesh.semantic[face], [semantic_id(name) for name in GROUND_CLASSES])
     ground = np.flatnonzero(takes)
     a, b, c = np.moveaxis(mesh.vertices.take(mesh.faces.take(face[ground], axis=0), axis=0), 1, 0)

@@ -1,4 +1,4 @@
-"""A motion from above: the plan once, and over it every actor's box and every signal."""
+"""A motion from above: every actor's box and every signal over the plan, which is drawn once."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["FromAbove"]
 
 #: Pixels are drawn this many times finer than they are shown.
 _FINER = 2
-#: Radius of a signal's lamp, metres, and at least so many pixels.
+#: Radius of a signal's lamp, metres, and its minimum, pixels.
 _LAMP_M, _LAMP_PIXELS = 0.8, 2.5
-#: An actor is drawn at least so large, pixels.
+#: Minimum size of an actor, pixels.
 _LEAST_PIXELS = 3.0
-#: Share of a vehicle's length from its front at which its windscreen is, and the screen's own.
+#: Position of a vehicle's windscreen from its front, and its depth, as shares of the length.
 _SCREEN, _SCREEN_DEEP = 0.22, 0.12
 
 
@@ -32,10 +32,10 @@ class FromAbove:
     """The view from above, north up.
 
     Args:
-        twin: whose plan lies below.
-        middle: (2,) of the picture, site frame, metres.
+        twin: twin of the plan.
+        middle: (2,) middle of the picture, site frame, metres.
         half_m: half of the picture's side.
-        side: of the picture, pixels.
+        side: side of the picture, pixels.
     """
 
     def __init__(self, twin: Twin, middle: NDArray[np.float64], half_m: float, side: int) -> None:
@@ -55,8 +55,8 @@ class FromAbove:
         Args:
             rows: the actors.
             lamps: the signals.
-            time_s: of the moment.
-            marked: tracks that an event has, which get a ring, and its name.
+            time_s: time of the moment.
+            marked: tracks of an event, which get a ring, and the event's name.
         """
         picture = Image.fromarray(self._base)
         draw = ImageDraw.Draw(picture)
@@ -94,7 +94,7 @@ class FromAbove:
     def _box(
         self, row: np.void, length: float, width: float, start: float, end: float
     ) -> list[tuple[float, float]]:
-        """Return the corners of a part of a box, from a share of its length to another."""
+        """Return the corners of a part of a box, between two shares of its length."""
         ahead = np.array([np.cos(row["yaw"]), np.sin(row["yaw"])])
         left = np.array([-ahead[1], ahead[0]]) * width / 2
         at = np.array([row["x"], row["y"]])
@@ -103,7 +103,7 @@ class FromAbove:
         return [(float(x), float(y)) for x, y in self._pixel(corners)]
 
     def _pixel(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where points (..., 2) are in the finer picture."""
+        """Return the positions of points (..., 2) in the finer picture."""
         return np.asarray((xy - self._corner) * [self._pixels_per_m, -self._pixels_per_m])
 
 

@@ -1,7 +1,7 @@
-"""A motion from a street corner: the twin in daylight once, actors cast into it each moment.
+"""A motion seen from a street corner: the twin is rendered once, and actors at each moment.
 
-An actor costs only the rays inside the rectangle that its box covers, cast in its own frame at its
-asset's tree, which is built once. It is coloured by its class, and throws its shadow.
+Rays are cast only inside the bounding rectangle of an actor, in its own frame on its asset's tree,
+which is built once. An actor has the colour of its class, and casts its shadow.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ __all__ = ["FromCorner", "corner_camera"]
 
 #: Rays along each side of a pixel, for actors.
 _FINER = 2
-#: Where cameras at a corner are tried: how high they stand, seen from the junction, degrees.
+#: Elevations of the candidate cameras at a corner, seen from the junction, degrees.
 _ELEVATIONS_DEG = (10.0, 13.0, 17.0, 22.0, 28.0, 36.0, 46.0)
 _CORNER = Camera(distance_m=42.0, elevation_deg=_ELEVATIONS_DEG[0], field_deg=72.0)
-#: Light of a face: from all around, and from the sun.
+#: Light of a face: ambient, and from the sun.
 _AMBIENT, _SUN = 0.55, 0.6
-#: What is left of the light in an actor's shadow.
+#: Share of the light that remains in an actor's shadow.
 _SHADED = 0.55
-#: A lamp is hidden by what is nearer than itself by more than this, metres.
+#: A lamp is hidden by surfaces closer to the camera by more than this, metres.
 _OWN_HOUSING_M = 0.8
 _LAMP_M = 0.16
 
 
 def corner_camera(twin: Twin, middle: NDArray[np.float64]) -> Camera:
-    """Return the camera near a place from which most of the streets there is seen.
+    """Return the camera near a place with the most of its streets visible.
 
     Args:
         twin: the twin.
-        middle: (2,) of what is to be seen, site frame, metres.
+        middle: (2,) middle of the view, site frame, metres.
     """
     above = np.array([[*middle, float(twin.mesh.vertices[:, 2].max()) + 1.0]])
     height = float(DownwardProbe(twin.ground_mesh).height_below(above)[0])
@@ -53,9 +53,9 @@ class FromCorner:
     """The view from a camera.
 
     Args:
-        twin: the static world.
-        motion: whose actors' meshes and signals.
-        camera: from where.
+        twin: the static scene.
+        motion: motion with the actors' meshes and the signals.
+        camera: the camera.
         size: width and height of the picture, pixels.
     """
 
@@ -129,7 +129,7 @@ class FromCorner:
         return around
 
     def _shade_ground(self, row: np.void, colour: NDArray[np.uint8]) -> None:
-        """Darken what an actor keeps the sun from."""
+        """Darken the area in an actor's shadow."""
         sun = self._camera.sun.astype(np.float64)
         corners = _corners(row)
         low = corners - sun * (float(row["height"]) / sun[2])
@@ -177,7 +177,7 @@ class FromCorner:
     def _projected(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where points (N, 3) are in the picture (N, 2), and how far ahead (N,), metres."""
+        """Return picture positions (N, 2) of points (N, 3), and their depth (N,), metres."""
         width, height = self._size
         forward = np.asarray(self._camera.target, np.float64) - self._camera.place
         forward /= np.linalg.norm(forward)
@@ -193,7 +193,7 @@ class FromCorner:
         return np.column_stack([x, y]), ahead
 
     def _heads(self, twin: Twin) -> list[tuple[float, float, float, float, str, tuple[int, ...]]]:
-        """Return the heads that look at the camera: place and size in the picture, and links."""
+        """Return the heads that face the camera: position and size in the picture, and links."""
         known = [one for one in heads(twin.roads, twin.lane_model) if one.program]
         if not known:
             return []

@@ -1,4 +1,4 @@
-"""A film of a motion: which moments, seen from where, with what written on them."""
+"""A film of a motion: its moments, its views, and the text on the pictures."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ __all__ = ["VIEWS", "FilmPlan", "film_colours", "film_pictures", "plan_film"]
 VIEWS = ("above", "corner", "both")
 #: Height of the strip below the pictures for time, classes and sources, pixels.
 _STRIP = 46
-#: Where the classes begin, right of the time, and from a row of them to the next, pixels.
+#: Start of the classes to the right of the time, and distance between rows of them, pixels.
 _LEFT, _ROW = 120.0, 18
 #: Sides of a picture that can be drawn, pixels.
 _NARROWEST, _WIDEST = 160, 3840
-#: More pictures than this are no film that a person looks at.
+#: Maximum number of pictures of a film.
 _MOST_PICTURES = 20_000
-#: Seen from above around the middle where nobody asks for more, metres.
+#: Default half side of the view from above, metres.
 _USUAL_M = 100.0
-#: What an event's name stays on the picture after the event, seconds.
+#: Time for which an event's name stays on the picture after the event, seconds.
 _STAYS_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class FilmPlan:
-    """Which moments of a motion a film shows, and from where.
+    """Moments of a motion shown in a film, and its views.
 
     Attributes:
         view: ``above``, ``corner`` or ``both``, side by side.
         times_s: moments of the motion, one for each picture.
         rate_hz: pictures per second.
-        width: of the picture, pixels.
-        middle: (2,) of what is shown, site frame, metres.
-        half_m: half of the side of what is seen from above.
+        width: width of the picture, pixels.
+        middle: (2,) middle of the views, site frame, metres.
+        half_m: half of the side of the view from above.
     """
 
     view: str
@@ -77,20 +77,19 @@ def plan_film(  # noqa: PLR0913 - what is shown, when and from where
     """Choose the moments of a film.
 
     Args:
-        motion: what moves.
-        twin: where.
+        motion: the motion.
+        twin: its twin.
         view: ``above``, ``corner`` or ``both``.
         start_s: first moment, seconds of the motion.
-        stop_s: last moment; the motion's last where not given.
+        stop_s: last moment; default: the motion's last.
         rate_hz: pictures per second.
         speed: seconds of the motion in a second of the film.
-        width: of the picture, pixels.
-        at: the middle of what is shown, site frame, metres; the site's anchor where not given.
-        radius_m: how far around the middle is seen from above; all of the region, but no more than
-            100 m, where not given.
+        width: width of the picture, pixels.
+        at: the middle of the views, site frame, metres; default: the site's anchor.
+        radius_m: half side of the view from above; default: all of the region, but at most 100 m.
 
     Raises:
-        InputError: a value cannot be used.
+        InputError: a value is not valid.
     """
     last = float(motion.times()[-1])
     stop = last if stop_s is None else stop_s
@@ -128,18 +127,18 @@ def plan_film(  # noqa: PLR0913 - what is shown, when and from where
 def film_pictures(
     plan: FilmPlan, motion: Motion, twin: Twin, *, attribution: str = ""
 ) -> Callable[[float], NDArray[np.uint8]]:
-    """Return what makes the picture (height, width, 3) of a moment.
+    """Return a function that draws the picture (height, width, 3) of a moment.
 
     Args:
         plan: see `plan_film`.
-        motion: what moves.
-        twin: where.
-        attribution: whose data it shows.
+        motion: the motion.
+        twin: its twin.
+        attribution: sources of the data.
     """
     lamps = Lamps(motion)
     views: list[FromAbove | FromCorner] = []
     both = plan.view == "both"
-    # From above it is a square; from the corner four to three, as wide as what is left.
+    # The view from above is square; the view from the corner has the remaining width (4:3).
     side = plan.width * 3 // 7 // 2 * 2 if both else plan.width
     if plan.view in ("above", "both"):
         views.append(FromAbove(twin, plan.middle, plan.half_m, side))
@@ -169,7 +168,7 @@ def film_pictures(
 
 
 def film_colours() -> list[tuple[int, int, int]]:
-    """Return the colours (0..255) that say something: of classes, lamps and text."""
+    """Return the colours (0..255) that have a meaning: of classes, lamps and text."""
     classes = [_class_colour(name) for name in BOX_SEMANTICS]
     written = [_hex_colour(text) for text in (style.PAPER, style.INK, style.ACCENT)]
     return list(dict.fromkeys([*classes, *LAMPS.values(), *written]))
@@ -191,9 +190,9 @@ def _happening(events: list[dict[str, Any]], time_s: float) -> list[dict[str, An
 
 
 def _strip(width: int, classes: list[str], attribution: str) -> NDArray[np.uint8]:
-    """Return what is written below every picture: classes by colour, and sources.
+    """Return the strip below every picture: classes by colour, and sources.
 
-    It is as high as its rows; narrow pictures have several.
+    Its height depends on its number of rows; narrow pictures have several.
     """
     pen = ImageDraw.Draw(Image.new("RGB", (1, 1)))
     places, x, row = [], _LEFT, 0

@@ -1,4 +1,4 @@
-"""What signals show at a time, for films."""
+"""States of signals at a time, for films."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from urbantwin.traffic.motion import Motion
 
 __all__ = ["LAMPS", "Lamps"]
 
-#: Colours (0..255) of what a link shows, as SUMO writes it.
+#: Colours (0..255) of a link's states, as written by SUMO.
 LAMPS = {
     **dict.fromkeys("Gg", (70, 220, 110)),
     **dict.fromkeys("yY", (255, 200, 50)),
@@ -21,10 +21,10 @@ _DARK = (110, 118, 126)
 
 
 class Lamps:
-    """The links of a motion's signals and what they show.
+    """The links of a motion's signals and their states.
 
     Args:
-        motion: whose signals.
+        motion: the motion.
 
     Attributes:
         places: (L, 2) stop line of each link, site frame, metres.

@@ -1,4 +1,4 @@
-"""Files of moving pictures: GIF by Pillow, MP4 by ffmpeg, which runs as a program beside us."""
+"""Video files: GIF by Pillow, MP4 by ffmpeg, which runs as a separate program."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["check_video_file", "write_video"]
 
-#: A GIF counts time in hundredths of a second, and players slow down what is faster than 50 Hz.
+#: Time unit of a GIF: hundredths of a second; players slow down rates above 50 Hz.
 _TICK_S = 0.01
-#: Colours of a GIF are chosen from so many of its pictures.
+#: Number of pictures from which the colours of a GIF are chosen.
 _SAMPLES = 5
 
 Picture = NDArray[np.uint8]
 
 
 def check_video_file(path: Path) -> None:
-    """Refuse a file that cannot be written as a film.
+    """Raise an error if a film cannot be written to a file.
 
     Raises:
-        InputError: the name ends otherwise than in ``.mp4`` or ``.gif``, or there is no ffmpeg.
+        InputError: the name does not end in ``.mp4`` or ``.gif``, or there is no ffmpeg.
     """
     kind = path.suffix.lower()
     if kind not in (".mp4", ".gif"):
@@ -57,12 +57,12 @@ def write_video(
     """Write a film; a GIF of the same pictures has the same bytes.
 
     Args:
-        path: the ``.mp4`` (H.264, which every player has) or ``.gif``.
-        times_s: of the pictures, one or more.
-        picture: makes the picture (height, width, 3) of a time, 0..255; sides of an MP4 are even.
+        path: the ``.mp4`` (H.264, supported by all players) or ``.gif``.
+        times_s: times of the pictures, at least one.
+        picture: returns the picture (height, width, 3) of a time, 0..255; sides of an MP4 are even.
         rate_hz: pictures per second.
-        keep: colours that a GIF has to show as they are.
-        tell: called with the share of the pictures that is made, and what is being done.
+        keep: colours that a GIF must contain exactly.
+        tell: called with the share of the pictures that is done, and the current task.
 
     Raises:
         InputError: see `check_video_file`.
@@ -98,7 +98,7 @@ def _write_gif(
     keep: Sequence[tuple[int, int, int]],
 ) -> None:
     samples = np.concatenate([picture(times_s[number]) for number in _sampled(times_s)])
-    # One palette for all: what stands still keeps its colour, and is not stored again.
+    # One palette for all pictures: static areas keep their colour, and are not stored again.
     chosen = Image.fromarray(samples).quantize(255 - len(keep), method=Image.Quantize.MEDIANCUT)
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for one in keep for value in one] + (chosen.getpalette() or []))
@@ -135,7 +135,7 @@ def _write_mp4(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
         assert process.stdin is not None
         assert process.stderr is not None
         try:
-            with suppress(BrokenPipeError):  # it says why on its stderr
+            with suppress(BrokenPipeError):  # the reason is on its stderr
                 process.stdin.write(first.tobytes())
                 for one in several:
                     process.stdin.write(one.tobytes())
@@ -150,7 +150,7 @@ def _write_mp4(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
 
 
 def _ffmpeg() -> str | None:
-    """Return the program: that of the package ``imageio-ffmpeg``, else one on the PATH."""
+    """Return the program: that of the package ``imageio-ffmpeg``, or one on the PATH."""
     if importlib.util.find_spec("imageio_ffmpeg") is not None:
         with suppress(RuntimeError):  # the package carries none for this machine
             return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())

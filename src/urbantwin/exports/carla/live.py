@@ -3,9 +3,9 @@
     python run_in_carla.py FRAMES [--host localhost] [--port 2000] [--seconds 10]
 
 FRAMES gets ``points/NNNNNN_<sensor>.npy`` (the sensor's points, x, y, z in the site frame, metres)
-and ``actors/NNNNNN.json`` (boxes in the site frame) per step of the rig. It needs numpy and
-CARLA's Python package (``pip install carla==0.9.16``), and nothing of UrbanTwin, whose exported
-CARLA packages have this file.
+and ``actors/NNNNNN.json`` (boxes in the site frame) for each step of the rig. It needs numpy and
+CARLA's Python package (``pip install carla==0.9.16``), but not UrbanTwin. This file is included in
+exported CARLA packages.
 
 Transforms, attributes and points were checked against CARLA's own classes. **Nothing here was run
 on a live server**; the sequence of calls follows CARLA's documentation and examples.

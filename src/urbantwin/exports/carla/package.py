@@ -205,26 +205,26 @@ def spawn_points(network: RoadNetwork) -> list[dict[str, Any]]:
 
 
 def write_carla(twin: Twin, folder: Path) -> None:
-    """Write what CARLA 0.9.16 imports as a map, and what drives traffic and sensors in it.
+    """Write a map package for CARLA 0.9.16, and the files for traffic and sensors in it.
 
     ::
 
         README.txt                    how to import it
-        carla.json                    what was written, from which twin
-        traffic.json                  the mix of traffic
-        spawn_points.json             places for vehicles
+        carla.json                    manifest of the package and its twin
+        traffic.json                  composition of the traffic
+        spawn_points.json             spawn points of vehicles
         rig.json                      the sensors as CARLA's blueprints
-        navigation/<map>.obj          where people walk, for RecastBuilder
-        UrbanTwin_<map>/              to be copied to carla/Import/
-            UrbanTwin_<map>.json      the package, as make import reads it
+        navigation/<map>.obj          areas for pedestrians, for RecastBuilder
+        UrbanTwin_<map>/              folder to copy to carla/Import/
+            UrbanTwin_<map>.json      package description for make import
             <map>/<map>.fbx           the mesh
             <map>/<map>.xodr          OpenDRIVE 1.4
 
-    ``make import`` takes **every** ``.json`` under ``carla/Import`` for a package
-    (``Util/BuildTools/Import.py``), so the package's folder holds one and no other.
+    ``make import`` treats **every** ``.json`` under ``carla/Import`` as a package
+    (``Util/BuildTools/Import.py``), so the package's folder contains only one.
 
     Raises:
-        InputError: the folder holds something else, or Assimp is not installed.
+        InputError: the folder has other contents, or Assimp is not installed.
         StageError: Assimp failed.
     """
     title = str(twin.manifest["name"])

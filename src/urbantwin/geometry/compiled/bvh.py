@@ -1,26 +1,26 @@
-"""A bounding volume hierarchy of triangles, and the first hits of rays in it, compiled by numba.
+"""A bounding volume hierarchy of triangles, and first hits of rays in it, compiled by numba.
 
 `intersect1` and `intersect8` are C functions with the arguments of Embree's ``rtcIntersect1`` and
-``rtcIntersect8``: compiled code that casts rays calls either through an address, and does not know
-which of the two libraries stands behind it (see `geometry.rays`).
+``rtcIntersect8``. Compiled code that casts rays calls either library through an address, and does
+not know which of the two it is (see `geometry.rays`).
 
 The tree is binary and is built by the surface area heuristic over 16 bins of centroids along each
-axis (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007). Its nodes lie in
+axis (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007). Its nodes are in
 depth-first order, so the first child of a node is the next one (Pharr, Jakob and Humphreys,
 "Physically Based Rendering", 4.3.4). Rays of a packet descend together: a node is visited if any of
 them enters its box. The test of a box is in single precision and conservative (Ize, "Robust BVH ray
-traversal", 2013). The test of a triangle is in double precision and watertight: the three edge
-functions of Woop, Benthin and Wald ("Watertight ray/triangle intersection", 2013), written as
-triple products, have the same size and opposite signs in the two triangles of an edge.
+traversal", 2013). The test of a triangle is in double precision and watertight. It uses the three
+edge functions of Woop, Benthin and Wald ("Watertight ray/triangle intersection", 2013). Written as
+triple products, they have the same magnitude and opposite signs in the two triangles of an edge.
 
-A tree is one block of 32-bit words, which is all that a traversal gets::
+A tree is one block of 32-bit words, which contains all data of a traversal::
 
-    0        where the triangles begin, words
+    0        start of the triangles, words
     16       nodes, 8 words each: lower and upper corner, then for an inner node its second child
-             and -1 - the axis it is split along, for a leaf its first triangle and their number
+             and -1 - the axis of its split, for a leaf its first triangle and their number
     word 0   triangles, 10 words each: three corners, number of the face
 
-Among triangles that a ray meets at the same range in single precision, the one with the lowest
+If a ray hits several triangles at the same range in single precision, the one with the lowest
 number is the hit: it does not depend on the tree or on the other rays of a packet.
 """
 
@@ -36,11 +36,11 @@ from urbantwin.geometry.compiled.packet import LANES
 __all__ = ["build_tree", "intersect1", "intersect8"]
 
 _HEADER, _NODE, _TRIANGLE = 16, 8, 10
-#: More than any block of words has: arrays over memory that others own need a length.
+#: Larger than any block of words: arrays over external memory need a length.
 _MANY = 1 << 40
 
 _BINS = 16
-#: A node with at most so many triangles is a leaf if no split is cheaper, one with more never is.
+#: A node with at most this many triangles is a leaf if no split is cheaper; larger nodes are split.
 _LARGEST_LEAF = 8
 #: The cost of visiting a node, in tests of a triangle.
 _VISIT_COST = 1.0
@@ -50,23 +50,22 @@ _STACK = 96
 
 #: 1 + 2 gamma(3) for single precision, with which a box is entered if exact arithmetic enters it.
 _ROBUST = np.float32(1.0 + 6.0 * 2.0**-24 + 2.0**-23)
-#: Components of directions are no closer to 0, so that no product of 0 and infinity comes up.
+#: Minimum magnitude of direction components, so that no product of 0 and infinity occurs.
 _LEAST = np.float32(1e-18)
 
 # Words of Embree's ray, in rays of a packet: `geometry.compiled.intersect` and `packet`.
 _ORIGIN, _NEAR, _DIRECTION, _FAR = 0, 3, 4, 8
-#: The normal of the hit, which nobody reads: it holds the inverse of the direction meanwhile.
+#: The unused normal of the hit: it temporarily holds the inverse of the direction.
 _INVERSE = 12
 _FACE, _GEOMETRY = 17, 18
 
-# Division by zero gives infinity, as in C; a check would keep loops over lanes from being
-# vectorised.
+# Division by zero gives infinity, as in C; a check would prevent vectorised loops over lanes.
 _inlined = njit(error_model="numpy", nogil=True, forceinline=True)
 
 
 @intrinsic
 def _stack(typingctx):
-    """Return the address of room for `_STACK` words on the machine's stack."""
+    """Return the address of memory for `_STACK` words on the machine's stack."""
 
     def codegen(context, builder, signature, args):
         room = cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(32), _STACK))
@@ -77,7 +76,7 @@ def _stack(typingctx):
 
 @_inlined
 def _prepare(floats, words, lanes):
-    """Write the inverse directions of rays, and that they have hit nothing."""
+    """Write the inverse directions of rays, and mark them as without a hit."""
     for lane in range(lanes):
         for axis in range(3):
             d = floats[(_DIRECTION + axis) * lanes + lane]
@@ -115,7 +114,7 @@ def _enters(tree, at, rays, lanes):
 
 @_inlined
 def _meet(tree, at, face, rays, words, lanes):
-    """Let rays meet a triangle: write range and face where it is their first hit so far."""
+    """Intersect rays with a triangle; write range and face if it is their first hit so far."""
     ax, ay, az = np.float64(tree[at]), np.float64(tree[at + 1]), np.float64(tree[at + 2])
     bx, by, bz = np.float64(tree[at + 3]), np.float64(tree[at + 4]), np.float64(tree[at + 5])
     cx, cy, cz = np.float64(tree[at + 6]), np.float64(tree[at + 7]), np.float64(tree[at + 8])
@@ -130,7 +129,7 @@ def _meet(tree, at, face, rays, words, lanes):
         px, py, pz = ax - x, ay - y, az - z
         qx, qy, qz = bx - x, by - y, bz - z
         rx, ry, rz = cx - x, cy - y, cz - z
-        # On which side of each edge the ray passes.
+        # Side of each edge on which the ray passes.
         pq = dx * (py * qz - pz * qy) + dy * (pz * qx - px * qz) + dz * (px * qy - py * qx)
         qr = dx * (qy * rz - qz * ry) + dy * (qz * rx - qx * rz) + dz * (qx * ry - qy * rx)
         rp = dx * (ry * pz - rz * py) + dy * (rz * px - rx * pz) + dz * (rx * py - ry * px)
@@ -148,7 +147,7 @@ def _meet(tree, at, face, rays, words, lanes):
 
 @_inlined
 def _cast(tree_place, ray_place, lanes):
-    """Find the first hits of rays; a lane whose farthest range is negative is not cast."""
+    """Find the first hits of rays; a lane with a negative maximum range is not cast."""
     tree, links = carray(tree_place, _MANY, np.float32), carray(tree_place, _MANY, np.int32)
     rays, words = carray(ray_place, _MANY, np.float32), carray(ray_place, _MANY, np.int32)
     stack = carray(_stack(), _STACK, np.int32)
@@ -181,13 +180,13 @@ def _cast(tree_place, ray_place, lanes):
 
 @cfunc(types.void(*[types.voidptr] * 3), cache=True, error_model="numpy")
 def intersect1(tree, ray, _arguments):
-    """Find what a ray hits first: as ``rtcIntersect1``, with a tree in place of a scene."""
+    """Find the first hit of a ray: as ``rtcIntersect1``, with a tree instead of a scene."""
     _cast(tree, ray, 1)
 
 
 @cfunc(types.void(*[types.voidptr] * 4), cache=True, error_model="numpy")
 def intersect8(valid, tree, rays, _arguments):
-    """Find what eight rays hit first: as ``rtcIntersect8``, with a tree in place of a scene."""
+    """Find the first hits of eight rays: as ``rtcIntersect8``, with a tree instead of a scene."""
     cast, floats = carray(valid, LANES, np.int32), carray(rays, _MANY, np.float32)
     for lane in range(LANES):
         if cast[lane] == 0:
@@ -219,7 +218,7 @@ def _emptied(boxes):
 
 @per_block
 def _bin_of(boxes, triangle, axis, low, scale):
-    """Return the bin in which the centroid of a triangle's box lies."""
+    """Return the bin of the centroid of a triangle's box."""
     centre = boxes[triangle, axis] + boxes[triangle, 3 + axis]
     return min(np.int64((centre - low) * scale), _BINS - 1)
 
@@ -228,8 +227,8 @@ def _bin_of(boxes, triangle, axis, low, scale):
 def _best_split(boxes, order, begin, end, bounds, bins, counts, right):
     """Return the axis, lower end and scale of the cheapest split, its bin, and its cost.
 
-    The cost is the sum over both sides of surface times number of triangles; ``inf`` where all
-    centroids are in one place. ``bins`` (16, 6), ``counts`` (16,) and ``right`` (16,) are room.
+    The cost is the sum over both sides of surface times number of triangles; ``inf`` if all
+    centroids coincide. ``bins`` (16, 6), ``counts`` (16,) and ``right`` (16,) are work arrays.
     """
     best = (0, 0.0, 0.0, 0)
     least = np.inf
@@ -300,7 +299,7 @@ def build_tree(vertices, faces):
         np.empty(_BINS),
         np.empty(6),
     )
-    # Nodes to be made: their triangles, their depth, and of which node they are the second child.
+    # Nodes to create: their triangles, their depth, and the node whose second child they are.
     waiting = np.empty((_STACK, 4), np.int64)
     waiting[0] = 0, count, 0, -1
     depth = 1

@@ -1,6 +1,6 @@
-"""One ray at a time through Embree's C interface, which the built-in tracer has too.
+"""One ray at a time through Embree's C interface, which the built-in tracer also has.
 
-An address and a scene are those of either, see `geometry.rays`.
+An address and a scene are of either library, see `geometry.rays`.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ __all__ = ["cast_rays", "intersect", "new_ray"]
 def _call(typingctx, address, first, second, third):
     """Call a C function of three words at an address that is known when the code runs.
 
-    A function that names a ctypes function cannot be kept in numba's cache; one that is given
-    an address can.
+    A function that uses a ctypes function cannot be stored in numba's cache; a function with an
+    address as an argument can.
     """
 
     def codegen(context, builder, signature, args):
@@ -32,9 +32,9 @@ def _call(typingctx, address, first, second, third):
 
 @per_block
 def new_ray():
-    """Return room for a ``RTCRayHit``, aligned as Embree wants it.
+    """Return memory for a ``RTCRayHit``, aligned as Embree requires.
 
-    As (32,) float32, the same words as uint32, and their address.
+    The result has (32,) float32, the same words as uint32, and their address.
     """
     block = np.zeros(64, np.float32)
     skip = (64 - block.ctypes.data % 64) % 64 // 4
@@ -46,9 +46,9 @@ def new_ray():
 def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
 
-    ``address`` is that of ``rtcIntersect1``, or of `bvh.intersect1`, and ``scene`` that of a tree
-    of the same library, or 0 for an empty one; ``ray`` is from `new_ray`; the ray leaves at o along
-    the unit vector d.
+    ``address`` is that of ``rtcIntersect1`` or `bvh.intersect1`, and ``scene`` that of a tree of
+    the same library, or 0 for an empty one. ``ray`` is the result of `new_ray`. The ray starts at o
+    and has the direction d, a unit vector.
     """
     if scene == 0:
         return np.float32(np.inf), np.int32(-1)

@@ -1,8 +1,8 @@
 """Eight neighbouring rays at a time through the C interface of `intersect`.
 
-Rays that run beside each other pass the same boxes of the tree; it is walked once for all eight, in
-half the time, and each ray hits what `intersect.intersect` finds. An address and a scene are those
-of either library, see `geometry.rays`.
+Rays close to each other pass the same boxes of the tree. The tree is traversed once for all eight,
+in half the time, and each ray has the same hit as with `intersect.intersect`. An address and a
+scene are of either library, see `geometry.rays`.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ _COHERENT = np.uint64(0xFFFFFFFF << 32 | 1 << 16)
 
 @intrinsic
 def _call(typingctx, address, first, second, third, fourth):
-    """Call a C function of four words, as `intersect` calls one of three."""
+    """Call a C function of four words; `intersect` calls a function of three."""
 
     def codegen(context, builder, signature, args):
         word = ir.IntType(64)
@@ -35,17 +35,17 @@ def _call(typingctx, address, first, second, third, fourth):
 
 @per_block
 def new_packet():
-    """Return room for a ``RTCRayHit8``, aligned as Embree wants it.
+    """Return memory for a ``RTCRayHit8``, aligned as Embree requires.
 
-    As (256,) float32, the same words as uint32, which lanes are cast (8,) int32, and the addresses
-    of the rays, of the lanes and of ``RTCIntersectArguments``.
+    The result has the rays as (256,) float32, the same words as uint32, the active lanes (8,)
+    int32, and the addresses of the rays, of the lanes and of ``RTCIntersectArguments``.
     """
     block = np.zeros(20 + 8 + 256 + 16, np.float32)
     skip = (64 - block.ctypes.data % 64) % 64 // 4
     room = block[skip : skip + 284]
     rays, valid, arguments = room[:256], room[256:264].view(np.int32), room[264:284].view(np.uint64)
     arguments[0] = _COHERENT
-    # What is the same of all rays: nearest range, time and flags are 0, no bit masks anything out.
+    # Values common to all rays: nearest range, time and flags are 0, and no mask is set.
     words = rays.view(np.uint32)
     words[72:80] = 0xFFFFFFFF
     words[144:168] = 0xFFFFFFFF
@@ -64,11 +64,11 @@ def cast(address, scene, packet, rays, count):
     """Cast the rays of the first lanes.
 
     Args:
-        address: of ``rtcIntersect8`` or `bvh.intersect8`.
+        address: address of ``rtcIntersect8`` or `bvh.intersect8`.
         scene: address of a tree of the same library, or 0 for an empty one.
-        packet: from `new_packet`.
-        rays: (6, 8), origins and unit vectors; what lanes hold that are not cast does not matter.
-        count: how many lanes.
+        packet: result of `new_packet`.
+        rays: (6, 8), origins and unit vectors; values of inactive lanes are ignored.
+        count: number of active lanes.
     """
     floats, words, valid = packet[0], packet[1], packet[2]
     # Without branches over lanes: they become vector instructions.
@@ -89,7 +89,7 @@ def cast(address, scene, packet, rays, count):
 
 @per_ray
 def met_by(packet, lane):
-    """Return range and face of what a lane's ray hit first; ``inf`` and -1 without a hit."""
+    """Return range and face of the first hit of a lane's ray; ``inf`` and -1 without a hit."""
     floats, words = packet[0], packet[1]
     if words[144 + lane] == 0xFFFFFFFF:
         return np.float32(np.inf), np.int32(-1)

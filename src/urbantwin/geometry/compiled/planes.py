@@ -1,11 +1,11 @@
-"""First hits whose triangle a ray tracer finds, confirmed in double precision.
+"""First hits on triangles found by a ray tracer, confirmed in double precision.
 
 Embree, and the built-in tracer's tree, hold triangles in single precision.
 
-Where a ray grazes a surface, a rounding of the surface's place by some micrometres moves the hit
-by millimetres to metres; on the triangle's plane in double precision it stays. Where a ray runs
-along a triangle's plane, all that single precision knows of it is rounding, and Embree may see
-the triangle where it is not: such a hit is passed over.
+If a ray grazes a surface, rounding of the surface's position by some micrometres moves the hit by
+millimetres to metres; on the triangle's plane in double precision it does not move. If a ray is
+parallel to a triangle's plane, the single-precision result is only rounding, and Embree may report
+the triangle where it is not. Such a hit is skipped.
 """
 
 import numpy as np
@@ -15,28 +15,29 @@ from urbantwin.geometry.compiled.intersect import intersect, new_ray
 
 __all__ = ["cast_rays", "first_met", "range_on"]
 
-#: What single precision loses of a place, as a share of its distance from the ray's origin.
+#: Rounding error of a position in single precision, as a share of its distance from the ray's
+#: origin.
 _ROUNDING = 2.0**-20
 #: Sine of the angle between ray and plane below which a triangle is seen from its edge.
 _PARALLEL = 1e-12
-#: A triangle that is less wide is a line, which no ray meets.
+#: A narrower triangle is a line, which no ray hits.
 _THINNEST_M = 1e-9
-#: Two surfaces that a ray meets less far apart than this are not told apart.
+#: Two surfaces closer to each other than this along a ray are not distinguished, metres.
 _CLOSE_M = 1e-4
-#: How many triangles a ray may run along before it is believed to hit nothing.
+#: Maximum number of skipped triangles of a ray before it counts as without a hit.
 _MOST_ALONG = 1000
 
 
 @per_ray
 def range_on(vertices, faces, face, ox, oy, oz, dx, dy, dz, found):
-    """Return the range at which a ray meets a triangle; -1 where it passes it by.
+    """Return the range at which a ray hits a triangle; -1 if it misses.
 
-    It is that of the triangle's plane, kept to where the ray runs over the triangle or within
-    rounding of its border: a ray along an edge is not sent far out on the plane.
+    It is the range of the triangle's plane, limited to the part of the ray over the triangle,
+    within rounding of its border. So a ray along an edge gets no hit far out on the plane.
 
-    ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int32 are triangles, ``face`` is the one that
-    the ray tracer found, at the range ``found``, which counts where the ray runs within the plane;
-    the ray leaves at o along the unit vector d, float64.
+    ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int32 are triangles; ``face`` is the one that
+    the ray tracer found. ``found`` is the range at which it was found; it is used if the ray is
+    within the plane. The ray starts at o and has the direction d, a unit vector, float64.
     """
     a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -72,7 +73,7 @@ def range_on(vertices, faces, face, ox, oy, oz, dx, dy, dz, found):
             high = min(high, -start / step)
         elif start < 0.0:
             return -1.0
-    # Beyond a sharp corner the borders run on: no farther than the corners lie along the ray.
+    # Borders extend beyond a sharp corner: limited to the range of the corners along the ray.
     border = _ROUNDING * farthest
     low, high = max(low, first - border), min(high, last + border)
     if low > high:
@@ -87,8 +88,8 @@ def range_on(vertices, faces, face, ox, oy, oz, dx, dy, dz, found):
 def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
 
-    Like `intersect.intersect`, with ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int32 those
-    of the scene.
+    Like `intersect.intersect`, with ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int32 of the
+    scene.
     """
     x, y, z = np.float32(ox), np.float32(oy), np.float32(oz)
     best, owner = np.inf, np.int32(-1)
@@ -103,7 +104,7 @@ def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz
             best, owner = at, face
         if best - found <= _CLOSE_M:
             break
-        # Farther than it seemed: something else may come first.
+        # The hit is farther than reported: another triangle may be in front of it.
         near = np.nextafter(found, np.float32(np.inf))
     return np.float32(best), owner
 

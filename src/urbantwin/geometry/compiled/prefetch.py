@@ -1,4 +1,4 @@
-"""Memory that will be needed soon, asked for before it is."""
+"""Prefetching of memory that will be needed soon."""
 
 from llvmlite import ir
 from numba import types
@@ -7,13 +7,13 @@ from numba.extending import intrinsic
 
 __all__ = ["prefetch"]
 
-#: Arguments of LLVM's instruction: it will be read, is to be kept as near as can be, and is data.
+#: Arguments of LLVM's instruction: read access, kept in the nearest cache, data.
 _READ, _NEAR, _DATA = 0, 3, 1
 
 
 @intrinsic
 def prefetch(typingctx, array, index):
-    """Ask for an element of a one-dimensional array and go on; where there is none, nothing is."""
+    """Prefetch an element of a one-dimensional array; an index outside the array has no effect."""
 
     def codegen(context, builder, signature, args):
         kind, _ = signature.args

@@ -1,4 +1,4 @@
-"""Rows that are found one by one: room for more of them."""
+"""Growing arrays for rows that are found one by one."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ __all__ = ["with_more_room"]
 
 @per_block
 def with_more_room(rows):
-    """Return rows (N, K) with as many behind them, to be written.
+    """Return rows (N, K) with the same number of unset rows appended.
 
-    One value at a time: the assignment of a slice takes numba seconds to compile, most of them
-    for the text of an error.
+    Values are copied one at a time: the assignment of a slice takes numba seconds to compile, most
+    of them for the text of an error.
     """
     count, wide = rows.shape
     more = np.empty((2 * count, wide), rows.dtype)
