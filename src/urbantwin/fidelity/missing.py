@@ -1,4 +1,4 @@
-"""What the twin lacks: places where real points have nothing of the twin near them."""
+"""Parts of the place that the twin lacks: real points without points of the twin nearby."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy.spatial import cKDTree
 
 __all__ = ["CELL_M", "NEAR_M", "SPACING_SHARE", "MissingPlaces", "without_surface"]
 
-#: A real point farther from every synthetic point than this has no surface, metres; or than
-#: this share of its range, where a sensor's points themselves lie that far apart.
+#: Distance of a real point to all synthetic ones from which it has no surface, metres; or this
+#: share of its range, if larger, since the spacing of a sensor's points grows with range.
 NEAR_M = 0.5
 SPACING_SHARE = 0.02
-#: Edge of the cells in plan that such points are gathered in, metres.
+#: Cell size in plan by which such points are grouped, metres.
 CELL_M = 4.0
 _LISTED = 20
-#: Points of the twin in nearly the same direction that are looked at, the slope up to which the
-#: way between two of them is level, and its longest as a share of the range.
+#: Number of twin points in similar directions that are tested; maximum slope between two of them,
+#: and their maximum distance as a share of the range.
 _AROUND, _LEVEL, _LONGEST_SHARE = 10, 0.25, 0.3
 _FLATTENED = 0.15
 
@@ -31,17 +31,17 @@ def without_surface(
     actor: NDArray[np.bool_] | None = None,
     twin: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return the real points that have nothing of the twin near them, (K, 4): x, y, z, distance.
+    """Return the real points without a surface of the twin nearby, (K, 4): x, y, z, distance.
 
-    Far away a sensor's rings on the ground lie metres apart: a point on the twin's ground between
-    two of them is not missing, though no point of the twin is near it.
+    Far away a sensor's rings on the ground are metres apart: a point on the twin's ground between
+    two rings is not missing, although no point of the twin is near it.
 
     Args:
         points: (N, 3) real points, metres.
         away: (N,) distance of each to the nearest synthetic point, metres.
-        origin: (3,) the sensor's place.
-        actor: (N,) points of actors, which are left out: traffic differs, places do not.
-        twin: (M, 3) the synthetic points; without them nothing is known between rings.
+        origin: (3,) position of the sensor.
+        actor: (N,) mask of points on actors, which are excluded, as traffic differs.
+        twin: (M, 3) the synthetic points; without them ground between rings is not excluded.
     """
     range_m = np.linalg.norm(points - origin, axis=1)
     lost = away > np.maximum(NEAR_M, SPACING_SHARE * range_m)
@@ -54,10 +54,10 @@ def without_surface(
 
 
 def _on_level_ground(points: NDArray[np.float64], twin: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points (K, 3) lie on level ground between neighbouring points of the twin.
+    """Return the mask of points (K, 3) on level ground between neighbouring points of the twin.
 
-    Neighbours are those that the sensor, at the origin, sees in nearly the same direction; between
-    two of them there is ground if the way from one to the other is level and not too long.
+    Neighbours are seen in similar directions from the sensor, at the origin. The line between two
+    of them is ground if it is level and not too long.
     """
     _, near = cKDTree(_directions(twin)).query(_directions(points), k=_AROUND)
     first, second = np.triu_indices(_AROUND, 1)
@@ -72,32 +72,32 @@ def _on_level_ground(points: NDArray[np.float64], twin: NDArray[np.float64]) -> 
 
 
 def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit vectors to points (N, 3), flattened: rings lie farther apart than columns."""
+    """Return unit vectors to points (N, 3), flattened as rings are farther apart than columns."""
     unit = points / np.maximum(np.linalg.norm(points, axis=1), 1e-9)[:, None]
     return np.asarray(unit * [1.0, 1.0, _FLATTENED])
 
 
 @dataclass(eq=False)
 class MissingPlaces:
-    """Gathers real points without a surface, over the frames of a comparison."""
+    """Collects real points without a surface, over the frames of a comparison."""
 
     frames: int = 0
     _points: list[NDArray[np.float64]] = field(default_factory=list)
 
     def add(self, lost: NDArray[np.float64]) -> None:
-        """Add what `without_surface` found of a frame."""
+        """Add the result of `without_surface` for a frame."""
         self.frames += 1
         self._points.append(lost)
 
     def points(self) -> NDArray[np.float64]:
-        """Return all of them, (K, 3) metres."""
+        """Return all collected points, (K, 3) metres."""
         return np.concatenate([np.zeros((0, 4)), *self._points])[:, :3]
 
     def places(self) -> list[dict[str, Any]]:
         """Return the cells with most such points: the worst twenty first.
 
-        ``x``, ``y``: the points' middle; ``low``, ``high``: 5th and 95th percentile of z;
-        ``points_per_frame``; ``distance_m``: median to the nearest synthetic point.
+        ``x``, ``y``: mean of the points; ``low``, ``high``: 5th and 95th percentile of z;
+        ``points_per_frame``; ``distance_m``: median distance to the nearest synthetic point.
         """
         found = np.concatenate([np.zeros((0, 4)), *self._points])
         if not len(found):

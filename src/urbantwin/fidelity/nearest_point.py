@@ -14,7 +14,7 @@ from urbantwin.processes import threads
 
 __all__ = ["NearestDistances", "PointTree", "nearest_distances"]
 
-#: Fewer leaves than this are not worth a thread.
+#: Minimum number of leaves per thread.
 _LEAST_LEAVES = 512
 
 
@@ -29,8 +29,8 @@ class NearestDistances:
 class PointTree:
     """Points in a balanced k-d tree of boxes (Friedman, Bentley and Finkel 1977).
 
-    Queries are exact: of all points, several at once (Curtin et al. 2013, "Tree-independent
-    dual-tree algorithms", with one level of the asking tree).
+    Queries are exact: all points are queried together (Curtin et al. 2013, "Tree-independent
+    dual-tree algorithms", with one level of the query tree).
 
     Args:
         points: (N, 3) metres, N >= 1, finite.
@@ -43,7 +43,7 @@ class PointTree:
         self._table = leaf_table(points, self._order, levels)
 
     def nearest_of(self, other: PointTree) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return what is nearest to every point in another tree: distance (N,), metres, and row."""
+        """Return distance (N,), metres, and row of the point nearest to each of another tree."""
         square, where = np.empty(len(self._order)), np.empty(len(self._order), np.int64)
         leaves = len(self._table)
         runs = max(1, min(threads(), leaves // _LEAST_LEAVES))
@@ -81,7 +81,7 @@ def nearest_distances(
     Args:
         real: (N, 3) metres, N >= 1.
         synthetic: (M, 3) metres, M >= 1, the same frame.
-        real_tree: a tree of ``real`` to use again.
+        real_tree: an existing tree of ``real``.
     """
     wanted = [synthetic] if real_tree is not None else [synthetic, real]
     with ThreadPoolExecutor(threads()) as pool:

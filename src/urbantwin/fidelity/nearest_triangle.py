@@ -13,17 +13,17 @@ from urbantwin.processes import threads
 
 __all__ = ["NearestTriangle"]
 
-#: Triangles of a leaf, and points of which one is asked for soon after the other.
+#: Triangles per leaf, and number of neighbouring points that are queried in sequence.
 _TRIANGLES, _NEIGHBOURS = 4, 8
-#: Fewer points than this are not worth a thread.
+#: Minimum number of points per thread.
 _LEAST_POINTS = 1_000
 
 
 class NearestTriangle:
-    """Finds the distance to the nearest of many triangles, exactly.
+    """Computes exact distances to the nearest of many triangles.
 
-    Triangles are the leaves of a balanced tree of boxes, cut by their middles. A part of the tree
-    is left out where its box is farther than the best triangle so far.
+    Triangles are in the leaves of a balanced tree of boxes, split by their centres. A part of the
+    tree is skipped if its box is farther than the best triangle so far.
 
     Args:
         vertices: (V, 3) metres.

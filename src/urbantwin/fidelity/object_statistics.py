@@ -1,4 +1,4 @@
-"""Statistics of a recording's labelled objects, and how two recordings differ in them."""
+"""Statistics of a recording's labelled objects, and differences between two recordings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["HEAT_CELL_M", "RANGE_EDGES_M", "ObjectStatistics", "object_differenc
 
 #: Bins of distance for points per box, metres.
 RANGE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
-#: Edge of the cells of the heat map, metres.
+#: Cell size of the heat map, metres.
 HEAT_CELL_M = 2.0
 _DIMENSIONS = ("length_m", "width_m", "height_m")
 
@@ -42,14 +42,14 @@ class ObjectStatistics:
 
     @classmethod
     def of(cls, frames: Iterable[Frame]) -> ObjectStatistics:
-        """Gather the boxes of frames; frames without labels are left out."""
+        """Return the statistics of frames; frames without labels are skipped."""
         found = cls()
         for frame in frames:
             found.add(frame)
         return found
 
     def add(self, frame: Frame) -> None:
-        """Add the boxes of one frame; nothing where it has no labels."""
+        """Add the boxes of one frame, if it has labels."""
         boxes = frame.boxes
         if boxes is None:
             return
@@ -73,7 +73,7 @@ class ObjectStatistics:
     def as_json(self) -> dict[str, Any]:
         """Return per class: boxes per frame, dimensions, points per box by distance; heat map.
 
-        The heat map lists the lower corner of each cell that has boxes, and how many.
+        The heat map lists the lower corner of each cell with boxes, and their number.
         """
         names = np.array(self.classes)
         found: dict[str, Any] = {}
@@ -117,7 +117,7 @@ class ObjectStatistics:
         return rows
 
     def heat(self) -> Mapping[tuple[int, int], int]:
-        """Return how many boxes have their centre in each cell of ``HEAT_CELL_M``."""
+        """Return the number of boxes with their centre in each cell of ``HEAT_CELL_M``."""
         cells, count = np.unique(
             np.floor(self.box[:, :2] / HEAT_CELL_M).astype(np.int64), axis=0, return_counts=True
         )
@@ -125,12 +125,12 @@ class ObjectStatistics:
 
 
 def object_differences(real: ObjectStatistics, synthetic: ObjectStatistics) -> dict[str, Any]:
-    """Return how two recordings' objects differ; None where either has no such object.
+    """Return the differences of two recordings' objects; None if either has no such object.
 
-    ``class_mix_js``: Jensen-Shannon divergence of the shares of classes; ``heat_map_js``: of
-    the shares of boxes in cells of 2 m; per class ``dimensions``: synthetic less real mean,
-    metres; ``points_ratio``: over the bins of distance that both have, the mean of the logarithm
-    of synthetic over real median points (each plus one), taken back, weighted by the real boxes.
+    ``class_mix_js``: Jensen-Shannon divergence of the shares of classes; ``heat_map_js``: of the
+    shares of boxes in cells of 2 m; per class ``dimensions``: synthetic minus real mean, metres;
+    ``points_ratio``: geometric mean, over the distance bins that both have, of synthetic over real
+    median points (each plus one), weighted by the real boxes.
     """
     ours, theirs = synthetic.as_json()["classes"], real.as_json()["classes"]
     names = sorted(set(ours) | set(theirs))

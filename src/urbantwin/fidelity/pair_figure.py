@@ -29,20 +29,20 @@ from urbantwin.fidelity.report_style import (
 
 __all__ = ["draw_missing", "draw_objects", "draw_pair"]
 
-#: Places that get their number in the picture.
+#: Number of places numbered in the picture.
 _LABELLED = 20
 _COLUMNS, _ROWS = 720, 96
-#: Of sensors with fewer rings than this, range images have a third of the rows.
+#: Number of rings below which range images have a third of the rows.
 _DENSE_RINGS = 48
 
 
 def draw_pair(real: Frame, twin: Frame, origin: NDArray[np.float64], path: Path) -> None:
-    """Write a picture: both frames from above, where they differ, and both range images.
+    """Draw both frames from above, their differences, and both range images.
 
     Args:
         real: the real frame.
-        twin: the synthetic one.
-        origin: (3,) the sensor's place.
+        twin: the synthetic frame.
+        origin: (3,) position of the sensor.
         path: the PNG to write.
     """
     figure = blank(15, 8.6)
@@ -123,13 +123,13 @@ def draw_missing(
     origin: NDArray[np.float64],
     path: Path,
 ) -> None:
-    """Write a map of what the twin lacks, from above and from the side.
+    """Draw a map of what the twin lacks, from above and from the side.
 
     Args:
         sample: a real frame.
-        missing: (K, 3) real points of all frames that have nothing of the twin near them.
-        places: where they are gathered, worst first (`MissingPlaces.places`).
-        origin: (3,) the sensor's place.
+        missing: (K, 3) real points of all frames without points of the twin nearby.
+        places: their cells, worst first (`MissingPlaces.places`).
+        origin: (3,) position of the sensor.
         path: the PNG to write.
     """
     figure = blank(15, 7.4)
@@ -157,7 +157,7 @@ def draw_missing(
 def _alone(
     points: NDArray[np.float64], nearest: NDArray[np.float64], origin: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which of (N, 3) points have nothing of the other cloud near them."""
+    """Return the mask of (N, 3) points without points of the other cloud nearby."""
     away = np.linalg.norm(points - origin, axis=1)
     return np.asarray(nearest > np.maximum(NEAR_M, SPACING_SHARE * away))
 
@@ -204,7 +204,7 @@ def _elevations(frame: Frame, origin: NDArray[np.float64]) -> tuple[float, float
 def _range_image(
     frame: Frame, origin: NDArray[np.float64], like: Frame, rows: int
 ) -> NDArray[np.float64]:
-    """Return the nearest range by cells of direction, NaN for none: the same cells for both."""
+    """Return the nearest range by cells of direction, NaN for none, with equal cells for both."""
     low, high = _elevations(like, origin)
     seen = frame.points - origin
     distance = np.linalg.norm(seen, axis=1)
@@ -219,17 +219,17 @@ def _range_image(
 
 
 _SIDES = {"real": "real", "synthetic": "twin", "arbitrary": "arbitrary site"}
-#: Classes whose points a box are drawn: the most frequent.
+#: Number of classes whose points per box are drawn, the most frequent.
 _DRAWN = 3
-#: Half the edge of the maps, metres, at most.
+#: Maximum half edge of the maps, metres.
 _FARTHEST_M = 120.0
 
 
 def draw_objects(objects: Mapping[str, Any], path: Path) -> None:
-    """Write the picture.
+    """Draw the statistics of labelled objects.
 
     Args:
-        objects: as ``report.json`` has them.
+        objects: entry ``objects`` of ``report.json``.
         path: the PNG to write.
     """
     sides = [side for side in COLOURS if side in objects]

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 __all__ = ["MAX_POINTS", "RealSurface", "Spread", "Surface", "rebuild_surface"]
 
-#: Longest edge of a triangle, metres.
+#: Maximum edge of a triangle, metres.
 MAX_EDGE_M = 2.0
-#: Widest edge of a triangle seen from the sensor, degrees.
+#: Maximum angular extent of a triangle seen from the sensor, degrees.
 MAX_ANGLE_DEG = 4.0
-#: Least angle between a triangle and the line of sight, degrees.
+#: Minimum angle between a triangle and the line of sight, degrees.
 MIN_GRAZING_DEG = 10.0
-#: A triangle whose normal is this close to the vertical counts as street, degrees.
+#: Maximum angle between a street triangle's normal and the vertical, degrees.
 LEVEL_DEG = 15.0
 
 _SEAM_RAD = np.radians(MAX_ANGLE_DEG)
@@ -32,13 +32,13 @@ _SEAM_RAD = np.radians(MAX_ANGLE_DEG)
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles, and the points that are in none of them.
+    """Triangles, and the points that belong to none.
 
     Attributes:
         vertices: (V, 3) float64, metres, the cloud's frame.
-        faces: (F, 3) int64, indices of vertices; a point without a triangle is a face of one
-            vertex three times.
-        triangles: how many of the faces are true triangles.
+        faces: (F, 3) int64, indices of vertices; a point without a triangle is a face of one vertex
+            three times.
+        triangles: number of true triangles among the faces.
         covered: share of the vertices that are a corner of a true triangle, 0..1.
     """
 
@@ -49,23 +49,23 @@ class Surface:
 
 
 def rebuild_surface(points: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Surface:
-    """Rebuild the surface that a sensor at ``origin`` saw.
+    """Return the surface that a sensor at ``origin`` saw.
 
     Args:
         points: (N, 3) metres, N >= 1.
-        origin: (3,) the sensor's place in the frame of the points, metres.
+        origin: (3,) position of the sensor in the frame of the points, metres.
     """
     seen = points - np.asarray(origin, np.float64)
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     elevation = np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
-    # The circle is cut open at +-pi: a strip of either side is repeated on the other.
+    # The azimuth wraps at +-pi: a strip of either side is repeated on the other.
     low = np.flatnonzero(azimuth < -np.pi + _SEAM_RAD)
     high = np.flatnonzero(azimuth > np.pi - _SEAM_RAD)
     index = np.concatenate([np.arange(len(points)), low, high])
     angles = np.column_stack([azimuth, elevation])[index]
     angles[len(points) : len(points) + len(low), 0] += 2 * np.pi
     angles[len(points) + len(low) :, 0] -= 2 * np.pi
-    # Two points in one direction: the first, in the order of the cloud.
+    # of several points in one direction, the first of the cloud
     order = np.lexsort(angles.T[::-1])
     order = order[np.append(True, (np.diff(angles[order], axis=0) != 0).any(axis=1))]
     angles, index = angles[order], index[order]
@@ -108,12 +108,12 @@ def _delaunay(angles: NDArray[np.float64]) -> NDArray[np.int64]:
     return mesh.triangles_array()["vertices"].astype(np.int64)
 
 
-#: More points than this are measured by a random sample of so many (drawn the same every time).
+#: Maximum number of measured points; larger clouds are sampled at random (reproducibly).
 MAX_POINTS = 10_000
-#: Every so many-th real point is kept out of the rebuild, to judge the rebuild by.
+#: One in this many real points is held out of the rebuild, to evaluate it.
 HELD_OUT = 10
-#: Key of their draw: with that of the measured points, clouds of the same size would be measured by
-#: the very points that the surface lacks.
+#: Seed of the held-out sample: with that of the measured points, clouds of the same size would be
+#: measured at the very points that the surface lacks.
 _HELD_OUT_KEY = 1
 
 
@@ -135,15 +135,14 @@ class Spread:
 class RealSurface:
     """The surface of one real frame, rebuilt from nine tenths of its points.
 
-    Cloud-to-surface distance as in Metro (Cignoni, Rocchini, Scopigno 1998, "Metro: measuring
-    error on simplified surfaces"), one way: from the synthetic points to the real surface. The
-    tenth that was held out shows how far real points themselves lie from it (``rebuild_error``):
-    figures below it say nothing about the twin.
+    Cloud-to-surface distance as in Metro (Cignoni, Rocchini, Scopigno 1998, "Metro: measuring error
+    on simplified surfaces"), one way: from the synthetic points to the real surface. The held-out
+    tenth gives the distance of real points from the surface (``rebuild_error``): smaller values are
+    not significant.
 
     Attributes:
         surface: the triangles (`Surface`).
-        rebuild_error: distances of the real points that were held out; None for fewer than two
-            points.
+        rebuild_error: distances of the held-out real points; None without held-out points.
     """
 
     def __init__(self, real: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -161,6 +160,6 @@ class RealSurface:
     def sampled_distances(
         self, synthetic: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return which of (M, 3) points were measured (S,), and their distances (S,) metres."""
+        """Return indices (S,) of measured ones of (M, 3) points, and their distances, metres."""
         rows = sample_rows(len(synthetic), min(len(synthetic), MAX_POINTS))
         return rows, self._nearest.distances(synthetic[rows])

@@ -1,4 +1,4 @@
-"""A background from elsewhere: a matrix of ranges, beams by steps of azimuth."""
+"""A background from an external matrix of ranges, beams by azimuth steps."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from urbantwin.lidar.background_file import save_backgrounds
 __all__ = ["is_matrix", "measure_matrix"]
 
 _ENDINGS = (".mat", ".npy", ".csv", ".txt")
-#: A channel's row is the one whose elevation is nearest, within this, degrees.
+#: Maximum elevation difference of a channel and its row, degrees.
 _SAME_DEG = 0.5
 
 
 def is_matrix(path: Path) -> bool:
-    """Return whether a path is the file of a matrix."""
+    """Return whether a path is a matrix file."""
     return path.is_file() and path.suffix.lower() in _ENDINGS
 
 
 def measure_matrix(
     real: Path, beams: BeamsOf, out: Path, *, elevations: Path | None = None
 ) -> dict[str, Any]:
-    """Turn a matrix of background ranges into a measured background and write it.
+    """Convert a matrix of background ranges to a measured background and write it.
 
-    A row is a beam, a column a step of azimuth: the first from 0, counter-clockwise from the
-    sensor's x axis. 0 is no range. Noise, drop-out and intensity are not in a matrix: they are
-    left to the modelled sensor.
+    A row is a beam, a column an azimuth step, from 0 counter-clockwise from the sensor's x axis. 0
+    is no range. Noise, dropout and intensity are not part of a matrix and are left to the sensor
+    model.
 
     Args:
         real: MATLAB's ``.mat`` up to version 7, ``.npy``, or numbers in lines.
         beams: the sensor.
         out: the ``.npz`` to write.
-        elevations: a file of as many elevations as there are rows, radians or degrees; rows are
-            the sensor's channels if not given.
+        elevations: a file with one elevation per row, radians or degrees; if not given, rows are
+            the sensor's channels.
 
     Returns:
-        What `background_estimation.described` does.
+        The summary of `background_estimation.described`.
 
     Raises:
-        InputError: a file is not such a matrix, or its rows are not the sensor's channels.
+        InputError: a file is not such a matrix, or its rows do not match the sensor's channels.
     """
     ranges = _read(real)
     if ranges.ndim != 2 or min(ranges.shape) < 2:
@@ -60,7 +60,7 @@ def measure_matrix(
     up = beams.sensor.elevation_deg
     if elevations is not None:
         up = _read(elevations).ravel()
-        if np.abs(up).max(initial=0) <= np.pi / 2:  # No sensor looks up and down so little.
+        if np.abs(up).max(initial=0) <= np.pi / 2:  # radians: degrees would be larger
             up = np.degrees(up)
     if len(up) != len(ranges):
         raise InputError(
@@ -82,7 +82,7 @@ def measure_matrix(
 
 
 def _on_beams(ranges: NDArray[np.float64], beams: BeamsOf) -> MeasuredBackground:
-    """Return what beams see of a matrix whose rows are the channels."""
+    """Return the background of a matrix whose rows are the channels."""
     channels, steps = ranges.shape
     aim = beams.directions
     step = np.floor(np.degrees(np.arctan2(aim[..., 1], aim[..., 0])) % 360 * steps / 360)
@@ -102,7 +102,7 @@ def _on_beams(ranges: NDArray[np.float64], beams: BeamsOf) -> MeasuredBackground
 
 
 def _read(path: Path) -> NDArray[np.float64]:
-    """Return the numbers of a file; of several arrays in a ``.mat``, the largest."""
+    """Return the numbers of a file; the largest of several arrays in a ``.mat``."""
     expected = ".mat (up to version 7), .npy, or numbers in lines"
     kind = path.suffix.lower()
     if kind == ".npy":
@@ -114,7 +114,7 @@ def _read(path: Path) -> NDArray[np.float64]:
     comma = "," if b"," in text[:10_000] else None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a file without a number, which is an error below
+            warnings.simplefilter("ignore")  # files without numbers fail below
             return np.loadtxt(io.BytesIO(text), np.float64, delimiter=comma)
     except (ValueError, OverflowError, MemoryError) as error:
         problem = f"is not readable ({one_line(error)})"

@@ -1,4 +1,4 @@
-"""The report: figures per frame and in aggregate, beside their anchors, and as JSON."""
+"""The report: values per frame and in aggregate, beside their controls, and as JSON."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 _RESAMPLES = 1000
-#: The measures of the headline, as a sentence has them.
+#: Names of the headline's measures in a sentence.
 _WORDS = {
     "hausdorff_p95_m": "P95 Hausdorff distance",
     "js_mean": "Jensen-Shannon divergence",
@@ -33,14 +33,14 @@ _Found = Mapping[str, float | None]
 
 @dataclass(frozen=True)
 class Aggregate:
-    """A figure over frames.
+    """A value over frames.
 
     Attributes:
         mean, median, p95: over the frames in which it is defined.
         mean_ci95: 95 % interval of the mean by bootstrap over frames (percentiles of 1000
-            resamples, Efron 1979); None for fewer than two frames. Frames of one recording
-            resemble each other, so the interval is narrower than that of another recording.
-        frames: in how many frames the figure is defined.
+            resamples, Efron 1979); None for fewer than two frames. Frames of one recording are
+            similar, so the interval is too narrow for other recordings.
+        frames: number of frames in which the value is defined.
     """
 
     mean: float
@@ -52,17 +52,17 @@ class Aggregate:
 
 @dataclass(frozen=True)
 class Anchored:
-    """Figures of the twin between their anchors.
+    """Values of the twin with their controls.
 
     Attributes:
-        twin: aggregate of the synthetic against the real frames; None where never defined.
-        real_against_real: each real frame against the next; None for fewer than two.
+        twin: aggregate of the synthetic against the real frames; None if never defined.
+        real_against_real: each real frame against another; None if there is none.
         arbitrary: the control against the real frames; None without a control.
-        reduction_percent: ``(1 - twin / arbitrary) * 100`` of the means over the frames that
-            both have; None without a control.
+        reduction_percent: ``(1 - twin / arbitrary) * 100`` of the means over the frames that both
+            have; None without a control.
         reduction_ci95: its 95 % interval by bootstrap over pairs of frames.
-        ratio_to_real: twin over real against real, of the means; None without the latter, or
-            where it is 0. 1 is as near as one real frame is to the next.
+        ratio_to_real: twin over real against real, of the means; None without the latter, or if it
+            is 0. At 1 the twin is as near as another real frame.
     """
 
     twin: dict[str, Aggregate | None]
@@ -73,7 +73,7 @@ class Anchored:
     ratio_to_real: dict[str, float | None] | None
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``report.json`` says of them."""
+        """Return the values for ``report.json``."""
         return {
             "aggregate": _plain(self.twin),
             "anchors": {
@@ -88,9 +88,9 @@ class Anchored:
 
 @dataclass(frozen=True)
 class FrameFigures:
-    """One pair of frames: their names, their points, and figures by ``MEASURES``.
+    """One pair of frames: names, points, and values by ``MEASURES``.
 
-    ``parts`` has the figures of foreground and background, each by side ("twin", "arbitrary",
+    ``parts`` has the values of foreground and background, each by side ("twin", "arbitrary",
     "real").
     """
 
@@ -107,23 +107,23 @@ class FrameFigures:
 
 @dataclass(frozen=True)
 class Report:
-    """What ``compare`` found.
+    """The results of ``compare``.
 
     Attributes:
-        folders: names of the folders, and how many clouds each holds.
-        frames: figures of each pair.
-        whole: figures of whole frames, with their anchors.
-        parts: the same of foreground and background, where frames are split.
-        split_by: how they are: by labels or by a background model; None where they are not.
+        folders: names of the folders, and their numbers of clouds.
+        frames: values of each pair.
+        whole: values of whole frames, with their controls.
+        parts: the same of foreground and background, if frames are separated.
+        split_by: method of the separation: labels or a background model; None without separation.
         objects: statistics of labelled objects by side, and differences.
-        foreground_objects: what moves on unlabelled sides, object by object, and differences
+        foreground_objects: foreground objects of unlabelled sides, and differences
             (`foreground_objects`).
-        missing: places where real points have nothing of the twin near them, worst first.
-        parameters: bins, thresholds and scales that the figures depend on.
-        notes: what a reader must know about the input.
-        doubts: those of the notes that say that the sides do not belong together as they are.
-        problems: frames that could not be read, and why.
-        protocol: what a challenge's protocol gives, where that was asked for.
+        missing: places where real points have no points of the twin nearby, worst first.
+        parameters: bins, thresholds and scales of the measures.
+        notes: notes about the input that qualify the values.
+        doubts: those of the notes on sides that do not match.
+        problems: unreadable frames with the reason.
+        protocol: scores of a challenge's protocol, if requested.
     """
 
     folders: dict[str, dict[str, Any]]
@@ -142,26 +142,26 @@ class Report:
 
     @property
     def twin(self) -> dict[str, Aggregate | None]:
-        """The twin against the real frames, whole."""
+        """Aggregates of the twin against the real frames, whole."""
         return self.whole.twin
 
     @property
     def real_against_real(self) -> dict[str, Aggregate | None] | None:
-        """Each real frame against the next, whole."""
+        """Aggregates of each real frame against another, whole."""
         return self.whole.real_against_real
 
     @property
     def arbitrary(self) -> dict[str, Aggregate | None] | None:
-        """The control against the real frames, whole."""
+        """Aggregates of the control against the real frames, whole."""
         return self.whole.arbitrary
 
     @property
     def reduction_percent(self) -> dict[str, float | None] | None:
-        """How much less than the control, whole."""
+        """Reduction relative to the control, whole."""
         return self.whole.reduction_percent
 
     def headline(self) -> dict[str, Any]:
-        """Return the few figures that the report begins with, by part and measure."""
+        """Return the headline values, by part and measure."""
         return {
             name: {
                 measure: {
@@ -183,7 +183,7 @@ class Report:
         }
 
     def in_short(self) -> str:
-        """Return the headline as one sentence: of whole frames, beside both anchors."""
+        """Return the headline as one sentence: whole frames, with both controls."""
         found = self.headline()["whole"]
         given = {name: row for name, row in found.items() if row["twin"] is not None}
         less = [
@@ -205,7 +205,7 @@ class Report:
         return said + "."
 
     def worst(self, measure: str = "hausdorff_p95_m") -> list[int]:
-        """Return the numbers of the pairs, the one with the largest figure first."""
+        """Return the indices of the pairs, the one with the largest value first."""
         found = [
             (index, frame.twin_figures.get(measure)) for index, frame in enumerate(self.frames)
         ]
@@ -245,7 +245,7 @@ def anchored(
     arbitrary: Sequence[_Found | None],
     real: Sequence[_Found | None],
 ) -> Anchored:
-    """Return aggregates of figures of the same pairs, None where a pair lacks one."""
+    """Return aggregates of values of the same pairs, None where a pair lacks one."""
     neighbours = [found for found in real if found is not None]
     control = [found for found in arbitrary if found is not None]
     mine = aggregate([found for found in twin if found is not None])
@@ -284,7 +284,7 @@ def reduction_percent(
 ) -> dict[str, float | None]:
     """Return ``(1 - twin / arbitrary) * 100`` of the means over the frames that both have.
 
-    None where either is undefined, or where the control itself is 0.
+    None if either is undefined, or if the control is 0.
     """
     found: dict[str, float | None] = {}
     for name in MEASURES:
@@ -354,7 +354,7 @@ def _figure(name: str, value: float) -> str:
 
 
 def _less(percent: float) -> str:
-    # Nearly all is not all.
+    # Values below 100 % are not rounded up to it.
     share = f"{min(percent, 99.9):.1f}" if 99.5 <= percent < 100 else f"{abs(percent):.0f}"
     return f"{share} % {'less' if percent >= 0 else 'more'}"
 

@@ -1,4 +1,4 @@
-"""The report's figures as one picture."""
+"""The report's values as one picture."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ _HISTOGRAMS = {
     "density": (bins.DENSITY_EDGES_M, "Density: share of the sum", "distance, m"),
 }
 _PUBLISHED = "published,\nother data"
-#: Twice the control: farther to the right the shares of measures are cut off, percent.
+#: Maximum share of the control on the axis, percent; larger shares are cut off.
 _MOST_SHARE = 200.0
 
 
 def draw_report(
     report: Report, pooled: Mapping[str, Mapping[str, NDArray[np.float64]]], path: Path
 ) -> None:
-    """Write the picture.
+    """Draw the report.
 
     Args:
-        report: the figures.
+        report: the report.
         pooled: histograms summed over frames, by side ("real", "synthetic", "arbitrary") and name.
         path: the PNG to write; the same report gives the same bytes.
     """
@@ -147,7 +147,7 @@ def _divergences(axes: Axes, report: Report) -> None:
 
 
 def _shares(axes: Axes, report: Report) -> None:
-    """Draw every measure as a share of the control's; without a control, times real to real."""
+    """Draw every measure relative to the control; without a control, relative to real to real."""
     control, real = report.arbitrary, report.real_against_real
     below, title, most = control, "Every measure, percent of the arbitrary site's", _MOST_SHARE
     shown = ["real", "synthetic"]
@@ -168,7 +168,7 @@ def _shares(axes: Axes, report: Report) -> None:
         if (value := (_of(report.whole, side) or {}).get(name)) is not None
     ]
     seen = [100.0, *(share for share, *_ in shares if share > 0)]
-    # A logarithmic axis has no 0: what is 0 points to it.
+    # a logarithmic axis has no 0, so zeros point towards it
     least = min(seen) / 1.5 if control is None else -np.inf
     for share, place, side in shares:
         marker = "<" if share < least else "o" if share <= most else ">"
@@ -242,7 +242,7 @@ def _overlaid(
             alpha=0.55 if side == "real" else 1.0,
             linewidth=1.5,
         )
-    # The bins that hold all but the last thousandth of the points.
+    # bins with all but the last thousandth of the points
     sums = np.cumsum(held) / max(held.sum(), 1e-300)
     low, high = np.searchsorted(sums, [0.0005, 0.9995])
     axes.set_xlim(edges[low], edges[min(high + 1, len(edges) - 1)])

@@ -17,13 +17,13 @@ __all__ = ["Pictures", "write_report"]
 
 @dataclass(frozen=True)
 class Pictures:
-    """The PNG files that are put into the page.
+    """The PNG files of the page.
 
     Attributes:
-        measures: all figures.
-        missing: the map of what the twin lacks; None where it lacks nothing.
-        worst: the worst pairs, by their number in the report, worst first.
-        objects: of labelled objects; None without labels.
+        measures: all measures.
+        missing: the map of what the twin lacks; None if it lacks nothing.
+        worst: the worst pairs, by their index in the report, worst first.
+        objects: labelled objects; None without labels.
     """
 
     measures: Path
@@ -33,11 +33,11 @@ class Pictures:
 
 
 def write_report(report: Report, pictures: Pictures, path: Path) -> None:
-    """Write the page: what matters first, every figure at the end.
+    """Write the page: the most important results first, all values at the end.
 
     Args:
-        report: the figures.
-        pictures: what is shown between them.
+        report: the report.
+        pictures: its pictures.
         path: the HTML file; the same report gives the same bytes.
     """
     headline = report.headline()

@@ -32,12 +32,12 @@ LABELS = {
     "synthetic": "twin against real",
     "arbitrary": "arbitrary site against real",
 }
-#: Cells along an edge of a picture from above.
+#: Cells per edge of a picture from above.
 _CELLS = 440
 
 
 def blank(width: float, height: float) -> Figure:
-    """Return a figure of so many hundreds of pixels."""
+    """Return an empty figure of a size in hundreds of pixels."""
     figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -49,7 +49,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def plain(axes: Axes, title: str) -> None:
-    """Give axes a title and take away what is not needed."""
+    """Set the title of axes and reduce their decoration."""
     axes.set_title(title, loc="left", fontsize=10, color=INK, weight="bold")
     axes.tick_params(colors=INK, labelsize=8, length=3)
     for side, spine in axes.spines.items():
@@ -60,7 +60,7 @@ def plain(axes: Axes, title: str) -> None:
 
 
 def legend(figure: Figure, entries: Sequence[tuple[str, str]], x: float, y: float) -> None:
-    """Write what each colour means in one line."""
+    """Draw a legend of colours in one line."""
     handles = [Line2D([], [], color=c, marker="s", linestyle="", label=t) for t, c in entries]
     figure.legend(
         handles=handles,
@@ -81,15 +81,15 @@ def from_above(
     reach: float,
     layers: Sequence[tuple[NDArray[np.float64], ArrayLike]],
 ) -> None:
-    """Show points from above.
+    """Draw points from above.
 
     Args:
-        axes: where.
-        title: above it.
-        middle: (3,) the sensor's place, which gets a cross.
-        reach: half the edge of the square that is shown, metres.
-        layers: points (N, 3), and a colour (3,) of all or (N, 3) of each, 0..1; later ones and
-            higher points hide what is under them.
+        axes: the axes.
+        title: their title.
+        middle: (3,) position of the sensor, marked by a cross.
+        reach: half the edge of the square, metres.
+        layers: points (N, 3), and a colour (3,) of all or (N, 3) of each, 0..1; later layers and
+            higher points hide others.
     """
     picture = np.ones((_CELLS, _CELLS, 3))
     for points, colour in layers:

@@ -1,4 +1,4 @@
-"""Argoverse 2 sensor logs: sweeps in feather, cuboids, poses and the sensors' places.
+"""Argoverse 2 sensor logs: sweeps in feather, cuboids, poses and sensor positions.
 
 Source: Wilson et al. 2021, "Argoverse 2", and the av2-api's user guide. Points and cuboids are in
 the vehicle's frame (x forward, y left, z up), compensated for its motion; lasers 0 to 31 are the
@@ -31,7 +31,7 @@ __all__ = ["is_argoverse", "open_argoverse"]
 _EXPECTED = "a log of Argoverse 2"
 _SENSORS = ("up_lidar", "down_lidar")
 _LASERS = 32
-#: Of a track not farther apart than this its boxes tell how fast it is, nanoseconds.
+#: Maximum interval between boxes of a track for its velocity, nanoseconds.
 _APART_NS = 350_000_000
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _PLACE = ("tx_m", "ty_m", "tz_m")
@@ -45,7 +45,7 @@ def is_argoverse(path: Path) -> bool:
 
 
 def open_argoverse(path: Path) -> Recording:
-    """Open a log; cuboids, poses and the sensors' places where its files are there.
+    """Open a log; cuboids, poses and sensor positions are optional.
 
     Raises:
         InputError: a table is not readable.
@@ -107,7 +107,7 @@ def _places(path: Path, sensors: Columns) -> NDArray[np.float64] | None:
 
 
 def _pose_at(path: Path, poses: Columns | None, time_ns: int) -> Pose | None:
-    """Return the pose of a sweep's own time; the log has one for each."""
+    """Return the pose at a sweep's time; the log has one for each sweep."""
     if poses is None:
         return None
     with laid_out(path / "city_SE3_egovehicle.feather", _EXPECTED):
@@ -125,7 +125,7 @@ def _boxes_at(
     with laid_out(path / "annotations.feather", _EXPECTED):
         rows = np.flatnonzero(annotations["timestamp_ns"] == time_ns)
         if not len(rows):
-            return None  # not a labelled sweep: an empty street looks the same
+            return None  # not a labelled sweep; an empty street has no rows either
         velocities = _velocities(annotations, time_ns, rows, pose_at, world)
         labelled = []
         for row, velocity in zip(rows, velocities, strict=True):
@@ -149,14 +149,14 @@ def _velocities(
     pose_at: Callable[[int], Pose | None],
     world: Pose | None,
 ) -> list[tuple[float, float, float] | None]:
-    """Return how fast objects move, vehicle's frame: from the sweeps before and after, in the city.
+    """Return velocities of objects, vehicle's frame, from adjacent sweeps in the city frame.
 
     Args:
-        annotations: of the log.
-        time_ns: of the sweep.
-        rows: of its boxes.
-        pose_at: the vehicle's pose in the city.
-        world: that of the sweep.
+        annotations: annotations of the log.
+        time_ns: time of the sweep.
+        rows: rows of its boxes.
+        pose_at: returns the vehicle's pose in the city frame.
+        world: pose at the sweep.
     """
     times = annotations["timestamp_ns"]
     near = np.unique(times[np.abs(times - time_ns) < _APART_NS])
@@ -175,7 +175,7 @@ def _velocities(
         where.append(dict(zip(map(str, annotations["track_uuid"][mine]), there, strict=True)))
     found: list[tuple[float, float, float] | None] = []
     for track in map(str, annotations["track_uuid"][rows]):
-        # Who comes or goes is followed for half as long.
+        # Tracks that start or end here use half the interval.
         (since, old), (until, new) = (
             (one, place[track]) if track in place else (time_ns, where[1][track])
             for one, place in ((begin, where[0]), (end, where[2]))

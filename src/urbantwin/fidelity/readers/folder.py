@@ -1,4 +1,4 @@
-"""Data sets that are folders of clouds with labels and poses beside them, and plain folders."""
+"""Datasets that are folders of clouds with labels and poses beside them, and plain folders."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ __all__ = ["FolderDataset", "Labels", "clouds_in", "is_plain", "open_plain"]
 
 
 def clouds_in(folder: Path, *suffixes: str) -> list[Path]:
-    """Return the clouds of a folder in counting order: ``frame_200`` before ``frame_1000``.
+    """Return the clouds of a folder in numeric order: ``frame_200`` before ``frame_1000``.
 
     Args:
-        folder: gives an empty list if it does not exist.
-        suffixes: endings of file names, in lower case; all formats where none is given.
+        folder: the folder; if missing, the list is empty.
+        suffixes: suffixes of file names, in lower case; all formats if none is given.
     """
     if not folder.is_dir():
         return []
@@ -49,7 +49,7 @@ class Labels(NamedTuple):
     Attributes:
         read: reads the labels of a cloud, given its file, its index and its fields (which it may
             change); returns keyword arguments of `frame_of`.
-        notes: sentences about the whole recording.
+        notes: notes about the whole recording.
     """
 
     read: Callable[[Path, int, Fields], dict[str, Any]]
@@ -58,22 +58,21 @@ class Labels(NamedTuple):
 
 @dataclass(frozen=True)
 class FolderDataset:
-    """A data set in which a frame is a file of points, with labels and poses in other files.
+    """A dataset in which a frame is a file of points, with labels and poses in other files.
 
     Attributes:
-        name: of the layout.
-        title: name for people.
-        detect: returns whether a path is laid out so, by the names of files.
-        clouds: returns the point files of a path in order; raises InputError where the path holds
-            several sensors.
+        name: name of the layout.
+        title: display name.
+        detect: returns whether a path has this layout, by the names of files.
+        clouds: returns the point files of a path in order; raises InputError for several sensors.
         labels: opens the labels of a path and its point files.
-        verified: whether the reader was checked on real files of the data set; otherwise it follows
+        verified: whether the reader was checked on real files of the dataset; otherwise it follows
             the published description and the development kit alone.
-        pose: opens the poses: returns the pose of a cloud, by its file and index, in the world.
-        classes: names of object classes, in letters of lower case, that mean another of our classes
-            here than in other data sets.
-        columns: values per row of ``.bin`` files where the user gives no number.
-        notes: sentences about every recording of the data set.
+        pose: opens the poses: returns the pose of a cloud in the world, by its file and index.
+        classes: names of object classes, in lower-case letters, that map to another class than in
+            other datasets.
+        columns: default number of values per row of ``.bin`` files.
+        notes: notes about every recording of the dataset.
     """
 
     name: str
@@ -91,11 +90,11 @@ class FolderDataset:
         """Open the recording at a path.
 
         Args:
-            path: laid out as this data set.
+            path: a path of this layout.
             columns: values per row of ``.bin`` files.
 
         Raises:
-            InputError: the path holds several sensors, or a file of labels or poses is wrong.
+            InputError: the path holds several sensors, or a file of labels or poses is invalid.
         """
         files = self.clouds(path)
         labels = self.labels(path, files)
@@ -118,9 +117,9 @@ class FolderDataset:
         return Recording(path, self.name, names, read, (*self.notes, *labels.notes))
 
 
-#: Fields of our own clouds that other writers do not have.
+#: Fields that only our own clouds have.
 _OURS = ("semantic", "instance", "sensor")
-#: Intensity in a LAS that stands for 1.
+#: Intensity in a LAS file that represents 1.
 _BRIGHTEST = 65_535
 
 
@@ -130,10 +129,10 @@ def is_plain(path: Path) -> bool:
 
 
 def open_plain(path: Path, columns: int | None) -> Recording:
-    """Open a folder of clouds, or one cloud; with labels where ``boxes.csv`` is beside it.
+    """Open a folder of clouds, or one cloud, with labels if there is a ``boxes.csv``.
 
     Raises:
-        InputError: there is no cloud, or the list is wrong.
+        InputError: there is no cloud, or the list is invalid.
     """
     files = [path] if path.is_file() else clouds_in(path)
     if not files:
@@ -153,7 +152,7 @@ def open_plain(path: Path, columns: int | None) -> Recording:
         listed_frame = listed_frames.get(file.stem)
         if listed_frame is None:
             return frame_of(file, fields, name=file.name, boxes=labelled)
-        # Clouds beside such a list are our own exports: so are their fields.
+        # clouds beside such a list are our own exports, with our fields
         given = {name: fields[name] for name in _OURS if name in fields}
         if "gps_time" in fields:
             given["time_s"] = fields["gps_time"].astype(np.float64) - listed_frame.time_s

@@ -1,4 +1,4 @@
-"""Assembling a frame from the fields of a file: their names, units of time, invalid points."""
+"""Assembly of a frame from the fields of a file: names, units of time, invalid points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.io.points import position_and_intensity
 
 __all__ = ["frame_of", "seconds_of"]
 
-#: Names of fields in lower case, the likelier first.
+#: Names of fields in lower case, the most likely first.
 _NAMES = {
     "ring": ("ring", "laser_number", "laser_id", "channel", "ray", "line"),
     "column": ("column", "measurement_id"),
@@ -31,11 +31,11 @@ _NAMES = {
         "gps_time",
     ),
 }
-#: Shortest and longest duration of a frame, seconds: they determine the unit of times.
+#: Bounds of a frame's duration, seconds, which determine the unit of times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
 #: Bound of rings, columns and instances.
 _LARGEST = 2.0**62
-#: The most channels of a sensor; larger rings are read at a wrong offset.
+#: Maximum ring number of a sensor; larger ones are read at a wrong offset.
 _MOST_RINGS = 4095
 
 
@@ -48,13 +48,13 @@ def frame_of(
     may_be_empty: bool = False,
     **known: Any,  # noqa: ANN401 - attributes of a frame
 ) -> Frame:
-    """Return the frame that the fields of a file make up, without invalid points.
+    """Return the frame of a file's fields, without invalid points.
 
     Args:
         file: the file, for errors.
-        fields: arrays (N,) by name in lower case; x, y, z must be among them. Intensity, ring,
-            column and time are found by the names that writers give them.
-        name: of the frame.
+        fields: arrays (N,) by name in lower case; x, y, z are required. Intensity, ring, column and
+            time are found by their usual names.
+        name: name of the frame.
         given: arrays (N,) for attributes of `Frame` by their names; they replace fields.
         may_be_empty: whether a frame without a point is allowed.
         known: other attributes of `Frame`.
@@ -107,7 +107,7 @@ def frame_of(
 
 
 def _check_rings(file: Path, rings: NDArray[Any]) -> None:
-    """Refuse rings (N,) that are read at a wrong offset: too large, or not whole."""
+    """Raise an error for rings (N,) that are read at a wrong offset: too large, or not whole."""
     known = rings[np.isfinite(rings)].astype(np.float64)
     wrong = known[(known > _MOST_RINGS) | (known != np.round(known))]
     if len(wrong):
@@ -119,7 +119,7 @@ def _check_rings(file: Path, rings: NDArray[Any]) -> None:
 
 
 def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return values in the type of the attribute: times, marks, else whole numbers, -1 for NaN."""
+    """Return values in the type of the attribute: float, bool, or whole numbers with -1 for NaN."""
     if attribute == "time_s":
         return values.astype(np.float64)
     if attribute == "unlabelled":

@@ -1,11 +1,11 @@
-"""KITTI's benchmarks: calibrations, labels of objects and tracks, and SemanticKITTI's point labels.
+"""KITTI's benchmarks: calibrations and object labels, and SemanticKITTI's labels of points.
 
 Sources: Geiger et al. 2012 and the development kit's readme; Behley et al. 2019 and
-semantic-kitti-api. Object labels are in the frame of the rectified camera (x right, y down,
-z forward): the centre of the box's floor, and the rotation about y. Only what the camera saw is
-labelled, unless there is a folder ``label_all``, as our export and MMDetection3D's converter of
-Waymo write it. Clouds that are cropped to the camera's view (``velodyne_reduced``, OpenPCDet and
-MMDetection3D) are read for frames that ``velodyne`` lacks.
+semantic-kitti-api. Object labels are in the frame of the rectified camera (x right, y down, z
+forward): the centre of the box's floor, and the rotation about y. Only the camera's view is
+labelled, unless there is a folder ``label_all``, as in our export and in MMDetection3D's converter
+of Waymo. Clouds cropped to the camera's view (``velodyne_reduced``, OpenPCDet and MMDetection3D)
+are read for frames that ``velodyne`` lacks.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ __all__ = [
 #: Folder of labels on all sides of the sensor.
 ALL_AROUND = "label_all"
 _CALIBRATION = "a calibration of KITTI"
-#: Names of the transform from the sensor to the camera, of the rectifying rotation, and of the
-#: left colour camera's projection, in the benchmarks of objects, tracking, odometry and raw data.
+#: Names of the transform from the sensor to the camera, of the rectifying rotation, and of the left
+#: colour camera's projection, in the benchmarks of objects, tracking, odometry and raw data.
 _FROM_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam", "Tr_velo2cam", "Tr")
 _RECTIFIED = ("R0_rect", "R_rect", "R_rect_00")
 _PROJECTIONS = ("P2", "P_rect_02")
 #: Files of a raw recording; its ``calib_imu_to_velo.txt`` is of another sensor.
 _RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
-_LABEL_WORDS = 15  # a detection's line has its score as the sixteenth
+_LABEL_WORDS = 15  # a detection has its score as the sixteenth
 _CAMERA_NOTE = "Only objects that the camera saw are labelled."
 #: Occlusion levels (none, partly, largely) as shares: the centres of the levels
 #: (docs/reference/labels.md).
 _OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
-#: SemanticKITTI's classes that we do not have -> our nearest (semantic-kitti.yaml): parked
+#: SemanticKITTI's classes without a counterpart -> our nearest class (semantic-kitti.yaml): parked
 #: bicycles, and moving people and vehicles.
 _NEAREST = {
     11: "other-object", 13: "bus", 20: "truck", 60: "road",
@@ -69,11 +69,11 @@ _NEAREST = {
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Where the sensor is in the rectified camera, and the left colour camera's projection.
+    """Pose of the sensor in the rectified camera, and the left colour camera's projection.
 
     Attributes:
         camera_SE3_lidar: from the sensor into the rectified camera.
-        projection: (3, 4) P2, pixels; None where the file has none.
+        projection: (3, 4) P2, pixels; None if the file has none.
     """
 
     camera_SE3_lidar: Pose  # noqa: N815
@@ -86,7 +86,7 @@ def _clouds(path: Path) -> list[Path]:
 
 
 def _object_labels(path: Path, files: list[Path]) -> Labels:
-    """Boxes of frames that have both a label and a calibration."""
+    """Return the reader of boxes for frames with a label and a calibration."""
     around = (path / ALL_AROUND).is_dir()
 
     def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
@@ -109,15 +109,15 @@ def _object_labels(path: Path, files: list[Path]) -> Labels:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration of any of KITTI's benchmarks.
+    """Return a calibration of any of KITTI's benchmarks.
 
     These are those of objects (``R0_rect:``, ``Tr_velo_to_cam:``), of tracking (``R_rect`` and
     ``Tr_velo_cam`` without colons), of odometry (``Tr:``, into the rectified camera) and of the raw
     recordings: ``calib_velo_to_cam.txt`` (``R:``, ``T:``) and ``calib_cam_to_cam.txt``
-    (``R_rect_00:``, ``P_rect_02:``) beside each other, of which either may be named.
+    (``R_rect_00:``, ``P_rect_02:``) beside each other, of which either may be given.
 
     Raises:
-        InputError: missing, not laid out as KITTI's, or without the sensor's place.
+        InputError: missing, of another layout, or without the sensor's pose.
     """
     with laid_out(path, _CALIBRATION):
         rows = calibration_rows(path)
@@ -154,11 +154,11 @@ def calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.float64]]]:
-    """Yield the line, the class and the numbers of each object of a text, without ``DontCare``.
+    """Yield line, class and numbers of each object of a label file, without ``DontCare``.
 
     Args:
-        path: of the text.
-        fewest: words that a line has at least.
+        path: the label file.
+        fewest: minimum number of words per line.
 
     Raises:
         InputError: a line has fewer words, or one that is not a number.
@@ -316,7 +316,7 @@ KITTI_TRACKING = FolderDataset(
 
 
 def _point_labels(path: Path, files: list[Path]) -> Labels:
-    """Class (low 16 bits) and instance (high 16 bits) of every point."""
+    """Return the reader of class (low 16 bits) and instance (high 16 bits) of every point."""
     ours = np.zeros(1 << 16, np.int64)
     for name in semantic_classes():
         ours[semantic_id(name)] = semantic_id(name)
@@ -336,7 +336,7 @@ def _point_labels(path: Path, files: list[Path]) -> Labels:
 
 
 def _sequence_poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
-    """Poses of the left camera in ``poses.txt``, made the sensor's with Tr of ``calib.txt``.
+    """Return the reader of sensor poses from ``poses.txt`` (left camera) and Tr of ``calib.txt``.
 
     Source: ``parse_poses`` of semantic-kitti-api.
     """

@@ -1,4 +1,4 @@
-"""Labels of datasets as ours: classes, boxes, tracks, rotations."""
+"""Conversion of datasets' labels to ours: classes, boxes, tracks, rotations."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ __all__ = [
 #: Centre x, y, z, length, width, height (metres) and yaw (radians).
 Box = tuple[float, float, float, float, float, float, float]
 
-#: Names of our classes in data sets, as `letters` gives them. Where a data set has no class for
-#: vans (nuScenes, Argoverse 2), they are among its cars.
+#: Names of our classes in datasets, as returned by `letters`. In datasets without vans (nuScenes,
+#: Argoverse 2), they are among the cars.
 _CALLED = {
     "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice pickuptruck",
     "van": "van minivan cargovan vehiclevan",
@@ -51,23 +51,23 @@ _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.spl
 
 
 def actor_class(source_name: str) -> str:
-    """Return our class for a dataset's name of one, ``other`` where we have no such class."""
+    """Return our class for a dataset's class name, ``other`` if there is none."""
     return _CLASS_OF.get(letters(source_name), "other")
 
 
 def letters(source_name: str) -> str:
-    """Return a class name in lower case without anything but letters."""
+    """Return a class name in lower case, reduced to letters."""
     return re.sub(r"[^a-z]", "", source_name.lower())
 
 
 def track_of(identity: str) -> int:
-    """Return a number of 62 bits for an object's identity: the same in every frame and run."""
+    """Return a 62-bit number for an object's identity: the same in every frame and run."""
     return int.from_bytes(hashlib.sha256(identity.encode()).digest()[:8], "little") >> 2
 
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """A labelled object: a row of `Boxes`; -1, NaN, None and "" stand for values not given."""
+    """A labelled object: a row of `Boxes`; -1, NaN, None and "" represent missing values."""
 
     box: Box
     source_name: str
@@ -78,14 +78,14 @@ class LabelledBox:
     ignored: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
+        """Raise ValueError for a number beyond 64 bits, which readers report with the line."""
         for what, number in (("a track", self.track), ("a number of points", self.num_points)):
             if not -(2**63) <= number < 2**63:
                 raise ValueError(f"{str(number)[:40]} is not {what}")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
-    """Return labelled objects as one table, without those that have no finite place or size."""
+    """Return labelled objects as one table, without those with an infinite position or size."""
     kept = [label for label in labelled if np.isfinite(label.box).all() and min(label.box[3:6]) > 0]
     return Boxes(
         box=np.array([label.box for label in kept], np.float64).reshape(-1, 7),

@@ -1,4 +1,4 @@
-"""Layouts of recordings, and which of them a folder or file has, by its content."""
+"""Layouts of recordings, and their detection from a folder's or file's content."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Layout:
     """A layout of recordings.
 
     Attributes:
-        title: name for people.
-        detect: whether a folder or file is laid out so, by names and first bytes.
-        open: opens it, with the number of values in a row of ``.bin`` files where it is given.
+        title: display name.
+        detect: returns whether a folder or file has this layout, by names and first bytes.
+        open: opens it, with the number of values per row of ``.bin`` files if given.
         verified: whether its reader was checked on real files; otherwise it follows the published
-            description alone, which is a note of every recording.
+            description alone, which is noted in every recording.
     """
 
     title: str
@@ -62,7 +62,7 @@ def _of(dataset: FolderDataset) -> tuple[str, Layout]:
     return dataset.name, Layout(dataset.title, dataset.detect, dataset.open, dataset.verified)
 
 
-#: In the order in which they are tried: the most specific first.
+#: Layouts in the order of detection: the most specific first.
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own, True),
     "fleet": Layout("a fleet of urbantwin", is_fleet, _without_columns(open_fleet), True),
@@ -88,18 +88,18 @@ def open_recording(
 ) -> Recording:
     """Open a recording of any known layout.
 
-    A folder that holds nothing but one recording stands for it. Notes of a recording say where its
-    reader was not checked on real files.
+    A folder with a single recording inside is opened as that recording. A note states if the reader
+    was not checked on real files.
 
     Args:
-        path: a folder, a cloud, a bag or a capture; behind a colon, the topic of a bag or the unit
+        path: a folder, a cloud, a bag or a capture; after a colon, the topic of a bag or the unit
             of a capture (``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
-        layout: one of ``LAYOUTS``; detected where it is not given.
-        columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
+        layout: one of ``LAYOUTS``; detected if not given.
+        columns: values per row of ``.bin`` files, if neither 4 nor 3.
 
     Raises:
-        InputError: nothing is there, no known layout, or several recordings; or a table that
-            belongs to the recording is wrong.
+        InputError: the path is missing, has no known layout or several recordings, or a table of
+            the recording is invalid.
     """
     try:
         recording = _opened(path, layout, columns)
@@ -130,7 +130,7 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
     inside = [(path, detected)] if detected is not None else recordings_inside(path)
     if len(inside) == 1:
         place, name = inside[0]
-        # All units of a capture are listed, so that the user can choose among several.
+        # all units of a capture are listed, so that the user can choose
         return open_capture(place) if name in CAPTURES else LAYOUTS[name].open(place, columns)
     if inside:
         names = ", ".join(str(folder.relative_to(path)) for folder, _ in inside[:8])
@@ -157,7 +157,7 @@ def layout_of(path: Path) -> str | None:
 
 
 def recordings_inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
-    """Return the recordings in the folders of a folder, and their layouts."""
+    """Return the recordings in the subfolders of a folder, with their layouts."""
     if not path.is_dir():
         return []
     recordings: list[tuple[Path, str]] = []

@@ -1,8 +1,8 @@
 """nuScenes: its tables, key frames and sweeps of one LiDAR.
 
 Source: Caesar et al. 2020, and the schema of the nuscenes-devkit. Points are in the sensor's frame,
-which has x to the right and y forward; boxes are given in the world and transformed. Only key
-frames (two a second) are labelled, and their points where ``lidarseg`` or ``panoptic`` is there.
+with x to the right and y forward; boxes are given in the world and transformed. Only key frames
+(two per second) are labelled, and their points if there is ``lidarseg`` or ``panoptic``.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ Row = dict[str, Any]
 
 
 def _version(path: Path) -> Path | None:
-    """Return the folder of tables: ``v1.0-mini`` before others, in the order of names."""
+    """Return the folder of tables: ``v1.0-mini`` first, then in the order of names."""
     found = sorted(p.parent for p in path.glob("v*/sample_data.json"))
     return found[0] if found else None
 
 
 def is_nuscenes(path: Path) -> bool:
-    """Return whether a folder holds tables of nuScenes."""
+    """Return whether a folder has tables of nuScenes."""
     return _version(path) is not None
 
 
 def open_nuscenes(path: Path) -> Recording:
-    """Open key frames and sweeps of ``LIDAR_TOP`` in the order of time, as far as they are there.
+    """Open the available key frames and sweeps of ``LIDAR_TOP`` in order of time.
 
     Raises:
-        InputError: a table is missing or not right, or none of the sweeps is there.
+        InputError: a table is missing or invalid, or no sweep is available.
     """
     version = _version(path)
     if version is None:
@@ -101,7 +101,7 @@ def names_of_samples(path: Path) -> dict[str, str]:
     """Return the name of the key frame of each sample.
 
     Raises:
-        InputError: a table is missing or not right.
+        InputError: a table is missing or invalid.
     """
     version = _version(path)
     if version is None:
@@ -113,7 +113,7 @@ def names_of_samples(path: Path) -> dict[str, str]:
 
 
 class _Labels:
-    """Annotations by sample, and what their objects are called."""
+    """Annotations by sample, with the classes of their objects."""
 
     def __init__(self, version: Path) -> None:
         with laid_out(version / "sample_annotation.json", _EXPECTED):
@@ -145,7 +145,7 @@ class _Labels:
 
 
 class _PointLabels:
-    """Classes and objects of points, by the sweep that they are of; the tables may be missing."""
+    """Classes and objects of points by sweep; the tables are optional."""
 
     def __init__(self, root: Path, version: Path) -> None:
         self._root = root
@@ -164,7 +164,7 @@ class _PointLabels:
                     self._semantic[int(row["index"])] = _semantic_of(row["name"])
 
     def of(self, sweep: str) -> dict[str, NDArray[Any]]:
-        """Return ``semantic`` and ``instance`` (N,) of a sweep, as far as files say them."""
+        """Return ``semantic`` and ``instance`` (N,) of a sweep, as far as available."""
         found: dict[str, NDArray[Any]] = {}
         if sweep in self._files["panoptic"]:
             file = self._root / self._files["panoptic"][sweep]
@@ -181,7 +181,7 @@ class _PointLabels:
 
 
 def _semantic_of(category: str) -> int:
-    """Return our class of points for a category; 0 where we have none."""
+    """Return our semantic class for a category; 0 if there is none."""
     ours = next((o for o, theirs in classes_in("nuscenes", "point").items() if theirs == category),
                 ACTOR_SEMANTICS.get(actor_class(category)))  # fmt: skip
     return 0 if ours is None else semantic_id(ours)

@@ -1,4 +1,4 @@
-"""Recordings of packets: turns of a sensor, and frames of Hesai's and Ouster's sensors."""
+"""Recordings of packets: rotations of a sensor, and frames of Hesai's and Ouster's sensors."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ __all__ = [
     "whole_turns",
 ]
 
-#: A first or last turn with a smaller share of the largest turn is left out.
+#: Minimum size of a first or last rotation, as a share of the largest.
 _WHOLE = 0.95
 PART_LEFT_OUT = "A turn that the capture has only part of, first or last, is left out."
-#: Backward steps of the angle within a turn, degrees.
+#: Maximum backward step of the angle within a rotation, degrees.
 _BACK_DEG = 5.0
 
 
 def turn_numbers(angle_deg: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the turn of each firing, from 0: a turn begins where the angle passes 0.
+    """Return the rotation of each firing, from 0; rotations start where the angle passes 0.
 
-    A sensor may turn either way, and may report a sector only.
+    A sensor may rotate in either direction, and may report a sector only.
 
     Args:
         angle_deg: (N,) angles in the order of firing, 0..360.
@@ -56,19 +56,19 @@ def turn_numbers(angle_deg: NDArray[np.float64]) -> NDArray[np.int64]:
     way = -1.0 if np.median(short) < 0 else 1.0
     forward = (way * step + _BACK_DEG) % 360 - _BACK_DEG
     start = way * angle_deg[0] % 360
-    # An angle just before 0 must not begin a turn by rounding.
+    # Rounding of angles just before 0 must not start a rotation.
     along = start + np.concatenate([[0.0], np.cumsum(forward)]) + 1e-6
     turn = np.maximum.accumulate(np.floor(along / 360).astype(np.int64))
     return np.asarray(turn - turn[0], np.int64)
 
 
 def whole_turns(sizes: Sequence[int]) -> tuple[int, int]:
-    """Return the index of the first whole turn, and the end index of the last.
+    """Return the index of the first complete rotation, and the end index of the last.
 
-    Turns of a sensor with a sector are smaller: a turn is whole by comparison with the largest.
+    A sensor with a sector has smaller rotations: completeness is relative to the largest.
 
     Args:
-        sizes: amount of data of each turn.
+        sizes: amount of data of each rotation.
     """
     most = max(sizes)
     first, last = 0, len(sizes)
@@ -81,9 +81,9 @@ def whole_turns(sizes: Sequence[int]) -> tuple[int, int]:
 
 TWO_RETURNS = "Of two returns of a beam the first that the sensor reports is read."
 AXES = "x is towards azimuth 0 and y to its left; Hesai's own programs have y there and x right."
-#: A CSV's heading stands among its first lines, which have no more bytes than this.
+#: Maximum number of lines, and of bytes, in which a CSV's header is searched.
 _HEADING_LINES, _HEADING_BYTES = 5, 4096
-#: No frame lasts longer, seconds: what does is no time.
+#: Maximum duration of a frame, seconds; longer ones have invalid times.
 _LONGEST_S = 5.0
 
 
@@ -93,14 +93,14 @@ def angles_of(
     """Return the unit's sensor, and notes on the source of its beam angles.
 
     Args:
-        models: that send such packets.
-        file: the recording, beside which the unit's angle correction may lie.
+        models: models that send such packets.
+        file: the recording, beside which the unit's angle correction may be.
         chosen: one of the models, if the user named it.
-        choice: the recording as the user named it; its name otherwise.
+        choice: the recording as given by the user; its name otherwise.
 
     Raises:
-        InputError: the angle correction is not right, or is missing though packets are those of
-            several models.
+        InputError: the angle correction is invalid, or is missing though several models are
+            possible.
     """
     if chosen is not None and chosen.lower() not in {model.lower() for model in models}:
         raise InputError(f"has no packets of a {chosen}", file=file, expected=" or ".join(models))
@@ -145,11 +145,11 @@ def _is_correction(path: Path) -> bool:
 def firing_turns(
     form: HesaiForm, packets: Iterator[bytes | memoryview]
 ) -> list[list[tuple[int, int, int]]]:
-    """Return for each turn the packets in it: number, its first firing and the one behind its last.
+    """Return for each rotation its packets: number, first firing, and end of the firings.
 
     Args:
-        form: of the packets.
-        packets: of one unit in their order.
+        form: layout of the packets.
+        packets: packets of one unit, in order.
     """
     angles: list[float] = []
     ends: list[int] = []
@@ -173,13 +173,13 @@ def firing_turns(
 def hesai_fields(
     form: HesaiForm, unit: Sensor, packets: Sequence[bytes], which: Sequence[tuple[int, int]]
 ) -> tuple[dict[str, NDArray[np.generic]], tuple[str, ...]]:
-    """Return the points of a turn with what is known of each, and notes on it.
+    """Return the points of a rotation as fields, and notes about it.
 
     Args:
-        form: of the packets.
-        unit: where its beams point, and when they fire.
-        packets: of the turn, in their order.
-        which: of each packet, its first firing in the turn and the one behind its last.
+        form: layout of the packets.
+        unit: sensor with beam directions and firing times.
+        packets: packets of the rotation, in order.
+        which: first firing and end of the firings of the rotation in each packet.
     """
     every = form.firings(packets)
     begin = np.cumsum([0] + [form.blocks // form.returns_of(packet) for packet in packets])
@@ -190,7 +190,7 @@ def hesai_fields(
     intensity, time = every.intensity[kept], every.time_s[kept]
     firing, channel = np.nonzero(ranges > 0)
     elevation = np.radians(unit.elevation_deg)[channel]
-    # The encoder's angle grows clockwise, ours counter-clockwise.
+    # the encoder's angle increases clockwise, ours counter-clockwise
     heading = np.radians(unit.azimuth_offset_deg[channel] - azimuth[firing])
     range_m = ranges[firing, channel]
     plan = range_m * np.cos(elevation)
@@ -210,7 +210,7 @@ def hesai_fields(
 
 
 _TWO_RETURNS = "Of two returns of a beam the first that the sensor reports is read."
-#: A frame's number stands in so many of a packet's first bytes.
+#: Number of a packet's first bytes that contain the frame number.
 HEADER_BYTES = 16
 
 Packet = TypeVar("Packet")
@@ -222,12 +222,12 @@ def ouster_recording(
     packets: Iterable[tuple[Packet, bytes]],
     payloads: Callable[[list[Packet]], list[bytes]],
 ) -> Recording:
-    """Return the recording of one unit; a frame is one turn of the sensor.
+    """Return the recording of one unit, with one frame per rotation.
 
     Args:
-        place: the recording as a person named it, its file, and its layout.
-        form: of the unit's packets.
-        packets: the unit's, in their order, each with its first bytes.
+        place: the path given by the user, the file, and the layout.
+        form: format of the unit's packets.
+        packets: the unit's packets, in order, each with its first bytes.
         payloads: reads packets.
     """
     path, file, layout = place
@@ -262,11 +262,11 @@ def ouster_recording(
 
 
 def metadata_of(capture: Path, what: str) -> Path:
-    """Return the metadata of a capture: of the same name or its beginning, or the only one.
+    """Return the metadata of a capture: with its name or a prefix of it, or the only one.
 
     Args:
         capture: the file.
-        what: is known of it, for errors.
+        what: what is known about it, for errors.
 
     Raises:
         InputError: there are none, or several.
@@ -287,11 +287,11 @@ def metadata_of(capture: Path, what: str) -> Path:
 def _turns(
     form: OusterFormat, packets: Iterable[tuple[Packet, bytes]]
 ) -> list[tuple[int, list[Packet]]]:
-    """Return the packets of each turn in their order."""
+    """Return the packets of each rotation, in order."""
     turns: list[tuple[int, list[Packet]]] = []
     for one, start in packets:
         frame = form.frame_id(start)
-        # Packets of two turns may change places, but not of three.
+        # Packets of adjacent rotations may be out of order.
         for known, some in turns[:-3:-1]:
             if known == frame:
                 some.append(one)

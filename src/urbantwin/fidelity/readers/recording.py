@@ -1,4 +1,4 @@
-"""A recording: the frames of one sensor or rig in order, whatever data set they are from."""
+"""A recording: the frames of one sensor or rig in order, of any dataset."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Recording:
     """Frames that are read on demand.
 
     Attributes:
-        path: the folder or file that holds them.
+        path: the folder or file.
         layout: its layout, one of ``readers.LAYOUTS``.
-        names: names of the frames in their order, without folders.
-        read_frame: reads the frame of an index; raises InputError where its file is bad.
-        notes: sentences about the whole recording that qualify any figure made from it.
-        again: opens it anew; sent to another process in place of an open recording.
+        names: names of the frames in order, without folders.
+        read_frame: reads the frame of an index; raises InputError for an invalid file.
+        notes: notes about the whole recording that qualify results.
+        again: reopens it; sent to other processes instead of an open recording.
     """
 
     path: Path
@@ -41,15 +41,14 @@ class Recording:
         return super().__reduce__() if self.again is None else (self.again, ())
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self.names)
 
     def read(self, index: int) -> Frame:
         """Read one frame, 0 <= index < len.
 
         Raises:
-            InputError: its file, or the labels that belong to it, are not right; the other
-                frames can still be read.
+            InputError: its file, or its labels, are invalid; the other frames can still be read.
         """
         if not 0 <= index < len(self.names):
             raise IndexError(f"frame {index} of {len(self.names)}")
@@ -60,7 +59,7 @@ class Recording:
         return (self.read(index) for index in range(len(self)))
 
     def only(self, names: Collection[str]) -> Recording:
-        """Return the recording with the frames of some names alone."""
+        """Return the recording with only the frames of the given names."""
         numbers = [number for number, name in enumerate(self.names) if name in names]
         again = None if self.again is None else partial(_only, self.again, names)
         return replace(
@@ -98,7 +97,7 @@ def _read_cropped(recording: Recording, half_m: tuple[float, ...], index: int) -
 
 
 def file_and_choice(path: Path) -> tuple[Path, str | None]:
-    """Return a file or folder and the part of it that a path names behind a colon, else None.
+    """Return a path and the part selected after a colon, or None.
 
     ``bag.mcap:/lidar/points``, ``a.pcap:192.168.1.201``. A path that exists is never split.
     """

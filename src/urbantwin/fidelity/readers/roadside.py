@@ -53,11 +53,11 @@ _ONCE = "a sequence of ONCE"
 
 
 def _once_labels(path: Path, files: list[Path]) -> Labels:
-    """Boxes and poses of the sequence's JSON, which is named as its folder."""
+    """Return the reader of boxes and poses from the sequence's JSON, named as its folder."""
     document = path / f"{path.absolute().name}.json"
     others = sorted(path.glob("*.json"))
     if not document.is_file() and len(others) == 1:
-        document = others[0]  # of a folder that was renamed
+        document = others[0]  # the folder was renamed
     frames: dict[str, Mapping[str, Any]] = {}
     if document.is_file():
         with laid_out(document, _ONCE):
@@ -94,7 +94,7 @@ def _once_boxes(annotations: Mapping[str, Any] | None) -> Boxes | None:
 
 
 def _once_pose(values: list[float] | None) -> Pose | None:
-    """Return a pose, None where the sweep has none: no value, or nothing but zeros."""
+    """Return a pose, None if the sweep has no value, or only zeros."""
     numbers = np.asarray([] if values is None else values, np.float64)
     if not numbers.any():
         return None
@@ -115,7 +115,7 @@ ONCE = FolderDataset(
 # -- IPS300+
 
 _IPS300 = "labels of IPS300+"
-#: Folders of clouds in ``data``, and the ending of their files' names: of both units, of the first.
+#: Folders of clouds in ``data``, and the suffix of their files' names: of both units, of the first.
 _JOINT = "PCD_COM_ROI"
 _ENDINGS = {_JOINT: "_COM_ROI", "IPU1_pcd": "_IPU1_LIDAR"}
 #: Words of a line: class, three of occlusion and angle, two rectangles of four, then height, width,
@@ -139,7 +139,7 @@ def _ips300_clouds(path: Path) -> list[Path]:
 
 
 def _ips300_labels(path: Path, files: list[Path]) -> Labels:
-    """Boxes from ``label/json``, or from ``label/txt`` where that lacks a frame."""
+    """Return the reader of boxes from ``label/json``, or from ``label/txt`` for missing frames."""
     folder = files[0].parent
     labels = [above / "label" for above in folder.absolute().parents[:3]]
 
@@ -209,7 +209,7 @@ _FRAMES_PER_SECOND = 10
 _CLASSES = ("person", "car", "bicycle", "motorcycle", "bus", "truck", "unknown")
 _WITH_VANS = (*_CLASSES[:6], "van", "unknown")
 _COLUMNS = 16
-#: Times, numbers of objects and coordinates of a measurement are smaller.
+#: Bound of times, object numbers and coordinates of a measurement.
 _LARGEST = 2.0**53
 _LUMPI_NOTE = "Where the sensors are is not in the clouds: ranges are from the frame's origin."
 
@@ -221,7 +221,7 @@ def _measurement(path: Path) -> Path | None:
 
 
 def _lumpi_folders(path: Path) -> list[Path]:
-    """Return the folders that hold clouds of a measurement."""
+    """Return the folders with clouds of a measurement."""
     lidar = path / "lidar"
     for folder in (path, lidar):
         if clouds_in(folder, ".ply"):
@@ -276,7 +276,7 @@ def _sessions(measurement: Path) -> list[list[int]]:
 def _sensor_of(identity: NDArray[np.generic], sessions: list[list[int]]) -> NDArray[np.int64]:
     """Return the rank of each point's session among those of its measurement.
 
-    Where no measurement lists them, it is the rank among the sessions in the cloud.
+    If no measurement lists them, it is the rank among the sessions in the cloud.
     """
     present, place = np.unique(identity, return_inverse=True)
     listed = next((numbers for numbers in sessions if np.isin(present, numbers).all()), None)
@@ -287,7 +287,7 @@ def _sensor_of(identity: NDArray[np.generic], sessions: list[list[int]]) -> NDAr
 
 
 def _lumpi_table(path: Path) -> dict[int, list[LabelledBox]]:
-    """Return the objects by the number of the frame that their time falls into."""
+    """Return the objects by frame number, from their time."""
     rows = []
     expected = f"{_COLUMNS} numbers of LUMPI"
     with laid_out(path, expected):
@@ -313,7 +313,7 @@ def _lumpi_table(path: Path) -> dict[int, list[LabelledBox]]:
         kind = int(values[7])
         name = classes[kind] if 0 <= kind < len(classes) else "unknown"
         x, y, z, length, width, height, yaw = values[9:_COLUMNS]
-        # A time of 0.3 s times 10 is 3 but for its last bit.
+        # 0.3 s times 10 may be slightly less than 3
         frame = math.floor(values[0] * _FRAMES_PER_SECOND + 1e-6)
         box = (x, y, z, length, width, height, yaw)
         count = max(int(values[8]), -1)
