@@ -477,7 +477,7 @@ def _with_junctions_on_bridges(network: RoadNetwork, lift: Lift) -> RoadNetwork:
 
     Where streets meet under the end of a bridge, a junction on the ground would link them to it.
     """
-    level, low, over = dict[str, int](), set[str](), set[str]()
+    level, low, overhead = dict[str, int](), set[str](), set[str]()
     for road in network.roads:
         lane = network.lane_by_id[road.lanes[-1]]
         ends = lift.at(lane.centre[[0, -1], :2], lane.level)
@@ -487,8 +487,8 @@ def _with_junctions_on_bridges(network: RoadNetwork, lift: Lift) -> RoadNetwork:
                 low.add(junction)
         for junction, end in zip((road.from_junction, road.to_junction), (0, -1), strict=True):
             if lift.is_above_another(lane.centre[end, :2], lane.level):
-                over.add(junction)
-    raised = {name: up for name, up in level.items() if up and name in over - low}
+                overhead.add(junction)
+    raised = {name: up for name, up in level.items() if up and name in overhead - low}
     return replace(
         network,
         junctions=tuple(

@@ -98,7 +98,9 @@ def _kerb_lanes(network: RoadNetwork) -> Iterator[tuple[Road, Lane]]:
         if not road.ways:
             continue
         lanes = [network.lane_by_id[name] for name in road.lanes]
-        buses = [x for x in lanes if "bus" in x.allowed and x.kind in ("driving", "bus")]
+        buses = [
+            lane for lane in lanes if "bus" in lane.allowed and lane.kind in ("driving", "bus")
+        ]
         if buses and buses[0].length > STOP_M + 2 * END_M:
             yield road, buses[0]
 

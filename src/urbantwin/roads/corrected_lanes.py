@@ -253,8 +253,8 @@ def _stretches(
     tree = shapely.STRtree(lines)
     samples: dict[int, list[tuple[float, bool]]] = {}
     for shape in shapes:
-        whole = shapely.segmentize(shape, STEP_M)
-        points = shapely.get_coordinates(whole)
+        drawn = shapely.segmentize(shape, STEP_M)
+        points = shapely.get_coordinates(drawn)
         for a, b in pairwise(points):
             middle, ahead = shapely.Point((a + b) / 2), (b - a) / max(np.linalg.norm(b - a), 1e-9)
             best: tuple[float, int, float, bool] | None = None

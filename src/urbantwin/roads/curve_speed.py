@@ -121,15 +121,15 @@ def _speeds_on_lane(
     count = int(stations_of_points(lane_line)[-1] / SPACING_M) + 1
     if not name.startswith(":"):
         return curve_speeds(lane_line)[:count]
-    came = _beginning(lines.get(before.get(name, ""), lane_line[:1])[::-1], BEFORE_M)[::-1]
+    incoming = _beginning(lines.get(before.get(name, ""), lane_line[:1])[::-1], BEFORE_M)[::-1]
     parts, current = [lane_line], name
     while current.startswith(":") and len(parts) < MOST_LANES and after.get(current, "") in lines:
         current = after[current]
         parts.append(lines[current])
     line = _beginning(np.vstack(parts), count * SPACING_M + BEHIND_M)
-    whole = _distinct(np.vstack([came, line]))
-    first = int(stations_of_points(np.vstack([came, lane_line[:1]]))[-1] / SPACING_M)
-    return curve_speeds(whole)[first : first + count]
+    joined = _distinct(np.vstack([incoming, line]))
+    first = int(stations_of_points(np.vstack([incoming, lane_line[:1]]))[-1] / SPACING_M)
+    return curve_speeds(joined)[first : first + count]
 
 
 def _beginning(line: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
@@ -164,6 +164,6 @@ def _at(
     points = np.column_stack([np.interp(places, along, line[:, k]) for k in (0, 1)])
     for end, inner, beyond in ((0, 1, places), (-1, -2, places - along[-1])):
         leg = (line[end] - line[inner]) / max(float(np.linalg.norm(line[end] - line[inner])), 1e-9)
-        out = np.maximum(-beyond if end == 0 else beyond, 0.0)
-        points += out[:, None] * leg
+        beyond_m = np.maximum(-beyond if end == 0 else beyond, 0.0)
+        points += beyond_m[:, None] * leg
     return points

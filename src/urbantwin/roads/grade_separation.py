@@ -278,7 +278,7 @@ def lift_of_network(
     highest = max(seeds.values())
     # A virtual source tops every seed, so that one shortest-path run gives the envelope
     # max over seeds of (needed height - grade x distance along the network).
-    links += [(start, seed, (highest - need) / RAMP_GRADE) for seed, need in seeds.items()]
+    links += [(start, seed, (highest - height) / RAMP_GRADE) for seed, height in seeds.items()]
     first_end, other_end, costs = (np.array(part) for part in zip(*links, strict=True))
     graph = coo_matrix((costs + 1e-9, (first_end, other_end)), shape=(start + 1, start + 1)).tocsr()
     distance = dijkstra(graph, directed=False, indices=start)[:start]

@@ -93,8 +93,8 @@ def _join(placed: dict[str, Lane], chains: list[list[str]]) -> None:
             if shared[name] > 1 or np.linalg.norm(gap) < 1e-3:
                 continue
             step = np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1)
-            left = 1.0 - np.concatenate([[0.0], np.cumsum(step)]) / max(step.sum(), 1e-9)
-            placed[name] = dataclasses.replace(lane, centre=lane.centre + left[:, None] * gap)
+            weight = 1.0 - np.concatenate([[0.0], np.cumsum(step)]) / max(step.sum(), 1e-9)
+            placed[name] = dataclasses.replace(lane, centre=lane.centre + weight[:, None] * gap)
 
 
 def _outlined(
@@ -133,7 +133,9 @@ def _section_runs(
     rise, level, offset = np.sin(bank), road.elevation.at(s), road.offset.at(s)
     for side in (1, -1):
         edge = offset
-        for lane in sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id)):
+        for lane in sorted(
+            (lane for lane in section.lanes if lane.id * side > 0), key=lambda lane: abs(lane.id)
+        ):
             width = lane.width.at(s - section.s)
             t, edge = edge + side * width / 2, edge + side * width
             if lane.kind == "none":

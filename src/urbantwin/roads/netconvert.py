@@ -189,8 +189,8 @@ def _make(
         dropped = any(DROPPED in line for line in warnings)
         if not nowhere or not dropped or attempt == MOST_ATTEMPTS - 1:
             break
-        left = tuple(c for c in plain.crossings if frozenset(c.edges) not in nowhere)
-        plain = replace(plain, crossings=left)
+        crossings = tuple(c for c in plain.crossings if frozenset(c.edges) not in nowhere)
+        plain = replace(plain, crossings=crossings)
     return warnings
 
 

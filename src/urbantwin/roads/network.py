@@ -286,7 +286,9 @@ class RoadNetwork:
         """Return the union in plan of all lanes of some kinds on a level."""
         wanted = frozenset(kinds)
         if (wanted, level) not in self._areas:
-            lanes = [x.polygon for x in self.lanes if x.kind in wanted and x.level == level]
+            lanes = [
+                lane.polygon for lane in self.lanes if lane.kind in wanted and lane.level == level
+            ]
             self._areas[wanted, level] = area_union(lanes)
         return self._areas[wanted, level]
 
@@ -315,11 +317,11 @@ class RoadNetwork:
         junctions = area_union([j.polygon for j in self.junctions if j.level == level])
         core = area_difference(junctions, self.area_of((*FOOTWAY_KINDS, "island"), level))
         driven = self.area_of((*CARRIAGEWAY_KINDS, "connection"), level)
-        crossings = [x for x in self.lanes if x.kind == "crossing" and x.level == level]
+        crossings = [lane for lane in self.lanes if lane.kind == "crossing" and lane.level == level]
         core = _reached(core, area_union([driven, *(lane.polygon for lane in crossings)]))
-        whole = closed(area_union([core, driven]), SEAM_M)
-        within = [part for lane in crossings for part in _between_kerbs(lane, whole)]
-        whole = opened(area_union([whole, *within]), FIN_M)
+        area = closed(area_union([core, driven]), SEAM_M)
+        within = [part for lane in crossings for part in _between_kerbs(lane, area)]
+        area = opened(area_union([area, *within]), FIN_M)
         lines = shapely.MultiLineString(
             [
                 x.centre[:, :2]
@@ -328,10 +330,10 @@ class RoadNetwork:
             ]
         )
         shapely.prepare(lines)
-        parts = shapely.get_parts(whole)
-        whole = area_union(parts[shapely.intersects(parts, lines)])
-        self._areas["carriageway", level] = whole
-        return whole
+        parts = shapely.get_parts(area)
+        area = area_union(parts[shapely.intersects(parts, lines)])
+        self._areas["carriageway", level] = area
+        return area
 
     @property
     def levels(self) -> tuple[int, ...]:

@@ -205,13 +205,15 @@ def main_component(parts: Mapping[Key, Part]) -> tuple[set[Key], list[LeftOut]]:
         network = shapely.union_all([lines[k] for k in sorted(grown)])
         grown = {k for k in lines if k not in kept_ids and shapely.crosses(lines[k], network)}
         kept_ids |= grown
-    left = []
+    left_out = []
     for k in sorted(set(range(len(weight))) - kept_ids):
         members = [parts[key] for key, n in zip(keys, numbers, strict=True) if n == k]
         names = tuple(dict.fromkeys(part.name for part in members if part.name))
-        left.append(LeftOut(len(members), float(sum(part.line.length for part in members)), names))
-    left.sort(key=lambda item: (-item.metres, item.names))
-    return {key for key, n in zip(keys, numbers, strict=True) if n in kept_ids}, left
+        left_out.append(
+            LeftOut(len(members), float(sum(part.line.length for part in members)), names)
+        )
+    left_out.sort(key=lambda item: (-item.metres, item.names))
+    return {key for key, n in zip(keys, numbers, strict=True) if n in kept_ids}, left_out
 
 
 def _components(parts: list[Part]) -> list[int]:

@@ -73,7 +73,7 @@ def warnings_of_ways(
 ) -> tuple[ResultWarning, ...]:
     """Return a warning for connections through junctions that pass over static obstacles."""
     tree = shapely.STRtree(standing)
-    over: list[NDArray[np.float64]] = []
+    contacts: list[NDArray[np.float64]] = []
     for lane in network.lanes:
         if lane.kind != "connection" or "car" not in lane.allowed:
             continue
@@ -81,15 +81,15 @@ def warnings_of_ways(
         near_index = tree.query(line, predicate="dwithin", distance=HALF_CAR_M)
         if len(near_index):
             contact = shapely.shortest_line(line, standing[int(near_index[0])])
-            over.append(shapely.get_coordinates(contact)[0])
-    if not over:
+            contacts.append(shapely.get_coordinates(contact)[0])
+    if not contacts:
         return ()
-    places = ", ".join(f"{x:.1f}, {y:.1f} m" for x, y in over[:NAMED])
-    more = f" and {len(over) - NAMED} more" if len(over) > NAMED else ""
+    places = ", ".join(f"{x:.1f}, {y:.1f} m" for x, y in contacts[:NAMED])
+    more = f" and {len(contacts) - NAMED} more" if len(contacts) > NAMED else ""
     return (
         ResultWarning(
             "ways through junctions",
-            f"{len(over)} lead over what stands there, at {places}{more}",
+            f"{len(contacts)} lead over what stands there, at {places}{more}",
             "no way round it bends as gently as cars turn",
             "draw them as turns of a sketch, or correct where it stands",
         ),
@@ -120,8 +120,8 @@ def round_standing(
     moved: dict[int, Curve] = {}
     for group in groups.values():
         old = {k: _line(curves[k]) for k in group}
-        whole = [shapely.LineString(line) for line in old.values()]
-        near_index = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
+        linestrings = [shapely.LineString(line) for line in old.values()]
+        near_index = tree.query(linestrings, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
         lines = old
         # Obstacles are processed one by one; a displaced path may come close to the next.
         for number in np.unique(near_index).tolist():
@@ -164,8 +164,8 @@ def _line(curve: Curve) -> NDArray[np.float64]:
 
 def _inner(line: NDArray[np.float64]) -> shapely.LineString:
     """Return a line without its ends, which lie in lanes."""
-    whole = shapely.LineString(line)
-    return shapely.ops.substring(whole, END_M, max(whole.length - END_M, END_M))
+    polyline = shapely.LineString(line)
+    return shapely.ops.substring(polyline, END_M, max(polyline.length - END_M, END_M))
 
 
 def _moved(
@@ -173,8 +173,10 @@ def _moved(
 ) -> dict[int, NDArray[np.float64]] | None:
     """Return lines moved around an obstacle; ``None`` if no displacement clears it."""
     before = {index: _radius(line) for index, line in lines.items()}
-    for by, reach in _displacements():
-        moved = {index: _displaced(line, thing, by, reach) for index, line in lines.items()}
+    for displacement_m, reach in _displacements():
+        moved = {
+            index: _displaced(line, thing, displacement_m, reach) for index, line in lines.items()
+        }
         if all(
             _inner(line).distance(thing) >= CLEAR_M
             and _radius(line) >= min(TIGHTEST_M, before[index])

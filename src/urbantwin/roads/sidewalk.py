@@ -70,12 +70,12 @@ def _is_walked_beside(tags: Mapping[str, str]) -> bool:
 
 def _explicit(tags: Mapping[str, str]) -> str | None:
     present = ("yes", "separate")
-    whole = tags.get("sidewalk:both", tags.get("sidewalk"))
-    if whole in ("both", "left", "right"):
-        return whole
-    if whole in present:
+    both_sides = tags.get("sidewalk:both", tags.get("sidewalk"))
+    if both_sides in ("both", "left", "right"):
+        return both_sides
+    if both_sides in present:
         return "both"
-    if whole in ("no", "none"):
+    if both_sides in ("no", "none"):
         return "no"
     sides = [s for s in ("left", "right") if tags.get(f"sidewalk:{s}") in present]
     if sides:
@@ -91,9 +91,9 @@ def _has_twin(
     side: str,
 ) -> bool:
     """Return whether an opposite carriageway runs on the inner side of this one."""
-    whole = shapely.LineString(line)
-    middle = shapely.get_coordinates(whole.interpolate(0.5, normalized=True))[0]
-    ahead = shapely.get_coordinates(whole.interpolate(0.51, normalized=True))[0]
+    polyline = shapely.LineString(line)
+    middle = shapely.get_coordinates(polyline.interpolate(0.5, normalized=True))[0]
+    ahead = shapely.get_coordinates(polyline.interpolate(0.51, normalized=True))[0]
     direction = ahead - middle
     direction /= max(float(np.linalg.norm(direction)), 1e-9)
     inner = np.array([-direction[1], direction[0]]) * (1.0 if side == "right" else -1.0)

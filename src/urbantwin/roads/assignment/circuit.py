@@ -88,11 +88,11 @@ class Circuit:
         for column, gate in enumerate(gates):
             states = starts[graph.gate[starts] == gate]
             nearest = states[cost[:, states].argmin(axis=1)]
-            took = cost[np.arange(len(starts)), nearest]
-            reached = np.isfinite(took) & (part[nearest] == part[starts])
+            seconds = cost[np.arange(len(starts)), nearest]
+            reached = np.isfinite(seconds) & (part[nearest] == part[starts])
             target[reached, column] = nearest[reached]
             straight = np.linalg.norm(graph.place[starts] - graph.place[nearest], axis=1)
-            direct = np.clip(straight / np.maximum(took * graph.speed, 1.0), 0.1, 1.0) ** 2
+            direct = np.clip(straight / np.maximum(seconds * graph.speed, 1.0), 0.1, 1.0) ** 2
             weight[:, column] = np.where(reached, graph.weight[gate] * direct, 0.0)
         home = graph.gate[starts][:, None] == gates[None]
         elsewhere = np.where(home, 0.0, weight)
@@ -183,28 +183,30 @@ class Circuit:
             share: (edge, next edge) -> remaining share, above 0.
         """
         often = self._visits()[:, None] * self.chance
-        left = often.copy()
+        remaining = often.copy()
         edges = self.graph.edges
         for row, column in np.argwhere(often > _MIN_SHARE).tolist():
             seq = self._whole_way(row, column)
-            left[row, column] *= min(share.get((edges[a], edges[b]), 1.0) for a, b in pairwise(seq))
+            remaining[row, column] *= min(
+                share.get((edges[a], edges[b]), 1.0) for a, b in pairwise(seq)
+            )
         end = np.array([[self._row.get(int(state), 0) for state in row] for row in self.target])
         for _ in range(_BALANCING):
-            begins = left.sum(axis=1)
-            ends = np.bincount(end.ravel(), left.ravel(), len(begins))
+            begins = remaining.sum(axis=1)
+            ends = np.bincount(end.ravel(), remaining.ravel(), len(begins))
             if np.abs(begins - ends).max() <= _BALANCED * begins.sum():
                 break
             # Starts without beginning or ending passages have no flow.
             through = (begins > 0) & (ends > 0)
             ratio = np.sqrt(np.where(through, ends, 0.0) / np.where(through, begins, 1.0))
-            left *= ratio[:, None]
-            left *= np.divide(1.0, ratio, out=np.zeros_like(ratio), where=ratio > 0)[end]
-        begins = left.sum(axis=1)
+            remaining *= ratio[:, None]
+            remaining *= np.divide(1.0, ratio, out=np.zeros_like(ratio), where=ratio > 0)[end]
+        begins = remaining.sum(axis=1)
         chance = np.where(
-            begins[:, None] > 0, left / np.maximum(begins, 1e-300)[:, None], self.chance
+            begins[:, None] > 0, remaining / np.maximum(begins, 1e-300)[:, None], self.chance
         )
-        still = self._entries(left) / max(self._entries(often), _MIN_SHARE)
-        return replace(self, chance=chance, load=begins), still
+        remaining_share = self._entries(remaining) / max(self._entries(often), _MIN_SHARE)
+        return replace(self, chance=chance, load=begins), remaining_share
 
     def _whole_way(self, row: int, column: int) -> list[int]:
         """Return the states of a passage, including its start."""
@@ -215,8 +217,8 @@ class Circuit:
         outer, entries = self.graph.outer, 0.0
         for row, column in np.argwhere(often > _MIN_SHARE).tolist():
             route = self._whole_way(row, column)
-            came = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(route))
-            entries += float(often[row, column]) * (came or not outer[route].any())
+            entered = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(route))
+            entries += float(often[row, column]) * (entered or not outer[route].any())
         return entries
 
     def _visits(self) -> NDArray[np.float64]:

@@ -99,25 +99,29 @@ def driven_graph(
     gate = np.full(len(edges), -1, np.int64)
     weight: list[float] = []
     for number, edge in enumerate(edges):
-        next_edges = [x for x in edge.getAllowedOutgoing(vclass) if x.getID() in index]
+        next_edges = [
+            following for following in edge.getAllowedOutgoing(vclass) if following.getID() in index
+        ]
         for following in next_edges:
             pair = number, index[following.getID()]
-            over = network.way_over(edge, following)
-            metres[pair] = edge.getLength() + over
-            arcs[pair] = edge.getLength() / min(edge.getSpeed(), fastest) + over / _TURNING_MS
+            between_m = network.way_over(edge, following)
+            metres[pair] = edge.getLength() + between_m
+            arcs[pair] = edge.getLength() / min(edge.getSpeed(), fastest) + between_m / _TURNING_MS
             if vclass == "bicycle" and _turns_across(edge, following):
                 shunned[pair] = _ACROSS_S
             if preferred and following.getID() not in preferred | outer:
                 shunned[pair] = _OFF_LINE_S
         rank = network.rank(edge, vclass)
-        leads_to = {edge.getID(), *(x.getID() for x in next_edges)}
+        leads_to = {edge.getID(), *(following.getID() for following in next_edges)}
         if preferred and not leads_to & preferred:
             rank *= _OFF_LINE_SHARE
         if edge.getID() in outer:
             if any(following.getID() not in outer for following in next_edges):
                 gate[number] = len(weight)
                 weight.append(rank)
-        elif next_edges and all(x.getToNode() is edge.getFromNode() for x in next_edges):
+        elif next_edges and all(
+            following.getToNode() is edge.getFromNode() for following in next_edges
+        ):
             gate[number] = len(weight)
             weight.append(rank * _DEAD_END_SHARE)
     return WayGraph(
@@ -184,15 +188,15 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
         if pair not in arcs:
             arcs[pair] = float(streets[state // 2].getLength()) / WALKING_MS
             shunned[pair] = _TURN_BACK_S
-    twice = np.repeat(np.arange(count), 2)
+    edge_of_state = np.repeat(np.arange(count), 2)
     return WayGraph(
-        tuple(streets[k].getID() for k in twice),
-        _lengths(streets)[twice],
+        tuple(streets[k].getID() for k in edge_of_state),
+        _lengths(streets)[edge_of_state],
         _matrix(arcs, 2 * count) * WALKING_MS,
-        _places(streets)[twice],
+        _places(streets)[edge_of_state],
         _matrix(arcs, 2 * count),
         _matrix(shunned, 2 * count),
-        np.array([streets[k].getID() in outer for k in twice]),
+        np.array([streets[k].getID() in outer for k in edge_of_state]),
         gate,
         weight,
         np.ones(2 * count, bool),
@@ -232,7 +236,11 @@ def _corners_of_edges(
     at_end: list[set[int]] = [set() for _ in streets]
     links: dict[tuple[int, int], float] = {}
     for k, edge in enumerate(streets):
-        at_end[k] |= {number[x.getID()] for x in edge.getOutgoing() if x.getID() in number}
+        at_end[k] |= {
+            number[following.getID()]
+            for following in edge.getOutgoing()
+            if following.getID() in number
+        }
     for c, corner in enumerate(corners):
         for following in corner.getOutgoing():
             name = following.getID()

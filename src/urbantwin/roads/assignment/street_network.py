@@ -131,7 +131,9 @@ class StreetNetwork:
     def way_over(self, edge: Edge, following: Edge) -> float:
         """Return the length of the connection between two edges over the junction, metres."""
         lanes = (item.getViaLaneID() for item in edge.getOutgoing().get(following, []))
-        return max((float(self._net.getLane(x).getLength()) for x in lanes if x), default=0.0)
+        return max(
+            (float(self._net.getLane(lane).getLength()) for lane in lanes if lane), default=0.0
+        )
 
     def driven_by(self, vclass: str) -> Streets | None:
         """Return the streets of a SUMO vehicle class; ``None`` if there are none.
@@ -153,9 +155,9 @@ class StreetNetwork:
         leads_on = {start for start, _ in arcs}
         led_to = {end for _, end in arcs}
         rank = np.array([self.rank(edge, vclass) for edge in edges])
-        everything = list(range(len(edges)))
-        entries = [number for number in everything if number not in led_to] or everything
-        exits = [number for number in everything if number not in leads_on] or everything
+        all_numbers = list(range(len(edges)))
+        entries = [number for number in all_numbers if number not in led_to] or all_numbers
+        exits = [number for number in all_numbers if number not in leads_on] or all_numbers
         return Streets(
             tuple(index),
             len(edges),

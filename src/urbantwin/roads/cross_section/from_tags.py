@@ -274,10 +274,10 @@ def _with_widths(
     one_lane: bool,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
     """Fill in unmapped lane widths; a lane shared by both directions counts half for each."""
-    if one_lane and (whole := max(forward[0].width, backward[0].width)):
+    if one_lane and (width := max(forward[0].width, backward[0].width)):
         # A width tag of each lane is that of the shared lane.
         forward, backward = (
-            [replace(side[0], width=whole / 2), *side[1:]] for side in (forward, backward)
+            [replace(side[0], width=width / 2), *side[1:]] for side in (forward, backward)
         )
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
@@ -286,13 +286,13 @@ def _with_widths(
     single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
     half = (ONE_LANE_M if one_lane else LANE_AND_A_HALF_M) / 2
     least = ONE_LANE_LEAST_M / 2 if one_lane else NARROWEST_M
-    each = _width_per_lane(tags, known_m, open_lanes, standard, least) if open_lanes else None
+    fill_m = _width_per_lane(tags, known_m, open_lanes, standard, least) if open_lanes else None
 
     def filled(lane: CarriagewayLane) -> CarriagewayLane:
         if lane.width:
             return lane
-        if each is not None:
-            return replace(lane, width=each)
+        if fill_m is not None:
+            return replace(lane, width=fill_m)
         usual = standard.bus if lane.kind == "bus" else standard.lane(highway)
         return replace(lane, width=half if single or one_lane else usual, assumed=True)
 
@@ -303,13 +303,13 @@ def _width_per_lane(
     tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard, least: float
 ) -> float | None:
     """Return the width per unmapped lane that ``width`` (curb to curb) leaves, metres."""
-    whole = _carriageway(tags)
-    if whole is None:
+    carriageway_m = _carriageway(tags)
+    if carriageway_m is None:
         return None
     for beside in (_parked(tags, standard), 0.0):
-        each = (whole - known - beside) / open_lanes
-        if least <= each <= WIDEST_M:
-            return each
+        lane_m = (carriageway_m - known - beside) / open_lanes
+        if least <= lane_m <= WIDEST_M:
+            return lane_m
     return None
 
 
@@ -446,11 +446,11 @@ def _counts(tags: Mapping[str, str]) -> list[str]:
     tagged = [number for number in parts if number is not None]
     if total is None or not tagged:
         return []
-    made = sum(tagged) + (count(tags.get("lanes:both_ways")) or 0)
-    whole = len(tagged) == 2 or one_way(tags) != "both"
+    parts_total = sum(tagged) + (count(tags.get("lanes:both_ways")) or 0)
+    is_complete = len(tagged) == 2 or one_way(tags) != "both"
     if "turn:lanes:both_ways" in tags and "lanes:both_ways" not in tags:
-        made += 1
-    if made == total or (made < total and not whole):
+        parts_total += 1
+    if parts_total == total or (parts_total < total and not is_complete):
         return []
     parts_text = " and ".join(
         f"lanes:{name}={number}"

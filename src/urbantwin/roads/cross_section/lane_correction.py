@@ -223,8 +223,8 @@ def _without_motor_lane(
 
 def _with_carriageway_width(tags: Tags, more_m: float) -> Tags:
     """Return tags whose carriageway widths, if any, are changed by ``more_m`` metres."""
-    widths = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
-    return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in widths.items()}
+    widths = {key: width for key in WHOLE if (width := metres(tags.get(key))) is not None}
+    return tags | {key: f"{max(width + more_m, 0.1):.10g}" for key, width in widths.items()}
 
 
 def _beside_m(section: CrossSection, side: str, kind: str) -> float:
@@ -286,18 +286,23 @@ def _count(tags: Tags, more: int) -> None:
 def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> Tags:
     """Return tags that keep the other side's border in its position."""
     then = street.section(after)
-    (was, now) = (
-        [sum(lane.width for lane in lanes if not lane.track) for lanes in (x.forward, x.backward)]
-        for x in (before, then)
+    (widths_before, widths_after) = (
+        [
+            sum(lane.width for lane in lanes if not lane.track)
+            for lanes in (section.forward, section.backward)
+        ]
+        for section in (before, then)
     )
     start, end = before.middle
-    if was == now or start is None or end is None:
+    if widths_before == widths_after or start is None or end is None:
         return after
     moved = 0.0
     inner = OTHER[street.driving_side] if then.forward else street.driving_side
     if side == inner and not (then.forward and then.backward):
         # The middle of a one-way road is the inner border of its lanes.
-        moved = (sum(now) - sum(was)) * (-then.outward if then.forward else then.outward)
+        moved = (sum(widths_after) - sum(widths_before)) * (
+            -then.outward if then.forward else then.outward
+        )
     result = {key: value for key, value in after.items() if not key.startswith("placement")}
     result[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"
     return result

@@ -216,9 +216,9 @@ def _share_whole_lists(
     Such a list counts all lanes of the road from the left, seen along the way. A list with as many
     values as forward lanes applies to these only.
     """
-    whole = _lists(tags, "")
+    undirected = _lists(tags, "")
     forward, backward = wanted["forward"], wanted["backward"]
-    for key, values in whole.items():
+    for key, values in undirected.items():
         ahead = forward if forward is not None else len(values)
         if len(values) == ahead:
             lists["forward"].setdefault(key, values)

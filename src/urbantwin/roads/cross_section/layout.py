@@ -113,7 +113,7 @@ def _offset(
         else (next_section.backward, next_section.forward)
     )
     other_offset = other_offset if same else -other_offset
-    extra = sum(x.width for x in ahead) - sum(x.width for x in section.forward)
+    extra = sum(lane.width for lane in ahead) - sum(lane.width for lane in section.forward)
     if len(back) != len(section.backward) or abs(extra) < 1e-6 or not section.forward:
         return other_offset
     wider = ahead if extra > 0 else section.forward
@@ -210,7 +210,9 @@ def centred_middle(
     forward: Sequence[CarriagewayLane], backward: Sequence[CarriagewayLane], outward: int
 ) -> float:
     """Return the offset of the middle to the left of the carriageway's centre line, metres."""
-    ahead, back = (sum(x.width for x in lanes if not x.track) for lanes in (forward, backward))
+    ahead, back = (
+        sum(lane.width for lane in lanes if not lane.track) for lanes in (forward, backward)
+    )
     return -outward * (ahead - back) / 2
 
 

@@ -103,10 +103,10 @@ def _former(tags: Mapping[str, str], side: str) -> tuple[str, str] | None:
 
 
 def _shoulder(tags: Mapping[str, str], side: str, standard: Standard, speed: float) -> float:
-    whole = tags.get("shoulder:both", tags.get("shoulder"))
+    both_sides = tags.get("shoulder:both", tags.get("shoulder"))
     tag = tags.get(f"shoulder:{side}")
-    if tag is None and whole is not None:
-        tag = {"both": "yes", "left": "no", "right": "no", side: "yes"}.get(whole, whole)
+    if tag is None and both_sides is not None:
+        tag = {"both": "yes", "left": "no", "right": "no", side: "yes"}.get(both_sides, both_sides)
     width = _first_length(tags, (f"shoulder:{side}:width", "shoulder:both:width", "shoulder:width"))
     highway = tags.get("highway", "")
     fast = highway in ("motorway", "motorway_link", "trunk") and speed > FAST

@@ -51,7 +51,7 @@ def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Seg
     for node, position in place.items():
         same.setdefault(position, node)
     cuts = {same[place[node]] for node in nodes if node in place}
-    use: Counter[int] = Counter()
+    uses: Counter[int] = Counter()
     merged = []
     seen: set[tuple[int, ...]] = set()
     for piece in pieces:
@@ -60,8 +60,8 @@ def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Seg
             continue
         seen.add(distinct.nodes)
         merged.append(distinct)
-        use.update(distinct.nodes)
-    cuts |= {node for node, number in use.items() if number > 1}
+        uses.update(distinct.nodes)
+    cuts |= {node for node, number in uses.items() if number > 1}
     unused = max((piece.id for piece in pieces), default=0) + 1
     segments: list[Segment] = []
     for piece in merged:

@@ -84,8 +84,8 @@ def spaced(
     for _ in range(ROUNDS):
         for pair in pairs:
             a, b = group[pair.a], group[pair.b]
-            by = sign[pair.a] * push[a], pair.along * sign[pair.b] * push[b]
-            apart = pair.apart + pair.side * (by[1] - by[0])
+            moved_m = sign[pair.a] * push[a], pair.along * sign[pair.b] * push[b]
+            apart = pair.apart + pair.side * (moved_m[1] - moved_m[0])
             free = {a, b} - fixed
             if apart >= pair.need or not free:
                 continue
@@ -178,11 +178,11 @@ def _pair(
     gap = shapely.get_coordinates(shapely.line_interpolate_point(other, along)) - xy
     left = step[:, 0] * gap[:, 1] - step[:, 1] * gap[:, 0]
     offset = float(np.median(left[beside]))
-    need = half[a] + half[b]
-    if abs(offset) < CLOSEST_M or abs(offset) >= need + 2 * FURTHEST_M:
+    needed_m = half[a] + half[b]
+    if abs(offset) < CLOSEST_M or abs(offset) >= needed_m + 2 * FURTHEST_M:
         return None
     direction = 1 if float(np.median(cosine[beside])) > 0 else -1
-    return _Pair(a, b, 1 if offset > 0 else -1, abs(offset), need, direction)
+    return _Pair(a, b, 1 if offset > 0 else -1, abs(offset), needed_m, direction)
 
 
 def _directions(line: shapely.LineString, at: NDArray[np.float64]) -> NDArray[np.float64]:

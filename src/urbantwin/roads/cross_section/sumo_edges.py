@@ -70,7 +70,9 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     tags["highway"] = CLASSES.get(highway, highway)
     own = section.kind == CYCLE_TRACK
     counted = {f: _counted(section.lanes(forward=f), own=own) for f in (True, False)}
-    driven = {f: any(own or x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted}
+    driven = {
+        f: any(own or lane.kind != "bicycle" for lane in section.lanes(forward=f)) for f in counted
+    }
     names = {True: "forward", False: "backward"}
     if all(driven.values()):
         tags["oneway"] = "no"
@@ -89,10 +91,10 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
             tags[f"turn:lanes:{names[forward]}"] = "|".join(values)
         widths = [lane.width for lane in section.lanes(forward=forward)]
         walk = section.side(forward=forward).sidewalk
-        everything = [*widths, walk] if walk else widths
-        if everything:
+        all_widths = [*widths, walk] if walk else widths
+        if all_widths:
             # With left-hand traffic, lane 0 is the leftmost: netconvert reads widths from the left.
-            ordered = everything if section.driving_side == "right" else everything[::-1]
+            ordered = all_widths if section.driving_side == "right" else all_widths[::-1]
             tags[f"width:lanes:{names[forward]}"] = "|".join(f"{w:.3f}" for w in ordered)
         # netconvert calls the forward edge right and the backward edge left, also with left-hand
         # traffic.

@@ -161,10 +161,10 @@ def _fitted(
         spare = spare if name == inner else spare[::-1]
         for k in spare[: max(0, len(users) - room)]:
             turns[k].discard(name)
-    lost = [k for k in cars if not turns[k]]
-    if lost:
+    without_turn = [k for k in cars if not turns[k]]
+    if without_turn:
         # A lane without a valid arrow gets the turns of its neighbour.
-        for k in lost:
+        for k in without_turn:
             closest = min((j for j in cars if turns[j]), key=lambda j: abs(j - k), default=None)
             turns[k] = set(turns[closest]) if closest is not None else set()
     order = ("left", "through", "right")
@@ -183,7 +183,7 @@ def signed_turns(segments: Sequence[Segment], sections: Sequence[CrossSection]) 
             lanes = section.lanes(forward=forward)
             if any(lane.turns for lane in lanes):
                 walk = ((),) if section.side(forward=forward).sidewalk else ()
-                rows[f"{sign}{segment.piece.id}"] = (*walk, *(x.turns for x in lanes[::-1]))
+                rows[f"{sign}{segment.piece.id}"] = (*walk, *(lane.turns for lane in lanes[::-1]))
     for before, after in pairwise(segments):
         if before.origin == after.origin:
             onward[f"{before.piece.id}"] = f"{after.piece.id}"

@@ -265,7 +265,9 @@ def _regressed(
 
 def limits_of(road: ModelRoad) -> Limits:
     """Return the design limits for a road's class and its highest speed limit."""
-    limit = max((lane.speed_limit for x in road.sections for lane in x.lanes), default=0.0)
+    limit = max(
+        (lane.speed_limit for section in road.sections for lane in section.lanes), default=0.0
+    )
     speed = (limit or 50.0 / 3.6) * 3.6
     return Limits(
         grade=GRADE.get(road.kind, GRADE_OF_LOCAL_STREETS),

@@ -65,24 +65,24 @@ def with_heights(
     """
     streets = [road for road in model.roads if road.junction < 0]
     connecting = [road for road in model.roads if road.junction >= 0]
-    everything = stations_of([*streets, *connecting], DENSE_M)
-    base = RoadGround(elevation, lift, _carriageway(everything))
+    all_stations = stations_of([*streets, *connecting], DENSE_M)
+    base = RoadGround(elevation, lift, _carriageway(all_stations))
     site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
     risen = _streets(streets, site, NO_OVERLAPS)
-    overlaps = find_overlaps(risen, connecting, everything)
+    overlaps = find_overlaps(risen, connecting, all_stations)
     if overlaps.calm:
-        again = [k for k, road in enumerate(streets) if road.id in overlaps.calm]
-        first = [k for k in again if streets[k].id not in overlaps.yielding]
+        redone = [k for k, road in enumerate(streets) if road.id in overlaps.calm]
+        first = [k for k in redone if streets[k].id not in overlaps.yielding]
         _replace_at(risen, first, _streets([streets[k] for k in first], site, overlaps))
         fixed_index = [k for k, road in enumerate(streets) if road.id not in overlaps.yielding]
         fixed_roads = [*(risen[k] for k in fixed_index), *connecting]
         fixed_index += range(len(streets), len(streets) + len(connecting))
         surface = RoadSurface(
-            model.with_roads(tuple(fixed_roads)), base, everything.pick(fixed_roads, fixed_index)
+            model.with_roads(tuple(fixed_roads)), base, all_stations.pick(fixed_roads, fixed_index)
         )
-        last = [k for k in again if streets[k].id in overlaps.yielding]
+        last = [k for k in redone if streets[k].id in overlaps.yielding]
         _replace_at(risen, last, _streets([streets[k] for k in last], site, overlaps, surface))
-    surface = RoadSurface(model.with_roads((*risen, *connecting)), base, everything)
+    surface = RoadSurface(model.with_roads((*risen, *connecting)), base, all_stations)
     finished = {road.id: road for road in (*risen, *with_fitted_heights(connecting, surface))}
     return model.with_roads(tuple(finished[road.id] for road in model.roads)), surface
 

@@ -70,9 +70,9 @@ class RoadSurface:
         self._base = base
         streets = [road for road in model.roads if road.junction < 0]
         connecting = [road for road in model.roads if road.junction >= 0]
-        whole = stations or stations_of([*streets, *connecting], STEP_M)
-        stations = whole.pick(streets, range(len(streets)))
-        through = whole.pick(
+        all_stations = stations or stations_of([*streets, *connecting], STEP_M)
+        stations = all_stations.pick(streets, range(len(streets)))
+        through = all_stations.pick(
             connecting, range(len(streets), len(streets) + len(connecting))
         ).areas()
         ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
@@ -87,10 +87,12 @@ class RoadSurface:
         for level in sorted({*self.mouths.level.tolist(), *(road.level for road in streets)}):
             street_index = [k for k, road in enumerate(streets) if road.level == level]
             level_stations = stations.pick([streets[k] for k in street_index], street_index)
-            over = shapely.STRtree(
+            connecting_tree = shapely.STRtree(
                 [a for a, w in zip(through, connecting, strict=True) if w.level == level]
             )
-            self._levels[level] = self._level(level_stations, self.mouths.of(level), over, level)
+            self._levels[level] = self._level(
+                level_stations, self.mouths.of(level), connecting_tree, level
+            )
 
     def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
         """Return heights (N,) of the carriageway's surface at points (N, 2) of a level, metres."""

@@ -81,9 +81,9 @@ def prepared_map(
         InputError: the map has no lanes with traffic, or none in the region.
     """
     check_meets(imported, region)
-    whole = imported.model
+    uncut = imported.model
     beyond = BEYOND_M if closed_loop else 0.0
-    model, left = main_part(cropped(whole, region, beyond=beyond))
+    model, left_out = main_part(cropped(uncut, region, beyond=beyond))
     if not has_traffic(model):
         raise InputError(
             "has no lanes that traffic could use within the region",
@@ -93,7 +93,7 @@ def prepared_map(
     flat = is_flat(model)
     notes: dict[str, object] = {
         "map": imported.notes,
-        "roads_of_the_map": sum(road.junction < 0 for road in whole.roads),
+        "roads_of_the_map": sum(road.junction < 0 for road in uncut.roads),
         "heights": "none in the map" if flat else "the map's own",
     }
     if flat:
@@ -115,7 +115,7 @@ def prepared_map(
         ground = elevation or elevation_of_model(model, region)
     if closed_loop:
         model, notes["closed_loop"] = closed_model(model, region.buffer(beyond))
-    notes["left_out"] = [item.as_note() for item in left]
+    notes["left_out"] = [item.as_note() for item in left_out]
     return PreparedMap(model, ground, notes)
 
 

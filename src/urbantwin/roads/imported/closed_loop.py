@@ -96,11 +96,11 @@ class _End:
                 metre to the left of the traffic.
         """
         item = self.section.by_id[lane]
-        out = float(self.road.border(self.section, item, self.s, outer=True)[0])
+        border_t = float(self.road.border(self.section, item, self.s, outer=True)[0])
         t = float(self.road.border(self.section, item, self.s, outer=False)[0])
         x, y, z = self.road.place(self.s, t)[0]
         along = float(self.road.curve.at([self.s])[0, 2])
-        fall = (z - float(self.road.place(self.s, out)[0, 2])) / (t - out)
+        fall = (z - float(self.road.place(self.s, border_t)[0, 2])) / (t - border_t)
         if item.forward:
             return (float(x), float(y), along), float(z), float(fall)
         return (float(x), float(y), along + math.pi), float(z), -float(fall)
@@ -235,41 +235,49 @@ class _Builder:
     def turn_round(self, end: _End) -> None:
         """Add a turnaround from the outgoing to the incoming lanes of a two-way street."""
         junction, number = self._new(), self._new()
-        whole = self._road(end, end, self._drop(end, end), number)
-        cut = min(MOUTH_M, whole.length / 4)
+        loop_road = self._road(end, end, self._drop(end, end), number)
+        cut = min(MOUTH_M, loop_road.length / 4)
         parts = {
-            "out": part_of_road(whole, 0.0, cut, self._new()),
-            "outer": part_of_road(whole, cut, whole.length - cut, number),
-            "in": part_of_road(whole, whole.length - cut, whole.length, self._new()),
+            "out": part_of_road(loop_road, 0.0, cut, self._new()),
+            "outer": part_of_road(loop_road, cut, loop_road.length - cut, number),
+            "in": part_of_road(loop_road, loop_road.length - cut, loop_road.length, self._new()),
         }
         junction_link = RoadLink("junction", junction)
-        lanes = [lane.id for lane in whole.sections[0].lanes]
+        lanes = [lane.id for lane in loop_road.sections[0].lanes]
         after = {lane: lane for lane in lanes}
-        first = whole.sections[0].lanes
+        first = loop_road.sections[0].lanes
         connecting = [
             _joined(
                 dataclasses.replace(parts["out"], junction=junction),
-                (RoadLink("road", end.road.id, end.end), {x.id: x.predecessor for x in first}),
+                (
+                    RoadLink("road", end.road.id, end.end),
+                    {lane.id: lane.predecessor for lane in first},
+                ),
                 (RoadLink("road", number, "start"), after),
             ),
             _joined(
                 dataclasses.replace(parts["in"], junction=junction),
                 (RoadLink("road", number, "end"), after),
-                (RoadLink("road", end.road.id, end.end), {x.id: x.successor for x in first}),
+                (
+                    RoadLink("road", end.road.id, end.end),
+                    {lane.id: lane.successor for lane in first},
+                ),
             ),
         ]
         self.roads += [
             _joined(parts["outer"], (junction_link, {}), (junction_link, {})),
             *connecting,
         ]
-        out = tuple((x.predecessor, x.id) for x in first if x.predecessor is not None)
-        back = tuple((x.id, x.id) for x in first if x.successor is not None)
+        outgoing = tuple(
+            (lane.predecessor, lane.id) for lane in first if lane.predecessor is not None
+        )
+        back = tuple((lane.id, lane.id) for lane in first if lane.successor is not None)
         self.junctions.append(
             ModelJunction(
                 junction,
                 "",
                 (
-                    Connection(end.road.id, connecting[0].id, "start", out),
+                    Connection(end.road.id, connecting[0].id, "start", outgoing),
                     Connection(number, connecting[1].id, "start", back),
                 ),
             )
@@ -346,10 +354,13 @@ class _Builder:
         _, z1, fall1 = entry.inner(entry.entering[0])
         lanes = []
         users = _own_lane_classes(exit_)
-        for k, out in enumerate(exit_.leaving):
+        for k, lane_id in enumerate(exit_.leaving):
             into = entry.entering[k] if k < len(entry.entering) else None
-            first = exit_.section.by_id[out]
-            widths = [exit_.width(out), exit_.width(out) if into is None else entry.width(into)]
+            first = exit_.section.by_id[lane_id]
+            widths = [
+                exit_.width(lane_id),
+                exit_.width(lane_id) if into is None else entry.width(into),
+            ]
             lanes.append(
                 SectionLane(
                     self.side * (k + 1),
@@ -358,7 +369,7 @@ class _Builder:
                     True,
                     min(first.speed_limit or OUTER_MS, OUTER_MS),
                     tuple(dict.fromkeys((*allowed(first), *users))),
-                    predecessor=out,
+                    predecessor=lane_id,
                     successor=into,
                     mark="broken" if k + 1 < len(exit_.leaving) else "solid",
                 )

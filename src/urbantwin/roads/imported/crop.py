@@ -90,15 +90,15 @@ def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
         road.id: Part(road.name, road.curve.line, _motor_lanes(road), frozenset(joints[road.id]))
         for road in streets.values()
     }
-    main_roads, left = main_component(parts)
-    if not left:
+    main_roads, left_out = main_component(parts)
+    if not left_out:
         return model, []
     junctions = {number for road in main_roads for number, other in joints[road] if other == -1}
     pieces = {
         identity: [(identity, (0.0, road.length))] if identity in main_roads else []
         for identity, road in streets.items()
     }
-    return _model_of_pieces(model, pieces, junctions), left
+    return _model_of_pieces(model, pieces, junctions), left_out
 
 
 def middle_of_junction(model: LaneModel, junction: ModelJunction) -> NDArray[np.float64]:
@@ -316,8 +316,8 @@ def _furnished(
     controllers = tuple(
         dataclasses.replace(
             item,
-            signals=tuple(x for x in item.signals if x in standing),
-            junctions=tuple(x for x in item.junctions if x in valid),
+            signals=tuple(signal for signal in item.signals if signal in standing),
+            junctions=tuple(junction for junction in item.junctions if junction in valid),
         )
         for item in old.controllers
         if standing & set(item.signals)
@@ -347,18 +347,18 @@ def part_of_road(road: ModelRoad, first: float, last: float, identity: int) -> M
         last: station of the new end, metres.
         identity: id of the new road.
     """
-    whole = (first <= SHORTEST_CUT_M, last >= road.length - SHORTEST_CUT_M)
-    first, last = (0.0 if whole[0] else first), (road.length if whole[1] else last)
-    if all(whole):
+    uncut = (first <= SHORTEST_CUT_M, last >= road.length - SHORTEST_CUT_M)
+    first, last = (0.0 if uncut[0] else first), (road.length if uncut[1] else last)
+    if all(uncut):
         return road if road.id == identity else dataclasses.replace(road, id=identity)
     sections = [
         _part(section, max(first, section.s), first)
         for section, end in zip(road.sections, road.section_ends, strict=True)
         if min(last, end) - max(first, section.s) > SHORTEST_CUT_M
     ]
-    if not whole[0]:
+    if not uncut[0]:
         sections[0] = without_links(sections[0], "predecessor")
-    if not whole[1]:
+    if not uncut[1]:
         sections[-1] = without_links(sections[-1], "successor")
     profiles = {
         name: getattr(road, name).between(first, last)
@@ -369,8 +369,8 @@ def part_of_road(road: ModelRoad, first: float, last: float, identity: int) -> M
         id=identity,
         curve=road.curve.between(first, last),
         sections=tuple(sections),
-        predecessor=road.predecessor if whole[0] else None,
-        successor=road.successor if whole[1] else None,
+        predecessor=road.predecessor if uncut[0] else None,
+        successor=road.successor if uncut[1] else None,
         **profiles,
     )
 
@@ -383,11 +383,11 @@ def with_border(road: ModelRoad, s: float) -> tuple[ModelRoad, int]:
     joined = (
         dataclasses.replace(
             before,
-            lanes=tuple(dataclasses.replace(x, successor=x.id) for x in before.lanes),
+            lanes=tuple(dataclasses.replace(lane, successor=lane.id) for lane in before.lanes),
         ),
         dataclasses.replace(
             after,
-            lanes=tuple(dataclasses.replace(x, predecessor=x.id) for x in after.lanes),
+            lanes=tuple(dataclasses.replace(lane, predecessor=lane.id) for lane in after.lanes),
         ),
     )
     sections = (*road.sections[:number], *joined, *road.sections[number + 1 :])

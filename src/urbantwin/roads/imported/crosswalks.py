@@ -69,19 +69,24 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
         outline = area_in_plan(model, area)
         candidates = sorted(
             (
-                (abs(float((over.line.mean(axis=0) - arm.place) @ arm.outwards)), k, arm, over)
+                (
+                    abs(float((street_crosswalk.line.mean(axis=0) - arm.place) @ arm.outwards)),
+                    k,
+                    arm,
+                    street_crosswalk,
+                )
                 for k, arm in enumerate(arms)
                 if np.abs(outline[0] - arm.place).max() < NEAR_M
-                if (over := _crosswalk_over(arm, area.id, outline))
+                if (street_crosswalk := _crosswalk_over(arm, area.id, outline))
             ),
             key=lambda item: item[:2],
         )
-        for _, _, arm, over in candidates:
+        for _, _, arm, street_crosswalk in candidates:
             # One crosswalk may cross both carriageways of a street: parallel arms.
             beside = arm.outwards @ candidates[0][2].outwards > PARALLEL
-            if over.node == candidates[0][3].node and beside:
-                painted = replace(over, marking=area.marking)
-                crosswalks.setdefault((over.node, over.edges), painted)
+            if street_crosswalk.node == candidates[0][3].node and beside:
+                painted = replace(street_crosswalk, marking=area.marking)
+                crosswalks.setdefault((street_crosswalk.node, street_crosswalk.edges), painted)
     return list(crosswalks.values())
 
 
@@ -100,9 +105,9 @@ def _arms(edges: tuple[Edge, ...], nodes: Nodes) -> list[_Arm]:
         if all("pedestrian" in allowed(lane) for lane in lanes):
             continue  # Pedestrians need no crossing there, and netconvert makes none.
         first, last = edge.sections[0] == 0, edge.sections[-1] == len(edge.road.sections) - 1
-        for whole, end in ((first, "start"), (last, "end")):
+        for at_road_end, end in ((first, "start"), (last, "end")):
             node = nodes.of_end[edge.road.id, end]
-            if whole and node in nodes.junctions:
+            if at_road_end and node in nodes.junctions:
                 grouped.setdefault((node, edge.road.id, end), []).append(edge)
     return [_arm(node, end, group) for (node, _, end), group in sorted(grouped.items())]
 

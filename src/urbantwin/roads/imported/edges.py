@@ -107,8 +107,8 @@ class Nodes:
         first, last = edge.sections[0], edge.sections[-1] + 1
         road = edge.road
         start = self.of_end[road.id, "start"] if first == 0 else f"{road.id}#{first}"
-        whole = last == len(road.sections)
-        end = self.of_end[road.id, "end"] if whole else f"{road.id}#{last}"
+        at_road_end = last == len(road.sections)
+        end = self.of_end[road.id, "end"] if at_road_end else f"{road.id}#{last}"
         return (start, end) if edge.forward else (end, start)
 
     def _direct(self, model: LaneModel, streets: set[int]) -> None:

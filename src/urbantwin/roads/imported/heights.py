@@ -79,7 +79,7 @@ def with_levels(model: LaneModel) -> LaneModel:
     A connecting road is on its junction's level, which is the lowest of its connecting roads.
     """
     samples = {road.id: _samples(road) for road in model.roads}
-    over: dict[int, set[int]] = {road.id: set() for road in model.roads}
+    roads_below: dict[int, set[int]] = {road.id: set() for road in model.roads}
     areas = [shapely.MultiPoint(samples[road.id][:, :2]).convex_hull for road in model.roads]
     tree = shapely.STRtree(areas)
     beside = _joined(model)
@@ -91,11 +91,11 @@ def with_levels(model: LaneModel) -> LaneModel:
         gap, nearest = cKDTree(other[:, :2]).query(upper_points[:, :2])
         rise = upper_points[:, 2] - other[nearest, 2]
         if bool(((gap < STEP_M) & (rise > OVER_M)).any()):
-            over[upper.id].add(lower.id)
-    level = dict.fromkeys(over, 0)
+            roads_below[upper.id].add(lower.id)
+    level = dict.fromkeys(roads_below, 0)
     for _ in range(8):  # sufficient number of stacked levels
         before = dict(level)
-        for upper, lowers in over.items():
+        for upper, lowers in roads_below.items():
             level[upper] = max([level[upper], *(level[lower] + 1 for lower in lowers)])
         if level == before:
             break

@@ -93,12 +93,18 @@ def paved_area(model: LaneModel) -> shapely.Geometry:
     areas = []
     for road in model.roads:
         for section, end in zip(road.sections, road.section_ends, strict=True):
-            lanes = [x for x in section.lanes if x.kind not in ("sidewalk", "curb", "none")]
+            lanes = [
+                lane for lane in section.lanes if lane.kind not in ("sidewalk", "curb", "none")
+            ]
             if not lanes or end - section.s < 1e-3:
                 continue
             s = np.linspace(section.s, end, max(2, int((end - section.s) / 2) + 2))
             borders = np.array(
-                [road.border(section, x, s, outer=outer) for x in lanes for outer in (False, True)]
+                [
+                    road.border(section, lane, s, outer=outer)
+                    for lane in lanes
+                    for outer in (False, True)
+                ]
             )
             sides = [road.place(s, t)[:, :2] for t in (borders.max(axis=0), borders.min(axis=0))]
             areas.append(shapely.make_valid(shapely.Polygon(np.vstack([sides[0], sides[1][::-1]]))))
@@ -124,9 +130,11 @@ def volumes(model: LaneModel, region: shapely.Polygon, country: str = "") -> dic
             (road.successor, road.sections[-1], False),
         ):
             if link is None and road.junction < 0:
-                motor = sum(x.kind in MOTOR and x.forward == leads_in for x in section.lanes)
+                motor = sum(
+                    lane.kind in MOTOR and lane.forward == leads_in for lane in section.lanes
+                )
                 lanes[road.kind or UNKNOWN_KIND] += motor
-        walks |= any(x.kind == "sidewalk" for section in road.sections for x in section.lanes)
+        walks |= any(lane.kind == "sidewalk" for section in road.sections for lane in section.lanes)
     per_hour = usual_per_hour(lanes, country=country, walkers=WALKERS if walks else 0.0)
     return {name: count for name, count in per_hour.items() if count}
 

@@ -239,8 +239,8 @@ def _path(road: ModelRoad, contact: str, lane: int) -> tuple[list[Place], int | 
         if current_id is None and not last:
             following = road.sections[number + (1 if onward else -1)]
             back = [
-                x.id for x in following.lanes
-                if (x.predecessor if onward else x.successor) == current.id
+                lane.id for lane in following.lanes
+                if (lane.predecessor if onward else lane.successor) == current.id
             ]  # fmt: skip
             current_id = back[0] if back else None
     return path, current_id
@@ -288,7 +288,7 @@ def allowed(lane: SectionLane) -> tuple[str, ...]:
     if lane.allowed:
         return lane.allowed
     usual = USUAL.get(lane.kind, ())
-    return tuple(x for x in usual if x != "bicycle" or lane.speed_limit <= FAST_MS)
+    return tuple(actor for actor in usual if actor != "bicycle" or lane.speed_limit <= FAST_MS)
 
 
 def speed(lane: SectionLane) -> float:

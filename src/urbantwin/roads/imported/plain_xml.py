@@ -167,25 +167,27 @@ def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
         road = model.road_by_id.get(connection.connecting)
         if road is not None and road.junction >= 0:
             areas += [_covered(road, number) for number in range(len(road.sections))]
-    whole = area_union(areas)
+    area = area_union(areas)
     # A sliver between two turns is part of the junction.
-    whole = whole.buffer(0.5, join_style="mitre").buffer(-0.5, join_style="mitre")
-    if whole.geom_type != "Polygon":
-        whole = shapely.convex_hull(whole)
-    if whole.is_empty or whole.geom_type != "Polygon":
+    area = area.buffer(0.5, join_style="mitre").buffer(-0.5, join_style="mitre")
+    if area.geom_type != "Polygon":
+        area = shapely.convex_hull(area)
+    if area.is_empty or area.geom_type != "Polygon":
         return np.zeros((0, 2))
-    return np.asarray(shapely.get_coordinates(shapely.simplify(whole.exterior, 0.02))[:-1])
+    return np.asarray(shapely.get_coordinates(shapely.simplify(area.exterior, 0.02))[:-1])
 
 
 def _covered(road: ModelRoad, number: int) -> shapely.Geometry:
     section = road.sections[number]
-    driven = [x for x in section.lanes if x.kind in ("driving", "bus", "bicycle", "shoulder")]
+    driven = [
+        lane for lane in section.lanes if lane.kind in ("driving", "bus", "bicycle", "shoulder")
+    ]
     if not driven:
         return shapely.Polygon()
     start, end = section.s, road.section_ends[number]
     s = np.linspace(start, end, max(2, int(end - start) + 2))
     borders = np.array(
-        [road.border(section, x, s, outer=outer) for x in driven for outer in (False, True)]
+        [road.border(section, lane, s, outer=outer) for lane in driven for outer in (False, True)]
     )
     left, right = (road.place(s, t)[:, :2] for t in (borders.max(axis=0), borders.min(axis=0)))
     return shapely.make_valid(shapely.Polygon(np.vstack([left, right[::-1]])))

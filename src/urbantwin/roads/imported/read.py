@@ -254,21 +254,21 @@ def _places(model: LaneModel) -> list[_DirectLink]:
                 ends[road.id, end] = link
     points = {end: _point(roads[end[0]], end[1]) for end in ends}
     clusters: list[list[_End]] = []
-    for each in sorted(ends):
-        close = [c for c in clusters if np.linalg.norm(points[c[0]] - points[each]) < MEET_M]
+    for end_key in sorted(ends):
+        close = [c for c in clusters if np.linalg.norm(points[c[0]] - points[end_key]) < MEET_M]
         if close:
-            close[0].append(each)
+            close[0].append(end_key)
         else:
-            clusters.append([each])
+            clusters.append([end_key])
     places = []
     for cluster in clusters:
-        of: dict[int, list[_End]] = defaultdict(list)
+        ends_of: dict[int, list[_End]] = defaultdict(list)
         for identity, end in cluster:
-            of[roads[identity].junction].append((identity, end))
-        if len(of) != 2:
+            ends_of[roads[identity].junction].append((identity, end))
+        if len(ends_of) != 2:
             continue
         host = max(cluster, key=lambda item: (_driven(roads[item[0]], item[1]), -item[0]))
-        places.append(_DirectLink({key: tuple(value) for key, value in of.items()}, host))
+        places.append(_DirectLink({key: tuple(value) for key, value in ends_of.items()}, host))
     return places
 
 

@@ -185,7 +185,10 @@ def _write_program(
 
     Crossings without signals in the map have green while the crossed street has red.
     """
-    logic = next((x for x in tree.getroot().iterfind("tlLogic") if x.get("id") == name), None)
+    logic = next(
+        (program for program in tree.getroot().iterfind("tlLogic") if program.get("id") == name),
+        None,
+    )
     if logic is None:
         return False
     length, count = min(len(state) for _, state in controller.phases), light.count
@@ -215,10 +218,10 @@ def _walk(
     """Return the states of a crossing and of turns over it, which yield while it has green."""
     crossed = light.crossed[crossing]
     before = [k for k in light.of_vehicles if light.from_edge[k] in crossed]
-    over = [k for k in light.of_vehicles if light.to_edge[k] in crossed]
+    turning_in = [k for k in light.of_vehicles if light.to_edge[k] in crossed]
     if clearing or any(shown.get(k, "r") not in "r" for k in before):
         return {link: "r"}
-    return {link: "G", **{k: "g" for k in over if shown.get(k) == "G"}}
+    return {link: "G", **{k: "g" for k in turning_in if shown.get(k) == "G"}}
 
 
 def _controllers(
@@ -250,7 +253,8 @@ def _controllers(
         identity = id_of.get(name, number)
         number += identity == number
         phases = tuple(
-            (float(x.get("duration")), str(x.get("state"))) for x in logic.iterfind("phase")
+            (float(phase.get("duration")), str(phase.get("state")))
+            for phase in logic.iterfind("phase")
         )
         controllers.append(
             SignalController(

@@ -140,9 +140,9 @@ def _named(topology: MapTopology, root: etree._Element) -> LaneModel:
         for junction in topology.model.junctions
     )
     crossings = _crossings(root)
-    over = {item.area: item for item in reversed(topology.crosswalks)}
+    of_area = {item.area: item for item in reversed(topology.crosswalks)}
     areas = tuple(
-        dataclasses.replace(area, strip=_crossing(over.get(area.id), crossings))
+        dataclasses.replace(area, strip=_crossing(of_area.get(area.id), crossings))
         for area in topology.model.areas
     )
     roads = tuple(_with_strips(road, strips) for road in topology.model.roads)

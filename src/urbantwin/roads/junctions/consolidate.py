@@ -189,7 +189,7 @@ def _cluster(
     within = set(group)
     inner, nodes = set[str](), set(group)
     into: dict[tuple[str, ...], Chain] = {}
-    out: dict[tuple[str, ...], Chain] = {}
+    outgoing: dict[tuple[str, ...], Chain] = {}
     for chain in chains:
         both = chain.start in within and chain.end in within
         if both and chain.length <= ROAD_M and not is_marked(chain, marks, apart):
@@ -199,8 +199,8 @@ def _cluster(
         if chain.end in within:
             into[chain.nodes[::-1]] = chain
         if chain.start in within:
-            out[chain.nodes] = chain
-    arms = tuple(Arm(into.get(key), out.get(key)) for key in dict.fromkeys([*into, *out]))
+            outgoing[chain.nodes] = chain
+    arms = tuple(Arm(into.get(key), outgoing.get(key)) for key in dict.fromkeys([*into, *outgoing]))
     if len(group) == 1:
         return _Cluster(group[0], frozenset(nodes), frozenset(inner), arms)
     more = f"#{len(group) - 3}more" if len(group) > 4 else ""
@@ -239,12 +239,12 @@ def _cuts(
         ends = {strips[names[0]].edge.start, strips[names[-1]].edge.end}
         length = max(length - OTHERS_M * len(ends & outside_nodes), 0.5 * length)
         # If little remains of a road between two junctions, cuts without marks are reduced first.
-        over = sum(cut_m) - max(length - ROAD_LEFT_M, 0.5 * length)
-        if over > 0.0:
-            yielding = min(1.0, over / max(sum(spare[names]), 1e-9))
+        excess_m = sum(cut_m) - max(length - ROAD_LEFT_M, 0.5 * length)
+        if excess_m > 0.0:
+            yielding = min(1.0, excess_m / max(sum(spare[names]), 1e-9))
             cut_m[:] = [g - yielding * s for g, s in zip(cut_m, spare[names], strict=True)]
-        if (over := sum(cut_m) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
-            cut_m[:] = [g * (1.0 - over / sum(cut_m)) for g in cut_m]
+        if (excess_m := sum(cut_m) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
+            cut_m[:] = [g * (1.0 - excess_m / sum(cut_m)) for g in cut_m]
     return cuts
 
 
@@ -279,8 +279,8 @@ def _spans(
     for name, (a, b) in tuple(spans.items()):
         # Both directions of a street are cut off together, even if their lengths differ slightly.
         other = spans.get(_opposite_edge(name))
-        left = (b - a) * float(plain.edges[name].line.length)
-        if other is not None and other[1] - other[0] <= NOTHING and left < 2 * STUMP_M:
+        rest_m = (b - a) * float(plain.edges[name].line.length)
+        if other is not None and other[1] - other[0] <= NOTHING and rest_m < 2 * STUMP_M:
             spans[name] = (1.0 - other[1], 1.0 - other[0])
     for name in plain.edges:
         twin = _opposite_edge(name)
@@ -459,12 +459,12 @@ def outline_of(
         ends: areas of the arms inside their mouths, always included.
     """
     lines = [shapely.LineString(mouth).buffer(0.3, cap_style="flat") for mouth in mouths]
-    whole = _connected(area_union([*swept, *lines]))
-    closed = whole.buffer(CORNER_M, quad_segs=8).buffer(-CORNER_M, quad_segs=8)
-    closed = area_union([closed, whole])
+    area = _connected(area_union([*swept, *lines]))
+    closed = area.buffer(CORNER_M, quad_segs=8).buffer(-CORNER_M, quad_segs=8)
+    closed = area_union([closed, area])
     # If streets are closer than their widths, other arms may cover the whole area.
     outer = area_difference(closed, area_union(list(outside)))
-    closed = whole if outer.is_empty else outer
+    closed = area if outer.is_empty else outer
     closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))
     closed = _connected(area_union([closed, *ends]))
     closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))

@@ -117,7 +117,7 @@ def with_crossings(
         if line is None:
             continue
         plain = _without_walkers(_cut_back(plain, crossing, arm), arm)
-        made = PlainCrossing(
+        new = PlainCrossing(
             arm.node,
             tuple(hit.strip.edge.id for hit in arm.hits),
             crossing.width,
@@ -125,17 +125,17 @@ def with_crossings(
             _as_netconvert(crossing, line, arm, outward),
             crossing.marking,
         )
-        plain = replace(plain, crossings=(*plain.crossings, made))
+        plain = replace(plain, crossings=(*plain.crossings, new))
     return plain
 
 
 def _at_each_arm(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCrossing]:
     """Return one crossing for each arm of the junction that a crossing is mapped on."""
     place = shapely.Point(crossing.xy)
-    made: list[MappedCrossing] = []
+    arm_crossings: list[MappedCrossing] = []
     for node in plain.nodes.values():
-        whole = shapely.Polygon(node.outline) if len(node.outline) else shapely.Point(node.xy)
-        if whole.distance(place) > ON_NODE_M:
+        outline = shapely.Polygon(node.outline) if len(node.outline) else shapely.Point(node.xy)
+        if outline.distance(place) > ON_NODE_M:
             continue
         arms = [(edge, True) for edge in plain.arriving[node.id] if is_driven(edge)]
         arms += [(edge, False) for edge in plain.leaving[node.id] if is_driven(edge)]
@@ -151,15 +151,15 @@ def _at_each_arm(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCr
             ahead = np.array([np.cos(heading), np.sin(heading)])
             placed = replace(
                 crossing,
-                name=f"{crossing.name}_{len(made)}",
+                name=f"{crossing.name}_{len(arm_crossings)}",
                 xy=np.array([x, y]) - (away if arrives else -away) * ahead,
                 ahead=ahead,
                 across=np.array([-ahead[1], ahead[0]]),
                 pieces=frozenset(_pieces(edge)),
             )
-            if not any(_is_one_arm(placed, other) for other in made):
-                made.append(placed)
-    return made
+            if not any(_is_one_arm(placed, other) for other in arm_crossings):
+                arm_crossings.append(placed)
+    return arm_crossings
 
 
 def _is_one_arm(crossing: MappedCrossing, other: MappedCrossing) -> bool:
@@ -360,8 +360,8 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
         return plain
     if not len(node.outline):
         return replace(plain, edges=edges)
-    whole = max(shapely.get_parts(area_union(outline)), key=lambda part: float(part.area))
-    ring = shapely.get_coordinates(whole.exterior)[:-1]
+    area = max(shapely.get_parts(area_union(outline)), key=lambda part: float(part.area))
+    ring = shapely.get_coordinates(area.exterior)[:-1]
     nodes = {**plain.nodes, node.id: replace(node, outline=ring)}
     links = tuple(
         _extended_link(link, cut_edges) if {link.start, link.end} & cut_edges.keys() else link

@@ -126,9 +126,9 @@ def with_footways(
             nodes.setdefault(name, PlainNode(name, xy, {"type": "priority"}))
         edge = _edge(f"footway{part.footway.way}_{number}", part.points, part.ends, part.footway)
         edges[edge.id] = edge
-    made = replace(plain, nodes=nodes, edges=edges)
-    made = _with_places_to_stand(made, kerbs, around, parts)
-    return replace(made, crossings=_in_order(made.crossings, around))
+    network = replace(plain, nodes=nodes, edges=edges)
+    network = _with_places_to_stand(network, kerbs, around, parts)
+    return replace(network, crossings=_in_order(network.crossings, around))
 
 
 def _in_order(
@@ -195,9 +195,9 @@ def _occupied_area(
 
 def _parts(footway: MappedFootway, taken: shapely.Geometry) -> list[_Part]:
     line = shapely.LineString(footway.points)
-    left = shapely.get_parts(shapely.difference(line, taken))
+    pieces = shapely.get_parts(shapely.difference(line, taken))
     parts = []
-    for number, piece in enumerate(left):
+    for number, piece in enumerate(pieces):
         if piece.geom_type != "LineString" or piece.length < REFUGE_M:
             continue
         points = shapely.get_coordinates(piece)
@@ -206,8 +206,10 @@ def _parts(footway: MappedFootway, taken: shapely.Geometry) -> list[_Part]:
             (points[0], footway.nodes[0], 0),
             (points[-1], footway.nodes[-1], -1),
         ):
-            whole = np.linalg.norm(xy - footway.points[k]) < 1e-6
-            names.append(f"f{node}" if whole else f"f{footway.way}_{footway.nodes[0]}_{number}_{k}")
+            is_map_end = np.linalg.norm(xy - footway.points[k]) < 1e-6
+            names.append(
+                f"f{node}" if is_map_end else f"f{footway.way}_{footway.nodes[0]}_{number}_{k}"
+            )
         parts.append(_Part(points, (names[0], names[1]), footway))
     return parts
 
@@ -252,21 +254,21 @@ def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
     """
     reached, connected = set(streets), list[_Part]()
     waiting = list(parts)
-    while now := [part for part in waiting if set(part.ends) & reached]:
-        connected += now
-        reached |= {name for part in now for name in part.ends}
-        waiting = [part for part in waiting if part not in now]
+    while reachable := [part for part in waiting if set(part.ends) & reached]:
+        connected += reachable
+        reached |= {name for part in reachable for name in part.ends}
+        waiting = [part for part in waiting if part not in reachable]
     while True:
-        use = Counter(name for part in connected for name in part.ends)
-        left = [
+        uses = Counter(name for part in connected for name in part.ends)
+        remaining = [
             part
             for part in connected
-            if all(use[name] > 1 or name in streets for name in part.ends)
+            if all(uses[name] > 1 or name in streets for name in part.ends)
             or part.length > (SCRAP_M if part.footway.is_sidewalk else SHORTEST_M)
         ]
-        if len(left) == len(connected):
+        if len(remaining) == len(connected):
             return [part for part in parts if part in connected]
-        connected = left
+        connected = remaining
 
 
 def _edge(
@@ -355,12 +357,12 @@ def mapped_footways(
         streets: ids of the nodes of streets.
     """
     walked_ways = [osm_way for osm_way in extract.highways() if _is_walked(osm_way)]
-    use = Counter(node for osm_way in walked_ways for node in osm_way.nodes)
-    use.update({node: 2 for node in streets if node in use})
+    uses = Counter(node for osm_way in walked_ways for node in osm_way.nodes)
+    uses.update({node: 2 for node in streets if node in uses})
     footways = []
     for piece in extract.clipped(frame, region, walked_ways):
         inner = range(1, len(piece.nodes) - 1)
-        ends = [0, *(k for k in inner if use[piece.nodes[k]] > 1), len(piece.nodes) - 1]
+        ends = [0, *(k for k in inner if uses[piece.nodes[k]] > 1), len(piece.nodes) - 1]
         width = min(max(metres(piece.tags.get("width")) or WIDTH_M, NARROWEST_M), WIDEST_M)
         beside = "sidewalk" in {piece.tags.get(key) for key in ("footway", "path", "cycleway")}
         for a, b in pairwise(ends):

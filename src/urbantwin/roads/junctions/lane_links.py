@@ -191,7 +191,9 @@ def _exit_angle(passage: Passage) -> float:
 def _reaches_exit(plain: PlainNetwork, passage: Passage, lane: int) -> bool:
     lanes = {lane}
     for edge, after in zip(passage.path, passage.path[1:], strict=False):
-        lanes = {x.end_lane for x in _links_between(plain, edge, after) if x.start_lane in lanes}
+        lanes = {
+            link.end_lane for link in _links_between(plain, edge, after) if link.start_lane in lanes
+        }
     return bool(lanes)
 
 

@@ -144,12 +144,14 @@ def mapped_crossings(
         }
         place = _CrossingPlace(tuple(at_node[node]), position[node], str(node))
         lines = [extract.way_line(osm_way, frame) for osm_way in (own_ways or footways[node])]
-        whole = (
+        on_every_arm = (
             not lines
             and tags.get("highway") == "traffic_signals"
             and _streets_meet(place.pieces, node)
         )
-        crossings.append(replace(_crossing(place, merged_tags, lines, country), on_every_arm=whole))
+        crossings.append(
+            replace(_crossing(place, merged_tags, lines, country), on_every_arm=on_every_arm)
+        )
     street_nodes = at_node.keys()
     for osm_way in crossing_ways:
         for number, place in enumerate(_overlaid(extract, frame, osm_way, street_nodes, pieces)):
@@ -239,10 +241,10 @@ def _marking(tags: Mapping[str, str], country: str, *, signalised: bool) -> str:
 
 def _heading(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit vector (2,) along a line near a point on it."""
-    whole = shapely.LineString(line)
-    station_m = whole.project(shapely.Point(xy))
-    ends = [np.clip(station_m + d, 0.0, whole.length) for d in (-AROUND_M, AROUND_M)]
-    a, b = (shapely.get_coordinates(whole.interpolate(float(d)))[0] for d in ends)
+    street_line = shapely.LineString(line)
+    station_m = street_line.project(shapely.Point(xy))
+    ends = [np.clip(station_m + d, 0.0, street_line.length) for d in (-AROUND_M, AROUND_M)]
+    a, b = (shapely.get_coordinates(street_line.interpolate(float(d)))[0] for d in ends)
     return np.asarray((b - a) / max(float(np.linalg.norm(b - a)), 1e-9))
 
 

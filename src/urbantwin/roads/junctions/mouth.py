@@ -191,7 +191,7 @@ def marks_of_junctions(
                 ends[arm.inward][1] = number
             if arm.inward is not None and arm.outward is not None:
                 reverse[arm.outward], reverse[arm.inward] = arm.inward, arm.outward
-    lost: dict[int, set[tuple[str, float]]] = defaultdict(set)
+    foreign: dict[int, set[tuple[str, float]]] = defaultdict(set)
     for chain, (first, last) in ends.items():
         if first is None or last is None or first == last:
             continue
@@ -201,8 +201,8 @@ def marks_of_junctions(
             start_cost = station_m - SIGNALS_M * junctions[first][1]
             if back is not None:
                 start_cost = _cost(back, station_m, marks, signals=junctions[first][1])
-            lost[first if end_cost < start_cost else last].add((edge, share))
-    return [_without_crossings(marks, lost.get(number, ())) for number in range(len(junctions))]
+            foreign[first if end_cost < start_cost else last].add((edge, share))
+    return [_without_crossings(marks, foreign.get(number, ())) for number in range(len(junctions))]
 
 
 def _crossings(chain: Chain, marks: Marks) -> list[tuple[str, float, float]]:

@@ -99,7 +99,7 @@ def moved_apart(
     """
     outward = -1 if driving_side == "right" else 1
     streets = _streets(plain, still, outward, walls_of(buildings))
-    by = [np.zeros(len(street.places)) for street in streets]
+    shifts = [np.zeros(len(street.places)) for street in streets]
     bands = [
         shapely.LineString(s.places).buffer(float(s.half.max()) + FURTHEST_M / 2) for s in streets
     ]
@@ -107,13 +107,15 @@ def moved_apart(
     pairs = [(a, b) for a, b in hits.T.tolist() if a != b]
     for _ in range(ROUNDS):
         # A displaced street may come close to the next one.
-        now = [street.moved(push) for street, push in zip(streets, by, strict=True)]
-        pushes = [push + _before_walls(street) for street, push in zip(now, by, strict=True)]
+        current = [street.moved(push) for street, push in zip(streets, shifts, strict=True)]
+        pushes = [
+            push + _before_walls(street) for street, push in zip(current, shifts, strict=True)
+        ]
         for a, b in pairs:
-            pushes[a] += _displacement(now[a], now[b])
-        by = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
+            pushes[a] += _displacement(current[a], current[b])
+        shifts = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
     moved = dict(edges)
-    for street, push in zip(streets, by, strict=True):
+    for street, push in zip(streets, shifts, strict=True):
         if np.abs(push).max() < NOTHING_M:
             continue
         moved |= _shifted(street.ahead, edges, street.stations, push)
@@ -200,14 +202,14 @@ def _displacement(street: _Street, other: _Street) -> NDArray[np.float64]:
     gap = nearest - street.places
     left = ahead[:, 0] * gap[:, 1] - ahead[:, 1] * gap[:, 0]
     beside = (along > 0.0) & (along < line.length) & (np.abs(cosine) > PARALLEL)
-    need = street.half + other.half[number] + ROOM_M
-    over = np.where(beside, need - np.abs(left), 0.0)
-    if not (over > 0.0).any() or np.abs(left[beside]).max() < ONE_M:
+    needed_m = street.half + other.half[number] + ROOM_M
+    overlap_m = np.where(beside, needed_m - np.abs(left), 0.0)
+    if not (overlap_m > 0.0).any() or np.abs(left[beside]).max() < ONE_M:
         return np.zeros(len(street.places))
     # The side is determined where the two are farthest apart.
     side = np.sign(left[beside][np.abs(left[beside]).argmax()])
-    lacking = np.where(beside, np.maximum(need - side * left, 0.0), 0.0)
-    return np.asarray(-side * lacking * other.half[number] / (need - ROOM_M))
+    lacking = np.where(beside, np.maximum(needed_m - side * left, 0.0), 0.0)
+    return np.asarray(-side * lacking * other.half[number] / (needed_m - ROOM_M))
 
 
 def _before_walls(street: _Street) -> NDArray[np.float64]:
@@ -215,11 +217,11 @@ def _before_walls(street: _Street) -> NDArray[np.float64]:
 
     Between walls closer than the street is wide, it is centred.
     """
-    need = (street.half + WALL_M)[:, None]
+    needed_m = (street.half + WALL_M)[:, None]
     left, right = street.room.T
-    lacking = np.maximum(need - street.room, 0.0)
+    lacking = np.maximum(needed_m - street.room, 0.0)
     return np.where(
-        left + right < 2 * need[:, 0],
+        left + right < 2 * needed_m[:, 0],
         (left - right) / 2,
         lacking[:, 1] - lacking[:, 0],
     )
@@ -231,13 +233,13 @@ def _tapered(street: _Street, push: NDArray[np.float64]) -> NDArray[np.float64]:
     push = np.clip(push, -FURTHEST_M, FURTHEST_M)
     reach = np.maximum(np.abs(push)[None] - TAPER * np.abs(s[:, None] - s[None]), 0.0)
     most = reach.argmax(axis=1)
-    by = reach[np.arange(len(s)), most] * np.sign(push)[most]
+    shift = reach[np.arange(len(s)), most] * np.sign(push)[most]
     limit = np.full(len(s), np.inf)
     if not street.free[0]:
         limit = np.minimum(limit, TAPER * s)
     if not street.free[1]:
         limit = np.minimum(limit, TAPER * (s[-1] - s))
-    return np.asarray(np.clip(by, -limit, limit))
+    return np.asarray(np.clip(shift, -limit, limit))
 
 
 def _shifted(

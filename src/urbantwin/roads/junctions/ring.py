@@ -106,8 +106,8 @@ def small_rings(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -
 def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring | None:
     """Return a closed chain of pieces as a ring; ``None`` if it is not a small circle."""
     lanes = [segment.section.forward + segment.section.backward for segment in segments]
-    driven = [[lane for lane in each if lane.kind != "bicycle"] for each in lanes]
-    if any(len(each) != 1 for each in driven):
+    driven = [[lane for lane in row if lane.kind != "bicycle"] for row in lanes]
+    if any(len(row) != 1 for row in driven):
         return None
     line = shapely.LineString(np.vstack([piece.points for piece in pieces]))
     points = shapely.get_coordinates(line.segmentize(1.0))

@@ -161,7 +161,7 @@ def _part_at(
 
 def _unused(name: str, used: Collection[str]) -> str:
     """Return a name for the first part of an edge, numbered as by netconvert."""
-    whole, number = name.partition("#")[0], 1
-    while f"{whole}#{number}" in used:
+    base, number = name.partition("#")[0], 1
+    while f"{base}#{number}" in used:
         number += 1
-    return f"{whole}#{number}"
+    return f"{base}#{number}"

@@ -117,20 +117,22 @@ def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
         bend = np.abs(np.gradient(np.unwrap(curve.at(s)[:, 2]), s)).max()
         pair = movement[0], movement[2]
         radius[pair] = min(radius.get(pair, np.inf), 1.0 / max(float(bend), 1e-6))
-    left = list(curves)
+    open_movements = list(curves)
     for pair in sorted(radius, key=lambda pair: (radius[pair], pair)):
         if radius[pair] >= TIGHTEST_M:
             break
-        remaining = [movement for movement in left if (movement[0], movement[2]) != pair]
+        remaining = [movement for movement in open_movements if (movement[0], movement[2]) != pair]
         lanes_served, edges_reached = (
             {movement[:2] for movement in remaining},
             {movement[2] for movement in remaining},
         )
         if pair[1] in edges_reached and all(
-            movement[:2] in lanes_served for movement in left if (movement[0], movement[2]) == pair
+            movement[:2] in lanes_served
+            for movement in open_movements
+            if (movement[0], movement[2]) == pair
         ):
-            left = remaining
-    return [movement for movement in ways if movement in left]
+            open_movements = remaining
+    return [movement for movement in ways if movement in open_movements]
 
 
 def _curves(
@@ -222,10 +224,10 @@ def passing_in_front(curves: Sequence[Curve], groups: Sequence[int], inner: floa
             moved[groups[k]] = max(moved.get(groups[k], 0.0), lacking)
     adjusted = list(curves)
     for k in turning:
-        if by := moved.get(groups[k], 0.0):
+        if shift_m := moved.get(groups[k], 0.0):
             heading = middle[k][2]
             inwards = inner * np.array([-np.sin(heading), np.cos(heading)])
-            points = np.array([ends[k, 0, :2], middle[k][:2] + by * inwards, ends[k, 1, :2]])
+            points = np.array([ends[k, 0, :2], middle[k][:2] + shift_m * inwards, ends[k, 1, :2]])
             adjusted[k] = splined(points, float(ends[k, 0, 2]), float(ends[k, 1, 2]))
     return adjusted
 

@@ -65,11 +65,11 @@ class Measured:
         """
         s = np.clip(s, self.s[0], self.s[-1])
         pose = self.curve.at(s)
-        over = s - np.clip(s, 0.0, self.curve.length)
+        beyond_m = s - np.clip(s, 0.0, self.curve.length)
         c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         a, b = self.points[k], self.points[k + 1]
-        leg, gap = b - a, a[:, :2] - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+        leg, gap = b - a, a[:, :2] - pose[:, :2] - beyond_m[:, None] * np.column_stack([c, sn])
         forward = leg[:, 0] * c + leg[:, 1] * sn
         share = -(gap[:, 0] * c + gap[:, 1] * sn) / np.where(np.abs(forward) < 1e-9, 1e-9, forward)
         # Rounding of stations must not move a point far along a line across the road.
@@ -125,11 +125,11 @@ def _stations(curve: Curve, points: NDArray[np.float64]) -> NDArray[np.float64]:
         s[k] = grid[a + int(np.argmin(window))]
     for _ in range(20):
         pose = curve.at(s)
-        over = s - np.clip(s, 0.0, curve.length)
+        beyond_m = s - np.clip(s, 0.0, curve.length)
         c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-        gap = points - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+        gap = points - pose[:, :2] - beyond_m[:, None] * np.column_stack([c, sn])
         t = gap[:, 1] * c - gap[:, 0] * sn
-        turn = np.where(over == 0.0, np.interp(s, grid, bend), 0.0)
+        turn = np.where(beyond_m == 0.0, np.interp(s, grid, bend), 0.0)
         step = (gap[:, 0] * c + gap[:, 1] * sn) / np.maximum(1.0 - turn * t, 0.3)
         s = s + step
         if np.abs(step).max() < 1e-7:
@@ -196,8 +196,8 @@ def _cubic(
         skew = bow * x
         aa, ab, bb = bow @ bow, bow @ skew, skew @ skew
         ra, rb = bow @ rest, skew @ rest
-        whole = aa * bb - ab * ab
-        p, q = (ra * bb - rb * ab) / whole, (rb * aa - ra * ab) / whole
+        determinant = aa * bb - ab * ab
+        p, q = (ra * bb - rb * ab) / determinant, (rb * aa - ra * ab) / determinant
     error = float(np.abs(bow * (p + q * x) - rest).max())
     # value[0] + rise x + p (x - x^2) + q (x^2 - x^3)
     return (

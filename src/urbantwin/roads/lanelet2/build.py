@@ -129,7 +129,7 @@ def build_streets_and_junctions(
             apart |= ending
             continue
         streets, failed = _streets(topology, plan, side, attributes, ways, made)
-        lost: frozenset[int] = frozenset()
+        left_out: frozenset[int] = frozenset()
         for chain in failed:
             ids = frozenset(i for group in chain.groups for i in group.ids)
             if all(topology.is_through(k) for k in chain.numbers) and not ids & barred:
@@ -137,7 +137,7 @@ def build_streets_and_junctions(
             elif not ids <= apart:
                 apart |= ids
             else:
-                lost |= ids
+                left_out |= ids
         if not failed:
             paths = _paths(streets, topology, plan)
             missed = plan.inner - {i for _, path, _ in paths for i in path}
@@ -153,13 +153,13 @@ def build_streets_and_junctions(
             before = {k for following in topology.successors.values() for k in following}
             ends = {i for i in missed if i not in before or not topology.successors[i]} or missed
             if ends <= barred & apart:
-                lost |= ends
+                left_out |= ends
             barred |= ends
             apart |= ends
-        if lost:
-            stubs |= lost
-            lanes = {i: n for i, n in lanes.items() if i not in lost}
-            drives = {i: n for i, n in drives.items() if i not in lost}
+        if left_out:
+            stubs |= left_out
+            lanes = {i: n for i, n in lanes.items() if i not in left_out}
+            drives = {i: n for i, n in drives.items() if i not in left_out}
     raise StageError(
         f"the lanelets cannot be divided into streets and junctions: {most} plans did not work out"
     )

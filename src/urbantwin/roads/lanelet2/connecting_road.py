@@ -87,9 +87,9 @@ def gates_of(street: Street) -> Iterator[Gate]:
         station = road.length if end else 0.0
         heading = float(road.curve.at(station)[0, 2])
         for track, identity in street.lanes[-1 if end else 0].items():
-            whole = track.first + len(track.members) - 1 == last if end else track.first == 0
+            reaches_end = track.first + len(track.members) - 1 == last if end else track.first == 0
             member = track.members[-1 if end else 0]
-            if not whole or not member.lanelet.drives:
+            if not reaches_end or not member.lanelet.drives:
                 continue
             lane = section.by_id[identity]
             points = []

@@ -104,14 +104,14 @@ def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, 
     """Set the positions of nodes with local coordinates only."""
     has = np.isfinite(local).all(axis=1)
     has_xy = np.isfinite(xy).all(axis=1)
-    both, need = has & has_xy, has & ~has_xy
+    both, missing = has & has_xy, has & ~has_xy
     if both.sum() >= 2:
         # Rotation, scale and translation as one complex factor and summand.
         a = np.column_stack([local[both] @ [1, 1j], np.ones(both.sum())])
         factor, shift = np.linalg.lstsq(a, xy[both] @ np.array([1, 1j]), rcond=None)[0]
-        put = local[need] @ np.array([1, 1j]) * factor + shift
-        xy[need] = np.column_stack([put.real, put.imag])
-        notes["nodes_placed_by_local_coordinates"] = int(need.sum())
-    elif need.any() and not has_xy.any():
-        xy[need] = local[need]
+        put = local[missing] @ np.array([1, 1j]) * factor + shift
+        xy[missing] = np.column_stack([put.real, put.imag])
+        notes["nodes_placed_by_local_coordinates"] = int(missing.sum())
+    elif missing.any() and not has_xy.any():
+        xy[missing] = local[missing]
         notes["map_without_a_place_on_earth"] = "its origin lies at the anchor"

@@ -166,9 +166,9 @@ def _lanelets(
             )
             relations[identity] = replace(relations[identity], members=members)
     # Stop lines are ways without a relation.
-    lost = {way_id for way_id in stop_lines(document) if _problem(document, way_id, places)}
+    missing = {way_id for way_id in stop_lines(document) if _problem(document, way_id, places)}
     remaining_ways = {
-        identity: osm_way for identity, osm_way in document.ways.items() if identity not in lost
+        identity: osm_way for identity, osm_way in document.ways.items() if identity not in missing
     }
     sound = replace(document, ways=remaining_ways, relations=relations, dropped=tuple(dropped))
     return sound, lanelets, places
@@ -218,8 +218,8 @@ def _note(
     otherwise: list[str] = []
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():
-        made = identity in parts.lanes or identity in parts.stubs
-        if lanelet.kind != "crosswalk" and not made:
+        is_used = identity in parts.lanes or identity in parts.stubs
+        if lanelet.kind != "crosswalk" and not is_used:
             subtype = lanelet.tags.get("subtype", "")
             name = f"{subtype}s_apart_from_streets" if lanelet.kind else f"of_subtype_{subtype}"
             counts[f"left_out_lanelets_{name}"] += 1

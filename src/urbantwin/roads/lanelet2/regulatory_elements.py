@@ -52,7 +52,7 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
     """
     document, hosts = built.document, built.hosts
     items: list[RoadSignal] = []
-    lost = moved = 0
+    without_street = moved = 0
     for identity, relation in sorted(document.relations.items()):
         subtype = relation.tags.get("subtype", "")
         if relation.tags.get("type") != "regulatory_element" or not sign_ways(relation):
@@ -75,15 +75,15 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
                 rows: Iterable[tuple[int, list[int]]] = [(nearest.road.id, [])] if nearest else []
             else:
                 rows = lanes.items()
-            lost += not rows
+            without_street += not rows
             for road, ids in rows:
                 host = hosts[road]
                 moved += _distance_beyond(host, place) > BEYOND_M
                 items.append(
                     _signal(first + len(items), identity, subtype, relation, tags, place, host, ids)
                 )
-    if lost:
-        notes["lights_and_signs_without_a_street"] = lost
+    if without_street:
+        notes["lights_and_signs_without_a_street"] = without_street
     if moved:
         notes["lights_and_signs_moved_back_to_the_end_of_their_street"] = moved
     return tuple(items)

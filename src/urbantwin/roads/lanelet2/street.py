@@ -104,8 +104,10 @@ def street_of(
     pins = (_pose(line[0], line[1]), _pose(line[-1], 2 * line[-1] - line[-2]))
     followed = smooth_curve(line, list(borders.values()), pins)
     seen = dict(zip(borders, followed.borders, strict=True))
-    whole = {track: (seen[track.left.tobytes()], seen[track.right.tobytes()]) for track in tracks}
-    first, last = _reach(chain, tracks, whole)
+    borders_of = {
+        track: (seen[track.left.tobytes()], seen[track.right.tobytes()]) for track in tracks
+    }
+    first, last = _reach(chain, tracks, borders_of)
     if last - first < LEAST_M:
         raise StreetTooShort
     curve = trimmed(followed.curve, first, last)
@@ -150,7 +152,7 @@ def street_of(
         linked,
     )
     dropped = sum(border.dropped for border in in_range.values())
-    return Street(road, chain, tuple(lanes), spans, whole, (first, last), dropped)
+    return Street(road, chain, tuple(lanes), spans, borders_of, (first, last), dropped)
 
 
 def divider(group: Group, side: str) -> int:
@@ -262,8 +264,10 @@ def _across(
     measured: Mapping[Track, tuple[Measured, Measured]],
 ) -> list[tuple[Track, tuple[Measured, Measured]]]:
     """Return the tracks of a group from left to right with their borders."""
-    of = {t.member(group).lanelet.id: t for t in tracks if 0 <= group - t.first < len(t.members)}
-    row = [of[member.lanelet.id] for member in chain.groups[group].members]
+    track_of = {
+        t.member(group).lanelet.id: t for t in tracks if 0 <= group - t.first < len(t.members)
+    }
+    row = [track_of[member.lanelet.id] for member in chain.groups[group].members]
     return [(track, measured[track]) for track in row]
 
 
@@ -322,7 +326,7 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
     open_: list[tuple[int, list[Member]]] = []
     finished: list[tuple[int, list[Member]]] = []
     for k, group in enumerate(groups):
-        still = []
+        continuing = []
         waiting = list(open_)
         for member in group.members:
             row = next((row for row in waiting if _goes_on(row[1][-1], member, follows)), None)
@@ -331,9 +335,9 @@ def tracks_of(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> t
             else:
                 waiting.remove(row)
             row[1].append(member)
-            still.append(row)
+            continuing.append(row)
         finished += waiting
-        open_ = still
+        open_ = continuing
     return tuple(
         Track(
             first,

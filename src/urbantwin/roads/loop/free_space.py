@@ -128,8 +128,8 @@ class FreeSpace:
     def ring(self, half_width: float) -> shapely.LinearRing:
         """Return a line round everything, counter-clockwise, with room for a road on it."""
         built = self._standing.geometries
-        everything = shapely.convex_hull(shapely.union_all([self.hull, *self._taken, *built]))
-        return _counter_clockwise(everything.buffer(RING_GAP_M + half_width)).exterior
+        hull = shapely.convex_hull(shapely.union_all([self.hull, *self._taken, *built]))
+        return _counter_clockwise(hull.buffer(RING_GAP_M + half_width)).exterior
 
 
 def _area_on(area: shapely.Geometry, others: Sequence[shapely.Geometry]) -> float:

@@ -95,16 +95,16 @@ def close_loop(
     entries: list[Gate] = []
     for end in loose_ends(layout.pieces, of_map, layout.lanes):
         street = number[end.piece.id]
-        out = _way_out(layout, end, street)
+        heading = _way_out(layout, end, street)
         lanes = max(end.leaves, end.enters)
         if end.leaves and end.enters:
-            if end.cut or (out is not None and lanes > 1):
+            if end.cut or (heading is not None and lanes > 1):
                 turning.append(end)
-        elif out is not None:
+        elif heading is not None:
             gate = Gate(
                 end.node,
                 end.point,
-                out,
+                heading,
                 street,
                 end.piece.tags,
                 lanes,
@@ -190,9 +190,9 @@ def _ahead(gate: Gate) -> shapely.Polygon:
 def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:
     """Return the ways without the parts between some ends and the last junction before each."""
     uses = Counter(node for piece in pieces for node in piece.nodes)
-    left = {piece.id: piece for piece in pieces}
+    remaining = {piece.id: piece for piece in pieces}
     for end in ends:
-        piece = left.pop(end.piece.id, None)
+        piece = remaining.pop(end.piece.id, None)
         if piece is None:
             continue
         shared = [k for k, node in enumerate(piece.nodes) if uses[node] > 1]
@@ -201,5 +201,5 @@ def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayP
         else:
             part = slice(0, shared[-1] + 1) if shared else slice(0)
         if len(piece.nodes[part]) > 1:
-            left[piece.id] = replace(piece, nodes=piece.nodes[part], points=piece.points[part])
-    return [left[piece.id] for piece in pieces if piece.id in left]
+            remaining[piece.id] = replace(piece, nodes=piece.nodes[part], points=piece.points[part])
+    return [remaining[piece.id] for piece in pieces if piece.id in remaining]

@@ -145,8 +145,8 @@ def _bays(
     lean *= 0.5 if lane.forward else -0.5
     # Where the lane tapers a slanted line would be distorted.
     least = 0.9 * widest if slanted else NARROWEST_M
-    whole = [lane.width.at(s + shift - section.s) >= least for shift in (-lean, lean)]
-    s = s[np.logical_and(*whole)]
+    full_width = [lane.width.at(s + shift - section.s) >= least for shift in (-lean, lean)]
+    s = s[np.logical_and(*full_width)]
     ends = [
         road.place(stations, road.border(section, lane, stations, outer=outer))[:, :2]
         for outer, stations in ((False, s - lean), (True, s + lean))

@@ -67,7 +67,7 @@ def _ends(road: ModelRoad) -> tuple[tuple[int, int], tuple[int, int]]:
 
 def _is_next_outwards(road: ModelRoad, other: ModelRoad) -> bool:
     """Return whether another connecting road links the next lanes outwards at both ends."""
-    if not all(_lane(x).kind in MOTOR for x in (road, other)):
+    if not all(_lane(path).kind in MOTOR for path in (road, other)):
         return False
     for (street, lane), (other_street, next_lane) in zip(_ends(road), _ends(other), strict=True):
         if street != other_street or lane * next_lane <= 0 or abs(next_lane) != abs(lane) + 1:

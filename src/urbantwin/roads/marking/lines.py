@@ -98,15 +98,15 @@ def strokes(line: Line) -> list[NDArray[np.float64]]:
     if line.kind not in BROKEN:
         return [line.points]
     dash, gap = BROKEN[line.kind]
-    whole = shapely.LineString(line.points)
-    count = int((whole.length + gap) // (dash + gap))
+    polyline = shapely.LineString(line.points)
+    count = int((polyline.length + gap) // (dash + gap))
     if count < 1:
         return []
-    period = whole.length / count
+    period = polyline.length / count
     pieces = []
     for k in range(count):
         middle = (k + 0.5) * period
-        piece = shapely.ops.substring(whole, middle - dash / 2, middle + dash / 2)
+        piece = shapely.ops.substring(polyline, middle - dash / 2, middle + dash / 2)
         pieces.append(shapely.get_coordinates(piece))
     return pieces
 
@@ -141,12 +141,12 @@ def _beside_lanes(lines: Sequence[Line], network: RoadNetwork) -> Iterator[Line]
     inner = shapely.buffer([lane.polygon for lane in lanes], -BORDER_M)
     tree = shapely.STRtree(inner)
     for line in lines:
-        whole = shapely.LineString(line.points)
-        hit = [k for k in tree.query(whole, "intersects") if lanes[k].level == line.level]
+        polyline = shapely.LineString(line.points)
+        hit = [k for k in tree.query(polyline, "intersects") if lanes[k].level == line.level]
         if not hit:
             yield line
             continue
-        rest = shapely.difference(whole, shapely.union_all(inner[hit]))
+        rest = shapely.difference(polyline, shapely.union_all(inner[hit]))
         for part in shapely.get_parts(rest):
             if part.length > BORDER_M:
                 yield replace(line, points=shapely.get_coordinates(part))

@@ -63,7 +63,7 @@ def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
         return None
     before = float(np.clip((line.length - ARROW_M) / 2, CLOSEST_M, BEFORE_STOP_M))
     room = line.length - before - CLOSEST_M
-    length, tip = next(x for x in LENGTHS_M if x <= room), line.length - before
+    length, tip = next(length_m for length_m in LENGTHS_M if length_m <= room), line.length - before
     tips = [tip] if line.length < LONG_M else [tip, tip - AGAIN_M]
     return shapely.union_all([arrow_on(line, shown, lane.width, tip, length) for tip in tips])
 

@@ -159,9 +159,9 @@ class Curve:
         t = np.zeros(len(points))
         for _ in range(6):
             pose = self.at(s)
-            over = s - np.clip(s, 0.0, self.length)
+            beyond_m = s - np.clip(s, 0.0, self.length)
             c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-            gap = points - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+            gap = points - pose[:, :2] - beyond_m[:, None] * np.column_stack([c, sn])
             t = gap[:, 1] * c - gap[:, 0] * sn
             step = gap[:, 0] * c + gap[:, 1] * sn
             s = s + step

@@ -64,8 +64,8 @@ class LaneModel:
     @property
     def next_id(self) -> int:
         """The lowest id above all that are in use."""
-        everything = (self.roads, self.junctions, self.areas, self.signals, self.controllers)
-        return 1 + max((item.id for group in everything for item in group), default=0)
+        elements = (self.roads, self.junctions, self.areas, self.signals, self.controllers)
+        return 1 + max((item.id for group in elements for item in group), default=0)
 
     def with_roads(self, roads: tuple[ModelRoad, ...]) -> LaneModel:
         """Return a copy with other roads."""

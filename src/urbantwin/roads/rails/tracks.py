@@ -132,7 +132,7 @@ def _arcs(
     rim = mapped_area(extract, frame).exterior
     arcs = []
     for piece in pieces:
-        nodes, whole = piece.nodes, extract.ways[piece.way].nodes
+        nodes, way_nodes = piece.nodes, extract.ways[piece.way].nodes
         cuts = [k for k, node in enumerate(nodes) if 0 < k < len(nodes) - 1 and uses[node] > 1]
         for a, b in zip([0, *cuts], [*cuts, len(nodes) - 1], strict=True):
             line = piece.points[a : b + 1]
@@ -141,12 +141,12 @@ def _arcs(
             open_ends = []
             for k in (a, b):
                 end_point = shapely.Point(piece.points[k])
-                lost = k in (0, len(nodes) - 1) and nodes[k] not in (whole[0], whole[-1])
+                is_cut = k in (0, len(nodes) - 1) and nodes[k] not in (way_nodes[0], way_nodes[-1])
                 at_border = (
                     region.exterior.distance(end_point) < BORDER_M
                     or rim.distance(end_point) < RIM_M
                 )
-                open_ends.append(uses[nodes[k]] == 1 and (lost or at_border))
+                open_ends.append(uses[nodes[k]] == 1 and (is_cut or at_border))
             limit_kmh = finite_number(piece.tags.get("maxspeed", ""))
             speed = min(max(limit_kmh / 3.6, 2.0), 25.0) if limit_kmh else SPEED_MS
             level = way_layer(piece.tags)
@@ -284,8 +284,10 @@ def _at_ground(elevation: Elevation, line: NDArray[np.float64]) -> NDArray[np.fl
 
 def _direction(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit vector (2,) in which a line begins."""
-    whole = shapely.LineString(line)
-    ahead = shapely.get_coordinates(whole.interpolate(min(CHORD_M, whole.length)))[0] - line[0]
+    polyline = shapely.LineString(line)
+    ahead = (
+        shapely.get_coordinates(polyline.interpolate(min(CHORD_M, polyline.length)))[0] - line[0]
+    )
     return np.asarray(ahead / max(float(np.linalg.norm(ahead)), 1e-9))
 
 
@@ -365,12 +367,12 @@ def _direction_in_pair(
     ahead = _heading(line, middle)
     middle_xy = shapely.get_coordinates(middle)[0]
     for other, points in lines.items():
-        whole = shapely.LineString(points)
-        if other == own or not PAIR_M[0] <= whole.distance(middle) <= PAIR_M[1]:
+        polyline = shapely.LineString(points)
+        if other == own or not PAIR_M[0] <= polyline.distance(middle) <= PAIR_M[1]:
             continue
         if abs(float(ahead @ _heading(points, middle))) < PARALLEL_COS:
             continue
-        gap = shapely.get_coordinates(whole.interpolate(whole.project(middle)))[0] - middle_xy
+        gap = shapely.get_coordinates(polyline.interpolate(polyline.project(middle)))[0] - middle_xy
         left = float(ahead[0] * gap[1] - ahead[1] * gap[0]) > 0
         # In right-hand traffic the opposite direction is on the left.
         return {1} if left == (driving_side == "right") else {-1}
@@ -379,10 +381,10 @@ def _direction_in_pair(
 
 def _heading(line: NDArray[np.float64], near: shapely.Point) -> NDArray[np.float64]:
     """Return the unit vector (2,) along a line where it is nearest to a point."""
-    whole = shapely.LineString(line)
-    station_m = whole.project(near)
+    polyline = shapely.LineString(line)
+    station_m = polyline.project(near)
     ends = shapely.line_interpolate_point(
-        whole, [max(station_m - 1.0, 0.0), min(station_m + 1.0, whole.length)]
+        polyline, [max(station_m - 1.0, 0.0), min(station_m + 1.0, polyline.length)]
     )
     leg = np.diff(shapely.get_coordinates(ends), axis=0)[0]
     return np.asarray(leg / max(float(np.linalg.norm(leg)), 1e-9))

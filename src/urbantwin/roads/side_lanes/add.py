@@ -134,8 +134,8 @@ def add_side_lanes(
             roads[road.id] = moved_aside(wider, refuges) if refuges else wider
     if not roads:
         return model
-    whole = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
-    return relinked(whole, changed)
+    widened = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
+    return relinked(widened, changed)
 
 
 def medians(
@@ -234,9 +234,9 @@ def _median(
     if len(s) < 3 or s[-1] - s[0] < SHORTEST_M:
         return None
     fine = np.linspace(0.0, float(s[-1] - s[0]), max(8, int((s[-1] - s[0]) / 0.5) + 1))
-    whole = np.interp(fine, s - s[0], width)
+    full_m = np.interp(fine, s - s[0], width)
     nose = np.clip(np.minimum(fine, fine[-1] - fine) / NOSE_M, 0.0, 1.0)
-    shape = whole * nose**2 * (3 - 2 * nose)
+    shape = full_m * nose**2 * (3 - 2 * nose)
     profile = fitted(fine, shape, tolerance=TOLERANCE_M, slopes=(0.0, 0.0))
     return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), profile, CURB_HEIGHT_M)
 
@@ -269,13 +269,13 @@ def match_ways(
         if last - first >= min(SHORTEST_MATCH_M, road.length / 2):
             matches.append(MatchedWay(first, last, segment.section, goal > start))
     matches.sort(key=lambda part: (part.first, part.last))
-    whole: list[MatchedWay] = []
+    gapless: list[MatchedWay] = []
     for k, part in enumerate(matches):
-        first = whole[-1].last if whole else 0.0
+        first = gapless[-1].last if gapless else 0.0
         last = road.length if k == len(matches) - 1 else part.last
         if last > first:
-            whole.append(MatchedWay(first, last, part.section, part.aligned))
-    return whole
+            gapless.append(MatchedWay(first, last, part.section, part.aligned))
+    return gapless
 
 
 def parking_and_shoulders(

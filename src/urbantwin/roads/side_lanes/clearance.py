@@ -204,12 +204,12 @@ def _cut(
     """Return the outline (M, 2) of the largest part without buildings."""
     if len(outline) < 3:
         return outline
-    whole = areas_of(shapely.Polygon(outline))
-    close = walls.geometries[np.sort(walls.query(whole, predicate="intersects"))]
+    area = areas_of(shapely.Polygon(outline))
+    close = walls.geometries[np.sort(walls.query(area, predicate="intersects"))]
     blocked = area_difference(shapely.buffer(area_union(close), FREE_M), area_union(kept))
-    if area_intersection(whole, blocked).is_empty:
+    if area_intersection(area, blocked).is_empty:
         return outline
-    rest = [shapely.Polygon(part.exterior) for part in area_difference(whole, blocked).geoms]
+    rest = [shapely.Polygon(part.exterior) for part in area_difference(area, blocked).geoms]
     largest = max(rest, key=lambda part: part.area, default=None)
     return outline if largest is None else shapely.get_coordinates(largest)[:-1]
 
@@ -231,7 +231,9 @@ def _fitted(
     s = np.linspace(section.s, end, max(2, int((end - section.s) / FRONTAGE_STEP_M) + 2))
     changed: dict[int, SectionLane] = {}
     for side in (1, -1):
-        lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: -abs(x.id))
+        lanes = sorted(
+            (lane for lane in section.lanes if lane.id * side > 0), key=lambda lane: -abs(lane.id)
+        )
         pushed: list[SectionLane] = []
         for lane in lanes:
             if lane.kind not in PUSHED:
@@ -254,7 +256,7 @@ def _fitted(
             changed[lane.id] = replace(lane, width=straight_pieces(s - section.s, width, SIMPLER_M))
     if not changed:
         return section
-    return replace(section, lanes=tuple(changed.get(x.id, x) for x in section.lanes))
+    return replace(section, lanes=tuple(changed.get(lane.id, lane) for lane in section.lanes))
 
 
 def _room(

@@ -169,14 +169,16 @@ def _row(
 ) -> list[tuple[Key, SectionLane, float]]:
     """Return the lanes of one side from the reference line outwards, with their start stations."""
     section = road.sections[base]
-    old = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+    old = sorted(
+        (lane for lane in section.lanes if lane.id * side > 0), key=lambda lane: abs(lane.id)
+    )
     row: list[tuple[Key, SectionLane, float]] = [
         (("old", base, lane.id), lane, section.s) for lane in old
     ]
     flat = next((k for k, x in enumerate(old) if x.kind in RAISED_KINDS), len(old))
     inside = flat - 1 if flat and old[flat - 1].kind == "bicycle" else flat
     index_of = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
-    forward = old[0].forward if old else any(x.forward for x in section.lanes)
+    forward = old[0].forward if old else any(lane.forward for lane in section.lanes)
     # From the outermost place inwards, so that positions stay valid.
     for k, item in sorted(active, key=lambda pair: (-index_of[pair[1].place], -pair[0])):
         lane = SectionLane(
@@ -230,7 +232,9 @@ def with_curbs(model: LaneModel) -> LaneModel:
             roads.append(road)
             continue
         curbed, changed[road.id] = with_lanes(road, items)
-        roads.append(replace(curbed, sections=tuple(_narrowed(x) for x in curbed.sections)))
+        roads.append(
+            replace(curbed, sections=tuple(_narrowed(section) for section in curbed.sections))
+        )
     return relinked(replace(model, roads=tuple(roads)), changed)
 
 
@@ -238,7 +242,9 @@ def _has_sidewalk(road: ModelRoad, side: int) -> bool:
     """Return whether the innermost raised lane of a side is a wide enough sidewalk all along."""
     shared = any(lane.opposite for section in road.sections for lane in section.lanes)
     for section in road.sections:
-        lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+        lanes = sorted(
+            (lane for lane in section.lanes if lane.id * side > 0), key=lambda lane: abs(lane.id)
+        )
         raised = next((lane for lane in lanes if lane.kind in RAISED_KINDS), None)
         # Connecting roads start at a sidewalk that is the only lane of a side, unless both
         # directions share the lane on the other side: it stays in place.
@@ -252,7 +258,9 @@ def _has_sidewalk(road: ModelRoad, side: int) -> bool:
 
 def _curb(road: ModelRoad, side: int) -> Insertion:
     section = road.sections[0]
-    height = next(x.height for x in section.lanes if x.id * side > 0 and x.kind == "sidewalk")
+    height = next(
+        lane.height for lane in section.lanes if lane.id * side > 0 and lane.kind == "sidewalk"
+    )
     width = Profile.constant(CURB_WIDTH_M)
     return Insertion(side, "before_raised", "curb", 0.0, road.length, width, height)
 

@@ -99,8 +99,8 @@ def with_moved_curbs(
         edited[road.id] = moved
     if not edited:
         return model, moves
-    whole = replace(model, roads=tuple(edited.get(road.id, road) for road in model.roads))
-    return relinked(whole, changed), moves
+    changed_model = replace(model, roads=tuple(edited.get(road.id, road) for road in model.roads))
+    return relinked(changed_model, changed), moves
 
 
 def _composed(first: Renumbering, second: Renumbering) -> Renumbering:
@@ -112,7 +112,9 @@ def _composed(first: Renumbering, second: Renumbering) -> Renumbering:
 
 def _flat(section: LaneSection, side: int) -> list[SectionLane]:
     """Return the lanes of a side of the carriageway, outwards."""
-    lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+    lanes = sorted(
+        (lane for lane in section.lanes if lane.id * side > 0), key=lambda lane: abs(lane.id)
+    )
     raised = next((k for k, x in enumerate(lanes) if x.kind in RAISED_KINDS), len(lanes))
     return lanes[:raised]
 
@@ -124,19 +126,23 @@ def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.
     """
     if _is_inner(road, side):
         return np.asarray(side * road.offset.at(s))
-    out = np.full(len(s), np.nan)
-    section_index = np.searchsorted([x.s for x in road.sections], s + 1e-9, side="right") - 1
+    distance_m = np.full(len(s), np.nan)
+    section_index = (
+        np.searchsorted([section.s for section in road.sections], s + 1e-9, side="right") - 1
+    )
     for k, section in enumerate(road.sections):
         in_section, flat = section_index == k, _flat(section, side)
         if flat and in_section.any():
-            out[in_section] = side * road.border(section, flat[-1], s[in_section], outer=True)
-    return out
+            distance_m[in_section] = side * road.border(
+                section, flat[-1], s[in_section], outer=True
+            )
+    return distance_m
 
 
 def _is_inner(road: ModelRoad, side: int) -> bool:
     """Return whether only the other side has lanes of the carriageway."""
-    return not any(_flat(x, side) for x in road.sections) and all(
-        _flat(x, -side) for x in road.sections
+    return not any(_flat(section, side) for section in road.sections) and all(
+        _flat(section, -side) for section in road.sections
     )
 
 
@@ -156,14 +162,14 @@ def _followed_curbs(
         if shapely.distance(road.curve.line, line) > reach:
             continue
         s, t = road.curve.locate(points)
-        out = _curb_out(road, side, np.clip(s, 0.0, road.length))
-        away = np.abs(side * t - out)
+        curb_m = _curb_out(road, side, np.clip(s, 0.0, road.length))
+        away = np.abs(side * t - curb_m)
         along = np.abs(np.cos(road.curve.at(np.clip(s, 0, road.length))[:, 2] - heading)) > ALONG
         within = (
             (s >= -FRONTAGE_STEP_M)
             & (s <= road.length + FRONTAGE_STEP_M)
             & along
-            & np.isfinite(out)
+            & np.isfinite(curb_m)
         )
         nearest_m = away[within].min(initial=np.inf)
         move.nearest_m = min(move.nearest_m, float(nearest_m))
@@ -172,13 +178,13 @@ def _followed_curbs(
         stations[k] = s, side * t
     curbs = []
     for k, run in _runs(owner):
-        s, out = (value[run] for value in stations[k])
+        s, curb_m = (value[run] for value in stations[k])
         order = np.argsort(s, kind="stable")
-        s, out = s[order], out[order]
+        s, curb_m = s[order], curb_m[order]
         keep = np.concatenate([[True], np.diff(s) > 1e-6])
         road, side = sides[k]
         if s[-1] - s[0] >= min(SHORTEST_M, line.length / 2):
-            curbs.append(_Follow(road.id, side, s[keep], out[keep], number))
+            curbs.append(_Follow(road.id, side, s[keep], curb_m[keep], number))
     return curbs
 
 
@@ -225,7 +231,7 @@ def _moved(
     if len(s) < 2:
         return road, None
     inner = _is_inner(road, one.side)
-    out, inwards = np.maximum(shift_m, 0.0), np.maximum(-shift_m, 0.0)
+    outwards, inwards = np.maximum(shift_m, 0.0), np.maximum(-shift_m, 0.0)
     short = _missing(road, -one.side if inner else one.side, s, inwards, most=1 if inner else None)
     if short > NEAR_M:
         move.why_not.append(f"lanes would be {short:.2f} m too narrow for traffic")
@@ -233,28 +239,28 @@ def _moved(
     drawn = (s >= one.s[0]) & (s <= one.s[-1])
     move.metres += float(one.s[-1] - one.s[0])
     move.farthest_m = max(move.farthest_m, float(np.abs(shift_m[drawn]).max(initial=0.0)))
-    raised = [x for x in road.section_at(float(one.s.mean())).lanes if x.id * one.side > 0]
-    move.has_curb &= any(x.kind in RAISED_KINDS for x in raised)
+    raised = [lane for lane in road.section_at(float(one.s.mean())).lanes if lane.id * one.side > 0]
+    move.has_curb &= any(lane.kind in RAISED_KINDS for lane in raised)
     if inner:
         return _inner_moved(road, one.side, s, shift_m), None
     if inwards.max() > NEAR_M:
         road = _narrower(road, one.side, s, inwards)
-    if out.max() <= NEAR_M:
+    if outwards.max() <= NEAR_M:
         return road, None
     beside = {
         flat[-1].kind
         for section, end in zip(road.sections, road.section_ends, strict=True)
         if end > s[0] and section.s < s[-1] and (flat := _flat(section, one.side))
     }
-    if beside <= {"parking", "shoulder"} or out.max() <= WIDER_M:
-        return _wider(road, one.side, s, out), None
+    if beside <= {"parking", "shoulder"} or outwards.max() <= WIDER_M:
+        return _wider(road, one.side, s, outwards), None
     shoulder = Insertion(
         one.side,
         "outer",
         "shoulder",
         float(s[0]),
         float(s[-1]),
-        straight_pieces(s - s[0], out, NEAR_M),
+        straight_pieces(s - s[0], outwards, NEAR_M),
     )
     return with_lanes(road, [shoulder])
 
@@ -279,17 +285,17 @@ def _displacements(
     after = _taper(
         road.length - float(s[-1]), float(shift_m[-1]), goes_on=(road.id, "end", one.side) in ends
     )
-    whole = np.unique(
+    stations = np.unique(
         np.concatenate(
             [s, s[0] - np.linspace(0, before[0], 12), s[-1] + np.linspace(0, after[0], 12)]
         )
     )
-    moved = np.interp(whole, s, shift_m)
+    moved = np.interp(stations, s, shift_m)
     for (outside, inside), end, sign in ((before, s[0], 1.0), (after, s[-1], -1.0)):
         if outside + inside > 0:
-            u = np.clip((sign * (whole - end) + outside) / (outside + inside), 0.0, 1.0)
+            u = np.clip((sign * (stations - end) + outside) / (outside + inside), 0.0, 1.0)
             moved = moved * u * u * (3 - 2 * u)
-    return whole, moved
+    return stations, moved
 
 
 def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
@@ -333,16 +339,16 @@ def _narrower(
     def changed(
         lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
     ) -> Lanes:
-        left = np.interp(at, s, inwards, left=0.0, right=0.0)
+        needed_m = np.interp(at, s, inwards, left=0.0, right=0.0)
         narrowed = {}
         for lane in reversed(lanes):
             usual = lane.width.at(ds)
-            reduction_m = np.clip(usual - NARROWEST_M.get(lane.kind, usual), 0.0, left)
+            reduction_m = np.clip(usual - NARROWEST_M.get(lane.kind, usual), 0.0, needed_m)
             if reduction_m.max(initial=0.0) > 0:
                 narrowed[lane.id] = replace(
                     lane, width=straight_pieces(ds, usual - reduction_m, NEAR_M)
                 )
-            left = left - reduction_m
+            needed_m = needed_m - reduction_m
         return narrowed
 
     return _with_widths(road, side, s, changed)
@@ -413,7 +419,7 @@ def _with_widths(
     for section, end in zip(road.sections, road.section_ends, strict=True):
         lanes = _flat(section, side)
         if raised:
-            lanes = [x for x in section.lanes if x.id == side]
+            lanes = [lane for lane in section.lanes if lane.id == side]
         if lanes and end > s[0] and section.s < s[-1]:
             knots = [lane.width.start + section.s for lane in lanes]
             steps = np.linspace(

@@ -223,7 +223,9 @@ def _lane_of(road: ModelRoad, signal: RoadSignal) -> SectionLane:
     """Return the lane that a signal at its stop line applies to."""
     section = road.section_at(min(signal.s, road.length - 1e-6))
     names = set(signal.strip.split())
-    return next((x for x in section.directed if names & set(x.strip.split())), section.lanes[0])
+    return next(
+        (lane for lane in section.directed if names & set(lane.strip.split())), section.lanes[0]
+    )
 
 
 def _waiting(

@@ -57,8 +57,8 @@ def cycle_s(ratios: Sequence[float], lost_s: float, least_s: float) -> float:
         lost_s: time between the stages in total, seconds.
         least_s: minimum cycle from the shortest greens and the time between them, seconds.
     """
-    whole = min(sum(ratios), MOST_RATIO)
-    best = (1.5 * lost_s + 5.0) / (1.0 - whole)
+    ratio_sum = min(sum(ratios), MOST_RATIO)
+    best = (1.5 * lost_s + 5.0) / (1.0 - ratio_sum)
     cycle = min(max(best, SHORTEST_CYCLE_S), LONGEST_CYCLE_S)
     return STEP_S * math.ceil(max(cycle, least_s) / STEP_S - 1e-6)
 
@@ -75,8 +75,8 @@ def capped(ratios: Sequence[float], most: float = MOST_RATIO) -> list[float]:
     limited = np.asarray(ratios, np.float64)
     far = limited > most
     if far.any():
-        left = (most - limited[~far].sum()) / far.sum()
-        limited = np.where(far, max(left, most / len(limited)), limited)
+        share = (most - limited[~far].sum()) / far.sum()
+        limited = np.where(far, max(share, most / len(limited)), limited)
     return [float(ratio) for ratio in limited]
 
 
@@ -99,12 +99,12 @@ def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: floa
             green[free] = share[free]
             break
         free &= ~short
-    whole = np.floor(green + 1e-6)
-    rest = round(whole_s - whole.sum())
+    floored = np.floor(green + 1e-6)
+    rest = round(whole_s - floored.sum())
     # The remainder goes to the stages that rounding reduced most.
-    for k in np.argsort(whole - green, kind="stable")[: max(rest, 0)]:
-        whole[k] += 1.0
-    return [float(seconds) for seconds in whole]
+    for k in np.argsort(floored - green, kind="stable")[: max(rest, 0)]:
+        floored[k] += 1.0
+    return [float(seconds) for seconds in floored]
 
 
 #: (edge, next edge, the one after that or empty) -> cars per hour.
@@ -251,7 +251,7 @@ def _capacity(
     green = sum(seconds for seconds, state in phases if state[link.index] in "gG")
     foes = junction.yields_to[link]
     cars, blocked, waits = 0.0, 0.0, False
-    lost = START_LOST_S / green if green else 0.0
+    lost_share = START_LOST_S / green if green else 0.0
     for seconds, state in phases:
         letter = state[link.index]
         if letter not in "gG":
@@ -264,7 +264,7 @@ def _capacity(
             waits = True
             rate = min(rate, gap_flow(sum(even[other] for other in opposing)))
             blocked = max(blocked, rate * _queue_s(opposing, phases, cycle, even))
-        cars += rate * seconds * max(1.0 - lost, 0.0)
+        cars += rate * seconds * max(1.0 - lost_share, 0.0)
     if waits:
         cars = max(cars - blocked, 0.0) + SNEAKERS * 3600.0
     return cars / cycle

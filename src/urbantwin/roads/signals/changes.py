@@ -95,8 +95,8 @@ class Changes:
             for k in sorted(set(after) - set(green))
         }
         outer = [seconds for k, seconds in starts.items() if not junction.feeders[k]]
-        over = max(clear.values(), default=0.0)
-        begins = max(outer or starts.values(), default=over)
+        clear_s = max(clear.values(), default=0.0)
+        begins = max(outer or starts.values(), default=clear_s)
         ends = dict(late)
         for k in sorted(set(green) - set(after)):
             if junction.is_walk(k):
@@ -105,7 +105,7 @@ class Changes:
                 ends[k] = min(0.0, min(first, default=begins) - needed)
                 if self._holds_up(k, green):
                     ends[k] = min(ends[k], -needed - AFTER_WALKERS_S)
-        return Change(begins, yellow, starts, ends, over)
+        return Change(begins, yellow, starts, ends, clear_s)
 
     def _holds_up(self, walk: int, green: Collection[int]) -> bool:
         """Return whether pedestrians of a crossing and others block a lane completely."""
@@ -164,8 +164,8 @@ def phases_of_stages(
         end = begins[k] + seconds[k]
         for index in sorted(stage):
             goes_on = index in stages[(k + 1) % len(stages)] and len(stages) > 1
-            came = index in stages[k - 1] and len(stages) > 1
-            early = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
+            was_green = index in stages[k - 1] and len(stages) > 1
+            early = 0.0 if was_green else before.starts.get(index, before.seconds) - before.seconds
             stop = end + (change.seconds if goes_on else change.ends.get(index, 0.0))
             greens.append((index, begins[k] + early, stop))
             if not goes_on and not junction.is_walk(index):

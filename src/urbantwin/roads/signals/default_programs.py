@@ -147,10 +147,12 @@ class _Timing:
             shortest = SHORTEST_GREEN_S if driven else CROSSING_RED_S
             least = [shortest, before.over - before.seconds]
             for index in green:
-                came = index in self.stages[k - 1]
-                late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
+                was_green = index in self.stages[k - 1]
+                late = (
+                    0.0 if was_green else before.starts.get(index, before.seconds) - before.seconds
+                )
                 early = min(change.ends.get(index, 0.0), 0.0)
-                least.append((0.0 if came else WALK_S) + late - early)
+                least.append((0.0 if was_green else WALK_S) + late - early)
             minima.append(max(least))
         if len(minima) == 2 and not any(self.ratios[1:]):
             minima[0] = max(minima[0], SHORTEST_CYCLE_S - self.lost_s - minima[1])
@@ -222,11 +224,11 @@ def _extended(timing: _Timing, phases: Sequence[Phase]) -> Mapping[int, int]:
     for stage, green in enumerate(timing.stages):
         if all(timing.junction.is_walk(k) for k in green):
             continue
-        whole = [
+        fully_green = [
             k
             for k, (_, state) in enumerate(phases)
             if k not in by_phase and all(state[index] in "Gg" for index in green)
         ]
-        if whole:
-            by_phase[max(whole, key=lambda k: phases[k][0])] = stage
+        if fully_green:
+            by_phase[max(fully_green, key=lambda k: phases[k][0])] = stage
     return by_phase

@@ -182,7 +182,7 @@ def _controlled(
 
 def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[RoadSignal]:
     """Return the heads of an approach, in the order in which drivers pass them."""
-    over = sum(lane.half > CYCLE_LANE_M / 2 for lane in approach.lanes) >= practice.arm_lanes
+    has_arm = sum(lane.half > CYCLE_LANE_M / 2 for lane in approach.lanes) >= practice.arm_lanes
     far = _far_pole(approach, ground) if practice.far else None
     near_pole = None
     if practice.near or far is None:
@@ -193,10 +193,10 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
     heads: list[RoadSignal] = []
     if near_pole is not None:
         heads += _on_pole(approach, near_pole, beyond=False)
-        if over and far is None:
+        if has_arm and far is None:
             heads += _over_lanes(approach, near_pole, practice, beyond=False)
     if far is not None:
-        if over:
+        if has_arm:
             heads += _over_lanes(approach, far, practice, beyond=True)
         heads += _on_pole(approach, far, beyond=True)
     if not heads:
@@ -282,7 +282,7 @@ def _over_lanes(
         (lane.v, [lane]) for lane in approach.lanes if lane.half > CYCLE_LANE_M / 2
     ]
     if len(rows) > MOST_OVER:
-        rows = [(float(np.mean([x.v for x in group])), group) for group in approach.groups]
+        rows = [(float(np.mean([lane.v for lane in group])), group) for group in approach.groups]
     heads = []
     last = -math.inf
     for v, lanes in rows if from_kerb else rows[::-1]:

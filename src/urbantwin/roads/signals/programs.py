@@ -145,10 +145,16 @@ def _state_in_words(junction: Signalised, state: str) -> str:
     ):
         arms = []
         for arm in COMPASS:
-            links = [x for x in junction.links if x.arm == arm and (x.movement == "walk") == walk]
-            lit = [x for x in links if state[x.index] in letters]
-            turns = sorted({x.movement for x in lit} - {"walk"})
-            if lit and len({x.movement for x in links}) == len({x.movement for x in lit}):
+            links = [
+                link
+                for link in junction.links
+                if link.arm == arm and (link.movement == "walk") == walk
+            ]
+            lit = [link for link in links if state[link.index] in letters]
+            turns = sorted({link.movement for link in lit} - {"walk"})
+            if lit and len({link.movement for link in links}) == len(
+                {link.movement for link in lit}
+            ):
                 arms.append(arm)
             elif lit:
                 arms.append(f"{arm} {'+'.join(turns)}")

@@ -79,7 +79,7 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
         frame: the site frame.
     """
     legs = _legs(extract, ways, frame)
-    meeting = {node for node, out in legs.items() if len({leg.to for leg in out}) >= 3}
+    meeting = {node for node, node_legs in legs.items() if len({leg.to for leg in node_legs}) >= 3}
     walked = {
         node
         for osm_way in extract.highways()

@@ -273,11 +273,11 @@ def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
     gap = last.centre[0, :2] - first.centre[-1, :2]
     ahead = float(gap[0] * b[1] - gap[1] * b[0]) / across
     backward = float(a[0] * gap[1] - a[1] * gap[0]) / across
-    need = CORNER_RADIUS_M * np.tan(turn / 2)
+    tangent_m = CORNER_RADIUS_M * np.tan(turn / 2)
     spare = (max(0.0, (lane.length - LEFT_M) / 2) for lane in (first, last))
     early, late = (
-        min(max(0.0, need - distance), left)
-        for distance, left in zip((ahead, backward), spare, strict=True)
+        min(max(0.0, tangent_m - distance), spare_m)
+        for distance, spare_m in zip((ahead, backward), spare, strict=True)
     )
     return float(early), float(late)
 
@@ -420,11 +420,11 @@ def gentle_curves(
     poses = np.array(ends)
     chosen: dict[int, Curve] = {}
     for directness, tolerance in DIRECTNESS:
-        left = [k for k in range(len(poses)) if k not in chosen]
-        if not left:
+        remaining = [k for k in range(len(poses)) if k not in chosen]
+        if not remaining:
             break
-        curves = all_turned(poses[left, 0], poses[left, 1], directness=directness)
-        for k, curve in zip(left, curves, strict=True):
+        curves = all_turned(poses[remaining, 0], poses[remaining, 1], directness=directness)
+        for k, curve in zip(remaining, curves, strict=True):
             path = mapped[k]
             if path is not None:
                 off = KEPT_M if kept and kept[k] else tolerance * (1.0 + 0.1 * path.length)

@@ -87,9 +87,15 @@ def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tu
 
 def _street(street: Street, ends: Mapping[tuple[int, str], int]) -> ModelRoad:
     # A lane that both directions share is one lane, in the direction of the reference line.
-    strips = [x for x in street.strips if x.forward or x.lane.opposite not in street.strip_of]
-    lanes = [replace(_lane(x), opposite=x.lane.opposite) for x in strips]
-    lanes = [x if x.opposite in street.strip_of else replace(x, opposite="") for x in lanes]
+    strips = [
+        strip
+        for strip in street.strips
+        if strip.forward or strip.lane.opposite not in street.strip_of
+    ]
+    lanes = [replace(_lane(strip), opposite=strip.lane.opposite) for strip in strips]
+    lanes = [
+        lane if lane.opposite in street.strip_of else replace(lane, opposite="") for lane in lanes
+    ]
     section = with_lane_marks(LaneSection(0.0, tuple(lanes)))
     before, after = (ends.get((street.number, end)) for end in ("start", "end"))
     return ModelRoad(
@@ -173,7 +179,9 @@ def _outlines(
         driven = [strip for strip in street.strips if strip.lane.kind != "sidewalk"]
         for end, name in enumerate((street.start, street.end)):
             places = np.array([pose[end, :2] + strip.t * left[end] for strip in driven])
-            mapped = np.array([x.lane.centre[0 if x.forward == (end == 0) else -1] for x in driven])
+            mapped = np.array(
+                [strip.lane.centre[0 if strip.forward == (end == 0) else -1] for strip in driven]
+            )
             if not driven or np.abs(mapped[:, :2] - places).max() < CUT_M:
                 continue
             half = np.array([[strip.lane.width / 2] for strip in driven]) * left[end]
@@ -184,15 +192,15 @@ def _outlines(
         if len(parts) == 1 and parts[0] not in slabs:
             outlines[name] = plain[parts[0]]
             continue
-        whole = area_union([*(shape[p] for p in parts), *(s for p in parts for s in slabs[p])])
+        area = area_union([*(shape[p] for p in parts), *(s for p in parts for s in slabs[p])])
         for gap in GAPS_M:
-            if len(shapely.get_parts(whole)) == 1:
+            if len(shapely.get_parts(area)) == 1:
                 break
             # Nodes of one junction may be apart, with short roads between them.
-            closed = whole.buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
-            whole = area_union([whole, closed])
-        areas = shapely.get_parts(whole)
+            closed = area.buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
+            area = area_union([area, closed])
+        areas = shapely.get_parts(area)
         if len(areas) > 1:
-            areas = [shapely.convex_hull(whole)]
+            areas = [shapely.convex_hull(area)]
         outlines[name] = shapely.get_coordinates(areas[0].exterior)[:-1]
     return outlines

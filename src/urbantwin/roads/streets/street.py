@@ -160,16 +160,16 @@ def _street(
     line = moved_left(_thinned(base.lane.centre[:, :2]), -base.t)
     reach = [strip.t + strip.lane.width / 2 for strip in strips]
     reach += [strip.t - strip.lane.width / 2 for strip in strips]
-    whole = filleted(line, left=max(reach), right=-min(reach))
-    first, last = _extent(whole, strips)
+    full_curve = filleted(line, left=max(reach), right=-min(reach))
+    first, last = _extent(full_curve, strips)
     first += max(trims.get((edge.id, "start"), 0.0), _trim(trims, other, "end"))
     last -= max(trims.get((edge.id, "end"), 0.0), _trim(trims, other, "start"))
     if last - first < SHORTEST_M:
         # Too short to be cut: keep the middle, or the whole road.
-        half = min(SHORTEST_M, whole.length) / 2
-        middle = float(np.clip((first + last) / 2, half, whole.length - half))
+        half = min(SHORTEST_M, full_curve.length) / 2
+        middle = float(np.clip((first + last) / 2, half, full_curve.length - half))
         first, last = middle - half, middle + half
-    curve = whole.between(first, last)
+    curve = full_curve.between(first, last)
     strips = sorted(strips, key=lambda strip: -strip.t)
     ways = {*edge.ways, *(other.ways if other else ())}
     return Street(number, edge, tuple(strips), curve, tuple(sorted(ways)))

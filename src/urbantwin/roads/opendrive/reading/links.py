@@ -153,8 +153,8 @@ def joined(
 
 def _numbers(nodes: Mapping[str, Node]) -> dict[str, int]:
     """Return ids in the model: those of the file if all are whole numbers, else new ones."""
-    whole = {key: id_number(key) for key in nodes}
-    numbers = {key: value for key, value in whole.items() if value is not None}
+    written_ids = {key: id_number(key) for key in nodes}
+    numbers = {key: value for key, value in written_ids.items() if value is not None}
     if len(set(numbers.values())) == len(nodes):
         return numbers
     return {key: k for k, key in enumerate(nodes)}

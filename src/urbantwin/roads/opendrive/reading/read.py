@@ -225,16 +225,16 @@ def _speeds(item: etree._Element, spot: Spot) -> Iterator[tuple[float, float]]:
 
 
 def _assembled(content: _Content, log: Log) -> ReadMap:
-    left = content.rules["LHT"] > content.rules["RHT"]
+    is_left_hand = content.rules["LHT"] > content.rules["RHT"]
     if len(content.rules) > 1:
         log.at("").remark(
             "roads of left-hand and of right-hand traffic: the more frequent is taken"
         )
     if not content.has_heights:
         content.roads = {key: _curbed(road, log) for key, road in content.roads.items()}
-    whole = [id_number(key) for key in content.roads]
-    if None not in whole and len(set(whole)) == len(whole):
-        ids = dict(zip(content.roads, whole, strict=True))
+    road_ids = [id_number(key) for key in content.roads]
+    if None not in road_ids and len(set(road_ids)) == len(road_ids):
+        ids = dict(zip(content.roads, road_ids, strict=True))
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}
     else:
         log.at("").remark("ids of roads that are not whole numbers: roads are numbered")
@@ -265,7 +265,12 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         dropped=dropped - {signal.id for signal in signals},
     )
     model = LaneModel(
-        "left" if left else "right", network.roads, network.junctions, areas, heads, controllers
+        "left" if is_left_hand else "right",
+        network.roads,
+        network.junctions,
+        areas,
+        heads,
+        controllers,
     )
     header = content.header
     if header.projection is not None:

@@ -152,12 +152,12 @@ def _stages(program: SignalController, heads: Iterable[RoadSignal]) -> list[Head
         for number in range(len(program.phases))
     ]
     covered = _covered(green, vehicles)
-    left = set(walkers)
+    left_over = set(walkers)
     for number, stage in enumerate(covered):
-        also = {head for phase in green if stage <= phase for head in left & phase}
+        also = {head for phase in green if stage <= phase for head in left_over & phase}
         covered[number] = stage | also
-        left -= also
-    covered += _covered(green, frozenset(left))
+        left_over -= also
+    covered += _covered(green, frozenset(left_over))
     covered.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
     # Never green, or without a known program.
     rest = [head for head in heads if not any(head.id in stage for stage in covered)]
@@ -182,10 +182,10 @@ def _seconds(program: SignalController, lit: list[bool]) -> float:
 
 def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
     """Return sets of heads that are green at once, largest first, until all are included."""
-    left, groups = wanted, []
-    while most := max((phase & left for phase in green), key=len, default=frozenset()):
+    uncovered, groups = wanted, []
+    while most := max((phase & uncovered for phase in green), key=len, default=frozenset()):
         groups.append(most)
-        left -= most
+        uncovered -= most
     return groups
 
 
