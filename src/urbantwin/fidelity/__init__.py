@@ -1,4 +1,4 @@
-"""Measures between real and synthetic frames of one place, and the report about them."""
+"""Measures of similarity between real and synthetic frames of one place, and their report."""
 
 from typing import TYPE_CHECKING
 

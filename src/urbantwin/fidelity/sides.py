@@ -152,7 +152,7 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
 
 
 def model_background(side: Side) -> bool:
-    """Make a side's background model; return False if frames are too few or the sensor moves."""
+    """Make a side's background model; return False with too few frames or a moving sensor."""
     usable = [index for index in range(side.count) if index not in side.problems]
     if len(usable) < LEAST_FRAMES or not side.stands:
         return False

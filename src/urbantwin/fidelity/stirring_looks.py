@@ -1,8 +1,8 @@
 """Moving foliage in frames of fixed sensors: leaves, hedges, fidgeting people.
 
-A beam that hits a leaf now and then has no static range, but the location is known: most frames
-have returns near it, if hardly ever of the same beam. Passing traffic occupies a location for few
-frames, and waiting traffic comes once and goes once.
+A beam that sometimes hits a leaf has no static range, but the location is known: most frames have
+returns near it, though rarely of the same beam. Passing traffic occupies a location for few frames,
+and waiting traffic arrives once and leaves once.
 """
 
 from __future__ import annotations

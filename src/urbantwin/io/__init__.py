@@ -1,6 +1,6 @@
 """Readers of external files: points, meshes, city models, tiles, packets, bags.
 
-No file is trusted: sizes are checked, numbers must be finite, exceptions of libraries become
+Files are not trusted: sizes are checked, numbers must be finite, exceptions of libraries become
 one-line errors with the file and the reason, and native code runs in a child process with limits.
 """
 

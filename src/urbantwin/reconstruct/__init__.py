@@ -1,4 +1,4 @@
-"""Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
+"""Imported geometry: meshes, 3D Tiles and point clouds: placing, cleaning, classification."""
 
 from typing import TYPE_CHECKING
 

@@ -166,8 +166,8 @@ def score_clouds(
     """Score frames against held-out real ones.
 
     The first half of the real frames is available for fitting. Scored are the frames of the second
-    half against the real frames of the same numbers, which the fit never sees: an exact copy
-    differs by nothing. Halves are used instead of every other frame, since neighbours in time are
+    half against the real frames of the same numbers, which the fit never uses: an exact copy
+    has a distance of 0. Halves are used instead of every other frame, since neighbours in time are
     nearly equal. With an anchor, the fit uses the anchor and every real frame is scored.
 
     Args:

@@ -33,7 +33,7 @@ _OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
 
 
 def _labels(path: Path, files: list[Path]) -> Labels:
-    """Boxes of ``tracklet_labels.xml``: a size, a first frame and a pose per frame for each."""
+    """Return the labels of ``tracklet_labels.xml``: per track a size and a pose per frame."""
     document = path / _TRACKLETS
     if not document.is_file():
         return Labels(lambda file, index, fields: {})
@@ -63,7 +63,7 @@ def _labels(path: Path, files: list[Path]) -> Labels:
 
 
 def _poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
-    """Poses by ``oxts`` and ``calib_imu_to_velo.txt``; the world's origin is the first position."""
+    """Return a function of poses, from ``oxts``; the world's origin is the first position."""
     calibration = next(
         (file for folder in (path, path.absolute().parent)
          if (file := folder / "calib_imu_to_velo.txt").is_file()), None,

@@ -104,7 +104,7 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
 def box_of_document(
     centre: Mapping[str, Any],
     size: Mapping[str, Any],
-    yaw: Any,  # noqa: ANN401 - whatever JSON holds
+    yaw: Any,  # noqa: ANN401 - any JSON
     sides: Sequence[str] = ("length", "width", "height"),
 ) -> Box:
     """Return a box of a document: centre by x, y, z, size by the names of its sides, and yaw.

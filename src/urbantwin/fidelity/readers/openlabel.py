@@ -3,8 +3,8 @@
 Sources: Zimmer et al. 2023, the tum-traffic-dataset-dev-kit, and ASAM OpenLABEL 1.0, 7.13.1: a
 cuboid is its centre, a quaternion x, y, z, w (or three Euler angles) and its size along its own
 axes. Points and boxes are in the sensor's frame. The first release (Cress et al. 2022: ``_points``
-and ``_labels``) has labels of its own, ``box3d``: centre, size and yaw in radians (the kit's first
-loader, and converters that subtract half the height from z to reach the floor). Exports of
+and ``_labels``) has its own labels, ``box3d``: centre, size and yaw in radians (see the kit's first
+loader, and converters that subtract half the height from z to get the bottom). Exports of
 ``urbantwin export --to openlabel`` have further fields of points and attributes of boxes.
 """
 
@@ -29,7 +29,7 @@ from urbantwin.io.trust import laid_out, read_json_document
 
 __all__ = ["TUMTRAF"]
 
-#: Folders of clouds and of their labels, as the releases name them.
+#: Folders of clouds and of their labels in the releases.
 _FOLDERS = {
     "point_clouds": "labels_point_clouds",
     "_points": "_labels",
@@ -65,7 +65,7 @@ def _clouds(path: Path) -> list[Path]:
 
 
 def _label_of(cloud: Path) -> Path:
-    """Return the label of a cloud, whether or not its folder is one of several sensors'."""
+    """Return the label file of a cloud, in a layout with one sensor or with several."""
     folder = cloud.parent
     if folder.name in _FOLDERS:
         labels = folder.parent / _FOLDERS[folder.name]
@@ -85,7 +85,7 @@ def _labels(path: Path, files: list[Path]) -> Labels:
 
 
 def _read_boxes(path: Path) -> Boxes:
-    """Read labels in OpenLABEL, or those of the first release."""
+    """Read labels in OpenLABEL or in the format of the first release."""
     document = read_json_document(path, _EXPECTED)
     if not (isinstance(document, dict) and isinstance(document.get("labels"), list)):
         return _read_openlabel(document, path)
@@ -101,9 +101,9 @@ def _read_boxes(path: Path) -> Boxes:
 
 
 def _pose_in_site(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
-    """Poses of the points in the site, which our own exports alone give.
+    """Return a function of poses in the site frame, which only our own exports contain.
 
-    TUMTraf's own transforms are not read: its tools take them both ways round.
+    TUMTraf's own transforms are not read: its tools disagree on their direction.
     """
 
     def pose(cloud: Path, index: int) -> Pose | None:
@@ -124,8 +124,8 @@ def _pose_in_site(path: Path, files: list[Path]) -> Callable[[Path, int], Pose |
     return pose
 
 
-def _read_openlabel(document: Any, path: Path) -> Boxes:  # noqa: ANN401 - whatever JSON holds
-    """Return the cuboids of a document of one frame, in the frame that they are in."""
+def _read_openlabel(document: Any, path: Path) -> Boxes:  # noqa: ANN401 - any JSON
+    """Return the cuboids of the document of one frame, in their own coordinate frame."""
     with laid_out(path, _EXPECTED):
         labels = document["openlabel"]
         objects = labels.get("objects", {})

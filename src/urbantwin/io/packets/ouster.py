@@ -207,7 +207,7 @@ def read_ouster_format(path: Path) -> OusterFormat:
     return ouster_format(read_json_document(path, _EXPECTED), path)
 
 
-def ouster_format(document: Any, path: Path) -> OusterFormat:  # noqa: ANN401 - whatever JSON holds
+def ouster_format(document: Any, path: Path) -> OusterFormat:  # noqa: ANN401 - any JSON
     """Return the packet format of a unit's metadata.
 
     Args:

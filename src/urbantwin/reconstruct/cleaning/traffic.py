@@ -195,7 +195,7 @@ def _raised(vertices: NDArray[np.float64], outline: Outline) -> NDArray[np.bool_
 def _looks(
     middle: NDArray[np.float64], new: NDArray[np.bool_], rest: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Return the triangle (F,) whose colour and class each takes: for new ones the nearest."""
+    """Return the triangle (F,) with the colour and class for each; the nearest for new ones."""
     like = np.arange(len(middle))
     if new.any() and rest.any():
         beside = np.flatnonzero(rest)

@@ -63,7 +63,7 @@ def range_modes(
 
     A frequent range is static if firings without it are rare or scattered over time: an edge, a
     leaf, a fence and a surface too dark for the sensor alternate between firings. A waiting object
-    comes once and goes once, and a return from beyond proves that it moved. A firing counts for a
+    arrives and leaves once, and a return from beyond proves that it moved. A firing counts for a
     range (its return), against it (a return from beyond, or none) or not at all (a nearer return).
     The number of changes between firings for and against is compared with that of independent
     firings with the same share (the runs test of Wald and Wolfowitz 1940, with a threshold of 0.7).
