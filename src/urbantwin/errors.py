@@ -64,8 +64,7 @@ class UrbanTwinError(Exception):
 class InputError(UrbanTwinError):
     """A file or a value given by the user is wrong.
 
-    ``str(error)`` is one line: ``FILE: PLACE: what is wrong; expected what was expected``. Long
-    parts are shortened.
+    ``str(error)`` is one line: ``FILE: PLACE: problem; expected value``. Long parts are shortened.
 
     Args:
         problem: description of the error.

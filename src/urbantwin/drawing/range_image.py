@@ -168,7 +168,7 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
     shape = (rows, columns)
     ranges = np.full(shape, np.nan)
     classes = np.zeros(shape, np.int64)
-    far_first = np.argsort(-distance, kind="stable")  # of two in a cell the nearer shows
+    far_first = np.argsort(-distance, kind="stable")  # the nearer one of a cell is last
     ranges[row[far_first], column[far_first]] = distance[far_first]
     classes[row[far_first], column[far_first]] = frame.semantic[mine][far_first]
     return RangeImage(ranges, classes, heights)

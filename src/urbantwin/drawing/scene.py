@@ -40,7 +40,7 @@ _SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
 _GROUNDLIGHT = np.array([1.0, 0.93, 0.82], np.float32)
 #: A random ray without a hit within this distance reaches the sky, metres.
 _AMBIENT_M = 12.0
-#: The streets within this distance of a place are the junction that is to be seen, metres.
+#: The streets within this distance of the target are the junction, metres.
 JUNCTION_M = 35.0
 #: Elevations of the candidate cameras, and their offsets from the default azimuth.
 ELEVATIONS_DEG = (29.0, 36.0, 44.0, 53.0, 62.0, 72.0)
@@ -81,7 +81,7 @@ class Camera:
 
     @property
     def sun(self) -> NDArray[np.float32]:
-        """Towards the sun (3,): over the right shoulder, so that shadows show and walls shine."""
+        """Direction of the sun (3,): over the right shoulder, so that shadows are visible."""
         a, e = np.radians([self.azimuth_deg + 48.0, 42.0])
         way = [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
         return np.array(way, np.float32)

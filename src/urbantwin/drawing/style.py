@@ -51,7 +51,7 @@ _LEAST_LIGHT = 90.0
 
 
 class Picture(Figure):
-    """A figure that a notebook shows, although no window of pyplot's knows it."""
+    """A figure that a notebook can show, although it has no pyplot window."""
 
     def _repr_png_(self) -> bytes:
         stream = BytesIO()

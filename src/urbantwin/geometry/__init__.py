@@ -1,4 +1,4 @@
-"""Frames, poses, angles, boxes, areas in plan and labelled triangle meshes. Knows no cities."""
+"""Frames, poses, angles, boxes, areas in plan and labelled triangle meshes, without site data."""
 
 from typing import TYPE_CHECKING
 

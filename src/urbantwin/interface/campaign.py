@@ -129,7 +129,8 @@ def campaign(
     recorded by each rig in each weather. The next call repeats failed steps.
 
     Raises:
-        InputError: the file or what it names cannot be used, or ``out`` holds another campaign.
+        InputError: the file, or a file that it names, cannot be used, or ``out`` holds another
+            campaign.
         StageError: the disk is full.
     """
     from urbantwin.experiments.campaign.file import CampaignFile

@@ -94,7 +94,7 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
         `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets` for any other folder with
         several datasets or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or a
         `Datasheet`; a `Background`; a `Cloud` or a `Recording`. For a typed result use
-        ``ut.Dataset.open(path)`` and the like.
+        ``ut.Dataset.open(path)`` or the same method of another class.
 
     Raises:
         InputError: the path is missing, damaged, or of no known kind.
@@ -124,7 +124,7 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
 
 def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
-    """Open a folder that is no artefact: a folder of artefacts, a site or a recording."""
+    """Open a folder that is not an artefact: a folder of artefacts, a site or a recording."""
     from urbantwin.dataset.reading.datasets import datasets_inside
     from urbantwin.interface.dataset import Datasets
 

@@ -152,8 +152,8 @@ def place(
         progress: show progress; or a function that is called with (share, doing).
 
     Raises:
-        InputError: the wish cannot be met (unknown model, a place inside an object, a budget below
-            every layout), or ``out`` holds other files.
+        InputError: the request cannot be satisfied (unknown model, a place inside an object, a
+            budget below every layout), or ``out`` holds other files.
         StageError: a worker was killed, or the disk is full.
 
     Example:

@@ -132,8 +132,8 @@ def record(
         The dataset; of nodes, a `Fleet` with a dataset for each; on storage, a `StoredDataset`.
 
     Raises:
-        InputError: what is given does not fit together, ``out`` holds other files, or no cluster
-            can be reached.
+        InputError: the arguments are inconsistent, ``out`` holds other files, or no cluster can be
+            reached.
         StageError: a worker was killed, the disk is full, or storage fails.
 
     Example:

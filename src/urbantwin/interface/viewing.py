@@ -174,7 +174,7 @@ def view(
     """Show a result or real frames in the browser.
 
     A page is served on 127.0.0.1 until the `View` is closed, or saved as one file. Twin, motion and
-    coverage are found beside a dataset. docs/guide/sensors.md says what the page shows.
+    coverage are found beside a dataset. docs/guide/sensors.md describes the page.
 
     Args:
         path: twin, motion, dataset, folder of real frames in any known layout, detections or report

@@ -234,7 +234,7 @@ def _zone(kind: str, area: shapely.Geometry, semantic: str, material: str) -> Zo
 def _flush_areas(
     features: Sequence[OsmFeature], waters: Sequence[WaterBody]
 ) -> list[tuple[shapely.Geometry, str, str]]:
-    """Surfaces that the map knows beside the lane network, the more important first."""
+    """Mapped surfaces beside the lane network, the more important first."""
     groups: dict[tuple[str, str], list[shapely.Geometry]] = {}
     standing = area_union(building_ground(features))
     for feature in features:

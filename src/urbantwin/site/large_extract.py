@@ -54,7 +54,7 @@ class NearExtract:
         self._ways: dict[int, Way] = {}
         self._relations: dict[int, Relation] = {}
         self._last_node = self._last_relation = 0
-        # Of all ways: id, bounds, and their nodes' ids in one array.
+        # All ways: id, bounds, and their nodes' ids in one array.
         self._way_ids, self._refs, self._firsts = array("q"), array("q"), array("q", [0])
         self._bounds = array("i")
         self._order: NDArray[np.int64] | None = None
@@ -164,7 +164,7 @@ class NearExtract:
                     self._nodes[ref] = (place.lon, place.lat)
 
     def _rows(self, ways: list[int]) -> NDArray[np.int64]:
-        """Return the row numbers of those ways that the map has."""
+        """Return the row numbers of the given ways that are in the map."""
         ids = np.frombuffer(self._way_ids, np.int64)
         if self._order is None:
             self._order = np.argsort(ids, kind="stable")

@@ -103,7 +103,7 @@ class Document:
         # A misspelt field is reported as unknown and as missing; the former is more helpful.
         first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
         place = self._written(first)
-        # Of alternatives of a field, report the one that validated furthest.
+        # If a field has alternatives, report the one that validated furthest.
         for item in details:
             at = self._written(item)
             further = len(at) > len(place) or (

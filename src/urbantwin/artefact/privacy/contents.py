@@ -27,7 +27,7 @@ from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["Marked", "Text", "content_of_file"]
 
-#: Of larger files, only this many bytes are searched at the beginning and at the end.
+#: Number of bytes searched at the beginning and at the end of larger files.
 _MOST_BYTES = 64_000_000
 #: Runs of printable characters that rarely occur by chance in binary data.
 _RUN = re.compile(rb"[\x20-\x7e]{8,}")

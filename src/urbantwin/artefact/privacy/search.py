@@ -129,7 +129,7 @@ def _found_in(
             ]
         elif isinstance(value, list):
             some = range(len(value))
-            # Of long rows of numbers, the first and the last suffice.
+            # For long rows of numbers, the first and the last are sufficient.
             if len(value) > 16 and all(isinstance(one, int | float) for one in value):
                 some = range(0, len(value), len(value) - 1)
             waiting += [(value[k], f"{place}[{k}]", field) for k in reversed(some)]

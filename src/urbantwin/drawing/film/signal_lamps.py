@@ -53,7 +53,7 @@ class Lamps:
             self._of_link.setdefault((signal, link), number)
 
     def number(self, program: str, links: tuple[int, ...]) -> int | None:
-        """Return the number of the first link of a program that the motion knows."""
+        """Return the number of the first link of a program in the motion."""
         found = (self._of_link.get((program, link)) for link in links)
         return next((one for one in found if one is not None), None)
 

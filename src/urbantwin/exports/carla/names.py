@@ -5,7 +5,7 @@
 compares case-insensitively. A mesh with ``light`` or ``sign`` in its name is imported but not
 placed in the world (``PrepareAssetsForCookingCommandlet.cpp``), because CARLA creates its own from
 the map's OpenDRIVE. So the map of a street called "Lightfoot Road" would be empty, unless its name
-is chosen with care.
+is changed.
 """
 
 from __future__ import annotations

@@ -194,7 +194,7 @@ def _of_line(
         depth[row] = shapely.length(line)
         ends = shapely.get_coordinates(line).reshape(-1, 2, 2)
         way[row] = ends[:, 1] - ends[:, 0]
-        # Houses across the street are no neighbours.
+        # Buildings across the street are not neighbours.
         free = shapely.length(shapely.intersection(line, street)) < 0.5
         ours = free & (depth[row] >= NEAREST_M) & (depth[row] <= FARTHEST_M)
         owner[row[ours]] = house[ours]

@@ -33,7 +33,7 @@ def rows_of(name: str, group: str) -> list[dict[str, str]]:
 
 
 def tags_of(text: str) -> dict[str, str]:
-    """Return the tags that a cell of a table holds."""
+    """Return the tags in a cell of a table."""
     return dict(pairs_of(text))
 
 

@@ -1,8 +1,9 @@
 """Facade styles by kind of building: sizes and spacing of windows.
 
 Sizes are usual ones. A window of a dwelling is about 1.2 m wide and 1.4 m high over a sill of 0.9
-m, recessed by half a brick or slightly less (DIN 5034-1 requires a head at 2.2 m or more and a sill
-of at most 0.9 m). Offices have wider windows, halls a band under the eaves, churches tall windows.
+m. It is recessed by half a brick or slightly less. DIN 5034-1 requires a head at 2.2 m or more and
+a sill of at most 0.9 m. Offices have wider windows, halls a band under the eaves, churches tall
+windows.
 """
 
 from __future__ import annotations

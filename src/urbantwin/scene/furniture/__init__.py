@@ -1,4 +1,4 @@
-"""Street furniture: benches, shelters, cabinets, advertising, fountains, statues and the like."""
+"""Street furniture: benches, shelters, cabinets, advertising, fountains, statues and others."""
 
 from urbantwin.scene.furniture.mesh import furniture_mesh
 

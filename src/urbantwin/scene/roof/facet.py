@@ -38,7 +38,7 @@ class Facet:
         return Facet(self.area, (a * scale, b * scale, c * scale + offset))
 
     def top(self) -> float:
-        """Return the greatest height over the facet."""
+        """Return the maximum height of the facet."""
         return float(self.height(shapely.get_coordinates(self.area)).max())
 
 

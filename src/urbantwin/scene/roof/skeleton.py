@@ -136,7 +136,7 @@ def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | No
 def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
     """Return the edges whose hip is a triangle between convex corners, with the hip's height.
 
-    Of two adjacent edges only the shorter is returned.
+    If two adjacent edges qualify, only the shorter is returned.
 
     Args:
         outline: as for ``skeleton_facets``.

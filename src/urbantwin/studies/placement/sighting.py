@@ -1,4 +1,4 @@
-"""What a view sees of a motion: each view is ray-traced once, and combined into layouts.
+"""Visibility of a motion from views: each is ray-traced once, and combined into layouts.
 
 Points are those of `lidar.sight.expected_points`. Sensors do not interfere, so a layout's returns
 from an actor are the sum over its views, without further ray tracing.
@@ -55,7 +55,7 @@ _ON_GROUND_M = 1.2
 
 
 class Sighting(NamedTuple):
-    """What a view sees.
+    """Visibility of the targets from a view.
 
     Attributes:
         points: (P,) float32, expected points on each target.
@@ -132,7 +132,7 @@ class Caster:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
     def cast(self, mounted: MountedSensor, model: int, moments: int | None = None) -> Sighting:
-        """Return what a sensor sees.
+        """Return the visibility from a sensor.
 
         Args:
             mounted: the sensor with its pose.
@@ -178,7 +178,7 @@ class Caster:
         return Sighting(points, alone, blocker, taken, away, sees, ground, passed)
 
     def written(self, mounted: MountedSensor, model: int, path: Path) -> Sighting:
-        """Return what a sensor sees, and write it to a file."""
+        """Return the visibility from a sensor, and write it to a file."""
         sighting = self.cast(mounted, model)
         write_sighting(path, sighting)
         return sighting
@@ -199,7 +199,7 @@ class Caster:
 
 
 def write_sighting(path: Path, sighting: Sighting) -> None:
-    """Write what a view sees, atomically."""
+    """Write the visibility of a view, atomically."""
     part = path.with_name(f".{path.name}.part")
     with part.open("wb") as stream:
         np.savez(stream, **sighting._asdict())
@@ -207,7 +207,7 @@ def write_sighting(path: Path, sighting: Sighting) -> None:
 
 
 def read_sighting(path: Path) -> Sighting | None:
-    """Return what a view sees from a file; ``None`` if missing or incomplete."""
+    """Return the visibility of a view from a file; ``None`` if missing or incomplete."""
     try:
         with path.open("rb") as stream, np.load(stream) as found:
             return Sighting(*(found[name] for name in Sighting._fields))
