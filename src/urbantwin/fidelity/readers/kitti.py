@@ -250,7 +250,7 @@ def _sequence(path: Path) -> Path:
 
 
 def _tracking_labels(path: Path, files: list[Path]) -> Labels:
-    """Boxes of all frames of a sequence: each line begins with the frame and the track."""
+    """Return the labels of a sequence, whose lines begin with the frame and the track."""
     folder = _sequence(path)
     split, name = folder.parent.parent, folder.name
     labels, calibration = split / "label_02" / f"{name}.txt", split / "calib" / f"{name}.txt"
