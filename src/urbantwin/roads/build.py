@@ -269,7 +269,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         crossings=_places(extract, frame, pieces, _is_crossed),
         islands=_places(extract, frame, pieces, is_island),
     )
-    model, moved = with_moved_curbs(with_curbs(model), curbs or {})
+    model, moved_curbs = with_moved_curbs(with_curbs(model), curbs or {})
     model = before_buildings(model, buildings)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
@@ -318,7 +318,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     unclear = warnings_of_ways(network, standing)
-    return BuiltRoads(model, network, surface, notes, unclear, moved)
+    return BuiltRoads(model, network, surface, notes, unclear, moved_curbs)
 
 
 def _with_lines_of_map(model: LaneModel, ways: Sequence[Way]) -> LaneModel:
@@ -362,15 +362,17 @@ def _unlit(
     extract: Extract, frame: SiteFrame, nodes: Sequence[int], network: RoadNetwork
 ) -> list[int]:
     """Return the nodes without a signalised crossing."""
-    lit = {head.lane for head in network.signals}
+    signalised = {head.lane for head in network.signals}
     lines = [
         shapely.LineString(lane.centre[:, :2])
         for lane in network.lanes
-        if lane.kind == "crossing" and lane.id in lit
+        if lane.kind == "crossing" and lane.id in signalised
     ]
     xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
-    far = [not shapely.dwithin(lines, shapely.Point(position), FOUND_M).any() for position in xy]
-    return list(compress(nodes, far))
+    without_crossing = [
+        not shapely.dwithin(lines, shapely.Point(position), FOUND_M).any() for position in xy
+    ]
+    return list(compress(nodes, without_crossing))
 
 
 def _count_in_region(

@@ -103,8 +103,8 @@ def with_painted_islands(
 
 def _with_areas(model: LaneModel, areas: Sequence[RoadArea]) -> LaneModel:
     first = model.next_id
-    named = tuple(replace(area, id=first + k) for k, area in enumerate(areas))
-    return replace(model, areas=(*model.areas, *named))
+    numbered = tuple(replace(area, id=first + k) for k, area in enumerate(areas))
+    return replace(model, areas=(*model.areas, *numbered))
 
 
 def _circle(centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:

@@ -201,13 +201,13 @@ def _corrected(
         and osm_way.tags.get("oneway") in ("yes", "1", "true")
         and len(edited.known(osm_way)) > 1
     ]
-    changes, why, places = [], [], []
+    changes, reasons, places = [], [], []
     for stretch in stretches:
         osm_way = edited.ways[stretch.way]
         line = edited.line(osm_way)
-        where = substring(shapely.LineString(line), stretch.first, stretch.last)
-        if shapely.distance(where, region) > 0:
-            why.append(f"way/{osm_way.id} lies outside the region")
+        stretch_line = substring(shapely.LineString(line), stretch.first, stretch.last)
+        if shapely.distance(stretch_line, region) > 0:
+            reasons.append(f"way/{osm_way.id} lies outside the region")
             continue
         side = asked.side if stretch.aligned else OTHER[asked.side]
         sides = sidewalk_sides(osm_way.tags, line, one_way_lines, side=driving_side)
@@ -218,17 +218,17 @@ def _corrected(
             else:
                 tags = without_lane(osm_way.tags, side, asked.kind, street)
         except ImpossibleLaneError as error:
-            why.append(f"way/{osm_way.id}: {error}")
+            reasons.append(f"way/{osm_way.id}: {error}")
             continue
         part = edited.cut(osm_way, stretch.first, stretch.last)
         edited.ways[part] = replace(edited.ways[part], tags=tags)
-        places.append(where)
+        places.append(stretch_line)
         changes.append(f"{stretch.last - stretch.first:.0f} m of way/{osm_way.id}")
     if not changes:
-        return Outcome(one, False, "; ".join(why))
+        return Outcome(one, False, "; ".join(reasons))
     verb = "added to" if isinstance(asked, AddLane) else "removed from"
     summary = f"{asked.kind} lane {verb} {', '.join(changes)}"
-    return Outcome(one, True, "; ".join([summary, *(f"not: {text}" for text in why)]), places)
+    return Outcome(one, True, "; ".join([summary, *(f"not: {text}" for text in reasons)]), places)
 
 
 def _is_street(way: Way) -> bool:

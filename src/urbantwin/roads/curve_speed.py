@@ -53,8 +53,8 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
         allowed = np.sqrt(SIDEWAYS_MS2 / bend)
         # Longer chords apply to vehicles that are fast enough to steer along them.
         fast = allowed >= (chord / STEERING_S if k else 0.0)
-        most = CHORDS_M[k + 1] / STEERING_S if k + 1 < len(CHORDS_M) else np.inf
-        speed = np.maximum(speed, np.where(fast, np.minimum(allowed, most), 0.0))
+        limit = CHORDS_M[k + 1] / STEERING_S if k + 1 < len(CHORDS_M) else np.inf
+        speed = np.maximum(speed, np.where(fast, np.minimum(allowed, limit), 0.0))
     speed = np.min(
         [np.r_[speed[:1].repeat(k), speed][: len(speed)] for k in range(REAR_M + 1)], axis=0
     )
@@ -141,8 +141,8 @@ def _beginning(line: NDArray[np.float64], length_m: float) -> NDArray[np.float64
 
 def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a line without consecutive duplicate points."""
-    far = np.linalg.norm(np.diff(line, axis=0), axis=1) > SAME_M
-    return np.asarray(line[np.concatenate([[True], far])]) if len(line) else line
+    is_distinct = np.linalg.norm(np.diff(line, axis=0), axis=1) > SAME_M
+    return np.asarray(line[np.concatenate([[True], is_distinct])]) if len(line) else line
 
 
 def _curvatures(
@@ -150,8 +150,8 @@ def _curvatures(
 ) -> NDArray[np.float64]:
     """Return the curvature (C, M) at places of a line from C pairs of chords, 1/m."""
     chords = np.array(CHORDS_M)
-    away = np.concatenate([[0.0], -chords, chords])[:, None]
-    points = _at(line, along, (places + away).ravel()).reshape(len(away), -1, 2)
+    offsets = np.concatenate([[0.0], -chords, chords])[:, None]
+    points = _at(line, along, (places + offsets).ravel()).reshape(len(offsets), -1, 2)
     a, b = points[0] - points[1 : len(chords) + 1], points[len(chords) + 1 :] - points[0]
     turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
     return np.asarray(np.abs(turn) / chords[:, None])

@@ -97,11 +97,11 @@ class Lift:
         if wide_samples is not None:
             wide_index = wide_samples[0].query(xy[rows])[1]
             nearest = wide_samples[1][wide_index]
-            apart = np.linalg.norm(
+            distance_m = np.linalg.norm(
                 tree.data[index] - wide_samples[0].data[wide_index][:, None], axis=2
             )
             rise = np.abs(height[index] - nearest[:, None])
-            weight *= rise <= STEP_UP_M + STEEPEST * apart
+            weight *= rise <= STEP_UP_M + STEEPEST * distance_m
             alone = weight.sum(axis=1) < LEAST_WEIGHT
             lift[rows[alone]] = nearest[alone]
             rows, gap, index, weight = rows[~alone], gap[~alone], index[~alone], weight[~alone]

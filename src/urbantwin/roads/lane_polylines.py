@@ -143,12 +143,12 @@ def _section_runs(
             points = np.empty((len(s), 3))
             points[:, :2] = pose[:, :2] + t[:, None] * left
             points[:, 2] = level + t * rise - crown * np.abs(t)
-            named = lane
+            named_lane = lane
             if not lane.strip:
-                named = dataclasses.replace(lane, strip=f"{road.id}:{number}:{lane.id}")
-            yield _Run(road, named, s, points, np.maximum(width, 0.0))
-            if named.opposite:
-                yield _Run(road, turned_round(named), s, points, np.maximum(width, 0.0))
+                named_lane = dataclasses.replace(lane, strip=f"{road.id}:{number}:{lane.id}")
+            yield _Run(road, named_lane, s, points, np.maximum(width, 0.0))
+            if named_lane.opposite:
+                yield _Run(road, turned_round(named_lane), s, points, np.maximum(width, 0.0))
 
 
 def _joined(parts: list[_Run]) -> _Run:
@@ -260,10 +260,13 @@ def _draw_to_corners(
             continue
         for end, inner in ((0, 1), (-1, -2)):
             corner, lane_end = known[name].centre[end, :2], lane.centre[end, :2]
-            leg, rest = lane_end - lane.centre[inner, :2], float(np.linalg.norm(corner - lane_end))
+            leg, missing_m = (
+                lane_end - lane.centre[inner, :2],
+                float(np.linalg.norm(corner - lane_end)),
+            )
             # An extension beside the end, not ahead of it, would be a jog wider than long.
-            ahead = leg @ (corner - lane_end) > _MIN_COSINE * rest * np.linalg.norm(leg)
-            if ahead and 0.02 < rest < REACH_M:
+            ahead = leg @ (corner - lane_end) > _MIN_COSINE * missing_m * np.linalg.norm(leg)
+            if ahead and 0.02 < missing_m < REACH_M:
                 extensions.setdefault(lane.level, []).append(
                     (name, end, np.array([lane_end, corner]))
                 )

@@ -397,9 +397,9 @@ class RoadNetwork:
                 raise InputError("is not a track", file=file, place=f"tracks[{number}]")
         if not {stop.lane for stop in self.tram_stops} <= rails:
             raise InputError("names a track that is not there", file=file, place="tram_stops")
-        named = [(f"roads[{k}].lanes", road.lanes) for k, road in enumerate(self.roads)]
-        named += [(f"stops[{k}].lane", (stop.lane,)) for k, stop in enumerate(self.stops)]
-        for place, names in named:
+        references = [(f"roads[{k}].lanes", road.lanes) for k, road in enumerate(self.roads)]
+        references += [(f"stops[{k}].lane", (stop.lane,)) for k, stop in enumerate(self.stops)]
+        for place, names in references:
             if not set(names) <= lane_of.keys():
                 raise InputError("names a lane that is not there", file=file, place=place)
 

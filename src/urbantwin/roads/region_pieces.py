@@ -130,8 +130,8 @@ def region_pieces(
         more, _ = main_component(_parts(pieces, extract.nodes))
         portals = {piece.id for piece in open_pieces if piece.id in more} - main
         linked = [piece for piece in open_pieces if piece.id not in portals]
-        rest = _parts(linked, extract.nodes)
-        _, left_out = main_component(rest)
+        other_parts = _parts(linked, extract.nodes)
+        _, left_out = main_component(other_parts)
     else:
         portals = set()
     return RegionPieces(

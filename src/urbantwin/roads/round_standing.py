@@ -85,11 +85,11 @@ def warnings_of_ways(
     if not contacts:
         return ()
     places = ", ".join(f"{x:.1f}, {y:.1f} m" for x, y in contacts[:NAMED])
-    more = f" and {len(contacts) - NAMED} more" if len(contacts) > NAMED else ""
+    more_text = f" and {len(contacts) - NAMED} more" if len(contacts) > NAMED else ""
     return (
         ResultWarning(
             "ways through junctions",
-            f"{len(contacts)} lead over what stands there, at {places}{more}",
+            f"{len(contacts)} lead over what stands there, at {places}{more_text}",
             "no way round it bends as gently as cars turn",
             "draw them as turns of a sketch, or correct where it stands",
         ),
@@ -117,22 +117,22 @@ def round_standing(
     for k, name in enumerate(beside):
         groups[name].append(k)
     tree = shapely.STRtree(obstacles)
-    moved: dict[int, Curve] = {}
+    moved_curves: dict[int, Curve] = {}
     for group in groups.values():
-        old = {k: _line(curves[k]) for k in group}
-        linestrings = [shapely.LineString(line) for line in old.values()]
+        old_lines = {k: _line(curves[k]) for k in group}
+        linestrings = [shapely.LineString(line) for line in old_lines.values()]
         near_index = tree.query(linestrings, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
-        lines = old
+        lines = old_lines
         # Obstacles are processed one by one; a displaced path may come close to the next.
         for number in np.unique(near_index).tolist():
             obstacle = obstacles[number]
             if any(_inner(line).distance(obstacle) < NEAR_M for line in lines.values()):
                 lines = _moved(lines, obstacle) or lines
-        if lines is not old:
+        if lines is not old_lines:
             for k in group:
                 start, end = curves[k].at([0.0, curves[k].length])[:, 2]
-                moved[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
-    return moved
+                moved_curves[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
+    return moved_curves
 
 
 def _merged_obstacles(

@@ -197,8 +197,8 @@ class Circuit:
             if np.abs(begins - ends).max() <= _BALANCED * begins.sum():
                 break
             # Starts without beginning or ending passages have no flow.
-            through = (begins > 0) & (ends > 0)
-            ratio = np.sqrt(np.where(through, ends, 0.0) / np.where(through, begins, 1.0))
+            has_flow = (begins > 0) & (ends > 0)
+            ratio = np.sqrt(np.where(has_flow, ends, 0.0) / np.where(has_flow, begins, 1.0))
             remaining *= ratio[:, None]
             remaining *= np.divide(1.0, ratio, out=np.zeros_like(ratio), where=ratio > 0)[end]
         begins = remaining.sum(axis=1)

@@ -226,8 +226,8 @@ class StreetNetwork:
         if vclass == "bicycle" and is_cycle_track(edge):
             return CYCLE_TRACK_PER_HOUR
         names = re.findall(r"highway\.(\w+)", edge.getType() or "")
-        usual = [LANE_PER_HOUR.get(name, OTHER_PER_HOUR) for name in names]
-        kind = max(usual, default=OTHER_PER_HOUR)
+        per_hour = [LANE_PER_HOUR.get(name, OTHER_PER_HOUR) for name in names]
+        kind = max(per_hour, default=OTHER_PER_HOUR)
         return kind * float(sum(lane.allows(vclass) for lane in edge.getLanes()))
 
     def _gates(
@@ -238,8 +238,8 @@ class StreetNetwork:
         weight = rank[number].astype(np.float64)
         if self._border is not None:
             points = _ends(edges)[number, np.where(at_start, 0, 1)]
-            far = shapely.distance(self._border, shapely.points(points)) > _BORDER_M
-            weight = weight * np.where(far, _DEAD_END_SHARE, 1.0)
+            is_dead_end = shapely.distance(self._border, shapely.points(points)) > _BORDER_M
+            weight = weight * np.where(is_dead_end, _DEAD_END_SHARE, 1.0)
         return Gates(number, at_start, weight)
 
 

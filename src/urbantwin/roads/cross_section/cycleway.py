@@ -86,10 +86,10 @@ def _side(
         tags.get("cycleway:lane"),
     )
     track = value in TRACK
-    usual = standard.cycle_track if track else standard.cycle_lane
+    default_m = standard.cycle_track if track else standard.cycle_lane
     if advisory and not track:
-        usual = standard.advisory_lane
-    return Cycleway(min(max(width or usual, 0.8), 5.0), track)
+        default_m = standard.advisory_lane
+    return Cycleway(min(max(width or default_m, 0.8), 5.0), track)
 
 
 def _general(tags: Mapping[str, str], side: str, way: str, driving_side: str) -> str | None:

@@ -174,12 +174,12 @@ def _lanes(
     """Return the lanes that the tags count, from the middle outwards; unmapped widths are 0."""
     if found is None:
         return []
-    usual = speed_limit(tags, name, country)
+    default_speed = speed_limit(tags, name, country)
     lanes = []
     for slot in range(found.slots):
         kind, allowed = _kind_and_users(found, slot, permission)
         kind = "bicycle" if tags.get("highway") == CYCLE_TRACK else kind
-        speed = speed_of(found.value("maxspeed:lanes", slot), country) or usual
+        speed = speed_of(found.value("maxspeed:lanes", slot), country) or default_speed
         turns = tuple(w for w in found.value("turn:lanes", slot).split(";") if w in ARROWS)
         width = metres(found.value("width:lanes", slot)) or 0.0
         if kind == "bicycle":
@@ -293,8 +293,8 @@ def _with_widths(
             return lane
         if fill_m is not None:
             return replace(lane, width=fill_m)
-        usual = standard.bus if lane.kind == "bus" else standard.lane(highway)
-        return replace(lane, width=half if single or one_lane else usual, assumed=True)
+        default_m = standard.bus if lane.kind == "bus" else standard.lane(highway)
+        return replace(lane, width=half if single or one_lane else default_m, assumed=True)
 
     return [filled(lane) for lane in forward], [filled(lane) for lane in backward]
 

@@ -179,8 +179,8 @@ def _with_motor_lane(
     tags: Mapping[str, str], side: str, kind: str, width_m: float | None, street: Street
 ) -> Tags:
     standard = standard_of(street.country)
-    usual = standard.bus if kind == "bus" else standard.lane(tags.get("highway", ""))
-    width = usual if width_m is None else width_m
+    default_m = standard.bus if kind == "bus" else standard.lane(tags.get("highway", ""))
+    width = default_m if width_m is None else width_m
     directed, after, name, at_end = _direction(tags, side, street)
     if directed.motor >= MOST:
         raise ImpossibleLaneError(f"it has {directed.motor} lanes on that side already")
@@ -189,10 +189,13 @@ def _with_motor_lane(
     lists.setdefault("width:lanes", blank)
     if kind == "bus":
         lists.setdefault("bus:lanes", blank)
-    new = {"width:lanes": f"{width:.10g}", "bus:lanes": "designated" if kind == "bus" else ""}
+    new_values = {
+        "width:lanes": f"{width:.10g}",
+        "bus:lanes": "designated" if kind == "bus" else "",
+    }
     for key, values in lists.items():
         row = [*values]
-        row.insert(len(row) if at_end else 0, new.get(key, ""))
+        row.insert(len(row) if at_end else 0, new_values.get(key, ""))
         after[f"{key}:{name}"] = "|".join(row)
     after[f"lanes:{name}"] = str(directed.motor + 1)
     _count(after, 1)
@@ -296,13 +299,13 @@ def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> T
     start, end = before.middle
     if widths_before == widths_after or start is None or end is None:
         return after
-    moved = 0.0
+    shift_m = 0.0
     inner = OTHER[street.driving_side] if then.forward else street.driving_side
     if side == inner and not (then.forward and then.backward):
         # The middle of a one-way road is the inner border of its lanes.
-        moved = (sum(widths_after) - sum(widths_before)) * (
+        shift_m = (sum(widths_after) - sum(widths_before)) * (
             -then.outward if then.forward else then.outward
         )
     result = {key: value for key, value in after.items() if not key.startswith("placement")}
-    result[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"
+    result[MIDDLE] = f"{start + shift_m:.4f};{end + shift_m:.4f}"
     return result

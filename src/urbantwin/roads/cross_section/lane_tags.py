@@ -151,15 +151,15 @@ def _two_way(
             slots = len(next(iter(values.values())))
             wanted[name] = max(1, slots - len(_cycle_slots(values, slots)))
     if total is not None:
-        rest = total - shared
+        directed_count = total - shared
         for name, other in (("forward", "backward"), ("backward", "forward")):
             other_count = wanted[other]
             if wanted[name] is None and other_count is not None:
-                wanted[name] = max(1, rest - other_count)
+                wanted[name] = max(1, directed_count - other_count)
         if wanted["forward"] is None:
             # Of an odd number of lanes, the forward direction has one more.
-            wanted["forward"] = max(1, (rest + 1) // 2)
-            wanted["backward"] = max(1, rest // 2)
+            wanted["forward"] = max(1, (directed_count + 1) // 2)
+            wanted["backward"] = max(1, directed_count // 2)
     _share_whole_lists(tags, lists, wanted, driving_side)
     other_side = "left" if driving_side == "right" else "right"
     sides = {"forward": (driving_side,), "backward": (other_side,)}

@@ -78,8 +78,8 @@ def middles_of(segments: Sequence[Segment], sections: Sequence[CrossSection]) ->
                 other_dir = _end_direction(segments[other[0]], other[1])
                 own_dir = _end_direction(segment, at_end)
                 # Both directions lead away from the node; the road goes through it.
-                through = (other_dir - own_dir) if not at_end else (own_dir - other_dir)
-                normal[row] = _mitre(own_dir if at_end else -own_dir, through)
+                along_road = (other_dir - own_dir) if not at_end else (own_dir - other_dir)
+                normal[row] = _mitre(own_dir if at_end else -own_dir, along_road)
         result.append(Middle(points, normal, offset))
     return result
 
@@ -95,24 +95,24 @@ def _offset(
     """Return the offset at an end; where the tags leave it open, that of the continuing road."""
     section = sections[k]
     own_offset = section.middle[int(at_end)]
-    usual = centred_middle(section.forward, section.backward, section.outward)
+    default_offset = centred_middle(section.forward, section.backward, section.outward)
     if own_offset is not None:
         return own_offset
     other = _continuation(k, at_end, segments, meeting)
     if other is None:
-        return usual
+        return default_offset
     next_section = sections[other[0]]
     other_offset = next_section.middle[int(other[1])]
     if other_offset is None:
-        return usual
+        return default_offset
     # A way drawn in the other direction has its sides swapped.
-    same = other[1] != at_end
+    same_direction = other[1] != at_end
     ahead, back = (
         (next_section.forward, next_section.backward)
-        if same
+        if same_direction
         else (next_section.backward, next_section.forward)
     )
-    other_offset = other_offset if same else -other_offset
+    other_offset = other_offset if same_direction else -other_offset
     extra = sum(lane.width for lane in ahead) - sum(lane.width for lane in section.forward)
     if len(back) != len(section.backward) or abs(extra) < 1e-6 or not section.forward:
         return other_offset
@@ -184,10 +184,10 @@ def middle_of_road(
     """
     if (numbers := TWO_NUMBERS.fullmatch(tags.get(MIDDLE, ""))) is not None:
         return float(numbers[1]), float(numbers[2])
-    usual = centred_middle(forward, backward, outward)
+    default_offset = centred_middle(forward, backward, outward)
     ends = []
     for end in ("start", "end"):
-        offset: float | None = usual
+        offset: float | None = default_offset
         for key, value in _values(tags, end):
             if value == "transition":
                 offset = None

@@ -167,9 +167,9 @@ def with_footways_at_stops(
     for stop in stops:
         candidates = []
         for k in lines.query(shapely.Point(stop).buffer(4 * BESIDE_M)).tolist():
-            side, away = _side_of(segments[k], sections[k], lines.geometries[k], stop)
-            if segments[k].piece.way and side and away < BESIDE_M:
-                candidates.append((away, k, side))
+            side, distance_m = _side_of(segments[k], sections[k], lines.geometries[k], stop)
+            if segments[k].piece.way and side and distance_m < BESIDE_M:
+                candidates.append((distance_m, k, side))
         if not candidates:
             continue
         _, k, side = min(candidates)
@@ -186,12 +186,12 @@ def _side_of(
     """Return the side of a street (empty if no bus runs there) and the distance of a stop."""
     along = float(np.clip(line.project(shapely.Point(stop)), 0.5, max(line.length - 0.5, 0.5)))
     a, b = (shapely.get_coordinates(line.interpolate(along + d))[0] for d in (-0.5, 0.5))
-    away, ahead = stop - (a + b) / 2, (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    left = float(ahead[0] * away[1] - ahead[1] * away[0])
+    to_stop, ahead = stop - (a + b) / 2, (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+    left = float(ahead[0] * to_stop[1] - ahead[1] * to_stop[0])
     side = "left" if left > 0 else "right"
     forward = (side == "left") == (section.driving_side == "left")
     lanes = section.lanes(forward=forward)
     buses = any("bus" in lane.allowed for lane in lanes)
     both = bool(section.forward and section.backward)
     reach = sum(lane.width for lane in lanes) / (1 if both else 2)
-    return side if buses else "", float(np.linalg.norm(away)) - reach
+    return side if buses else "", float(np.linalg.norm(to_stop)) - reach

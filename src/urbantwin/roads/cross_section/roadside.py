@@ -110,10 +110,10 @@ def _shoulder(tags: Mapping[str, str], side: str, standard: Standard, speed: flo
     width = _first_length(tags, (f"shoulder:{side}:width", "shoulder:both:width", "shoulder:width"))
     highway = tags.get("highway", "")
     fast = highway in ("motorway", "motorway_link", "trunk") and speed > FAST
-    usual = standard.shoulder if highway in ("motorway", "trunk") else standard.minor_shoulder
+    default_m = standard.shoulder if highway in ("motorway", "trunk") else standard.minor_shoulder
     if tag is None:
-        return usual if fast else 0.0
-    return 0.0 if tag in ("no", "none") else min(width or usual, 5.0)
+        return default_m if fast else 0.0
+    return 0.0 if tag in ("no", "none") else min(width or default_m, 5.0)
 
 
 def _first_length(tags: Mapping[str, str], keys: tuple[str, ...]) -> float | None:

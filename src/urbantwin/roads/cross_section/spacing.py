@@ -94,11 +94,11 @@ def spaced(
                 push[a] -= sign[pair.a] * pair.side * step
             if b in free:
                 push[b] += sign[pair.b] * pair.side * pair.along * step
-    moved = []
+    result = []
     for k, middle in enumerate(middles):
-        far = sign[k] * float(np.clip(push[group[k]], -FURTHEST_M, FURTHEST_M))
-        moved.append(replace(middle, offset=middle.offset + far) if far else middle)
-    return moved
+        shift_m = sign[k] * float(np.clip(push[group[k]], -FURTHEST_M, FURTHEST_M))
+        result.append(replace(middle, offset=middle.offset + shift_m) if shift_m else middle)
+    return result
 
 
 def _roads(segments: Sequence[Segment]) -> tuple[list[int], list[int]]:

@@ -64,9 +64,9 @@ class SumoEdge:
 
 def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     """Return a segment with tags from which netconvert builds its cross section."""
-    old = segment.piece.tags
-    tags = {key: old[key] for key in KEPT if key in old}
-    highway = old.get("highway", "")
+    old_tags = segment.piece.tags
+    tags = {key: old_tags[key] for key in KEPT if key in old_tags}
+    highway = old_tags.get("highway", "")
     tags["highway"] = CLASSES.get(highway, highway)
     own = section.kind == CYCLE_TRACK
     counted = {f: _counted(section.lanes(forward=f), own=own) for f in (True, False)}
@@ -130,15 +130,15 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         lanes = section.lanes(forward=forward)
         walk = section.side(forward=forward).sidewalk
         spread, beside = "right", 0.0
-        moved = bool(np.abs(middle.offset).max() > 1e-4)
+        has_offset = bool(np.abs(middle.offset).max() > 1e-4)
         if len(present) == 1:
             # A one-way road is centred on its own middle, which gives better junctions.
             half = (sum(lane.width for lane in lanes) + walk) / 2
             spread, beside = "center", section.outward * half * (1 if forward else -1)
-            moved = True
+            has_offset = True
         line = middle.beside(beside)[:: 1 if forward else -1]
         identity = str(segment.piece.id) if forward else f"-{segment.piece.id}"
-        shape = line if moved else np.zeros((0, 2))
+        shape = line if has_offset else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
         edges.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
     return edges

@@ -120,7 +120,7 @@ def _without_near_junction(
     xy = np.array([place[node] for node in junctions])
     gap = np.linalg.norm(xy[:, None] - xy[None], axis=2)
     np.fill_diagonal(gap, np.inf)
-    return {node for node, away in zip(junctions, gap.min(axis=1), strict=True) if away > ALONE_M}
+    return {node for node, gap_m in zip(junctions, gap.min(axis=1), strict=True) if gap_m > ALONE_M}
 
 
 def _exit_lanes(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:

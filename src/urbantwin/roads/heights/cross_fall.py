@@ -167,7 +167,7 @@ def run_out(
         calm: id of a street -> ranges of stations without cross-fall.
     """
     length = np.array([road.length for road in stations.roads])[stations.road]
-    away = np.full(len(length), np.inf)
+    gap_m = np.full(len(length), np.inf)
     for k, road in enumerate(stations.roads):
         part = stations.of(k)
         s = stations.s[part]
@@ -175,9 +175,9 @@ def run_out(
         spans += [(0.0, 0.0)] * (road.predecessor is not None)
         spans += [(road.length, road.length)] * (road.successor is not None)
         for first, last in spans:
-            away[part] = np.minimum(away[part], np.maximum(np.maximum(first - s, s - last), 0.0))
+            gap_m[part] = np.minimum(gap_m[part], np.maximum(np.maximum(first - s, s - last), 0.0))
     # Streets too short for a run-out at both ends have a smaller share in the middle.
-    return smooth_step(away / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
+    return smooth_step(gap_m / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
         length / (2.0 * RUN_OUT_M)
     )
 
@@ -220,16 +220,16 @@ def _measured(
     """Return level (M,), bank (M,) and crown (R,) by robust local regression on the raw ground."""
     half = (stations.left - stations.right) / 2
     t = stations.across(SAMPLES, margin=np.minimum(EDGE_M, half / 3))
-    raw = elevation.raw_at(stations.beside(t).reshape(-1, 2)).reshape(t.shape)
+    heights = elevation.raw_at(stations.beside(t).reshape(-1, 2)).reshape(t.shape)
     # Variation of the smoothed ground along the road is removed: the regression is across.
-    raw = raw - ground[:, None] - tilt[:, None] * t
+    heights = heights - ground[:, None] - tilt[:, None] * t
     crown = np.zeros(len(stations.roads))
     if crowned.any():
         # The first fit determines one crown per street; the second the rest, with that crown fixed.
-        kink = _regressed(stations, raw, [np.ones_like(t), t, -np.abs(t)])[2]
+        kink = _regressed(stations, heights, [np.ones_like(t), t, -np.abs(t)])[2]
         for k in np.flatnonzero(crowned).tolist():
             crown[k] = np.clip(np.median(kink[stations.of(k)]), *CROWNS)
-    flat = raw + crown[stations.road][:, None] * np.abs(t)
+    flat = heights + crown[stations.road][:, None] * np.abs(t)
     level, bank = _regressed(stations, flat, [np.ones_like(t), t])
     return ground + level, tilt + bank, crown
 
@@ -258,8 +258,8 @@ def _regressed(
         normal = system[:, : count * count].reshape(-1, count, count)
         normal = normal + 1e-6 * np.eye(count)
         coefficients = np.linalg.solve(normal, system[:, count * count :, None])[..., 0]
-        off = np.abs(z - np.einsum("mki,mi->mk", design, coefficients))
-        weight = np.minimum(1.0, HUBER_M / np.maximum(off, 1e-9))
+        residual = np.abs(z - np.einsum("mki,mi->mk", design, coefficients))
+        weight = np.minimum(1.0, HUBER_M / np.maximum(residual, 1e-9))
     return coefficients.T
 
 

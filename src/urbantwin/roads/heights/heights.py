@@ -135,9 +135,9 @@ def _streets(
     z = _sampled(stations.beside(t), level, base)
     weight = np.ones_like(t)
     if surface:
-        on = _sampled(stations.beside(t), level, surface.on_streets)
-        weight += SHARED_WEIGHT * on
-        z = _eased(stations, t, z, weight, on.max(axis=1) > 0.0)
+        on_street = _sampled(stations.beside(t), level, surface.on_streets)
+        weight += SHARED_WEIGHT * on_street
+        z = _eased(stations, t, z, weight, on_street.max(axis=1) > 0.0)
     share = run_out(stations, overlaps.calm)
     lifted = _lifted(stations, site.ground)
     cross = cross_falls(stations, t, z, weight, elevation, limits, lifted, share)
@@ -188,8 +188,8 @@ def _eased(
         s = stations.s[part]
         nearest = on_index[np.abs(s[:, None] - s[on_index]).argmin(axis=1)]
         room = np.where(s < s[nearest], s[nearest], s[-1] - s[nearest])
-        away = np.abs(s - s[nearest]) / np.maximum(np.minimum(EASING_M, room), 1e-9)
-        share = np.where(on[part], 0.0, 1.0 - smooth_step(away))
+        distance = np.abs(s - s[nearest]) / np.maximum(np.minimum(EASING_M, room), 1e-9)
+        share = np.where(on[part], 0.0, 1.0 - smooth_step(distance))
         level, slope = (share * value[part][nearest] for value in ask)
         z[part] += level[:, None] + slope[:, None] * t[part]
     return z

@@ -89,8 +89,8 @@ class Stations:
         if not self.roads:
             return np.zeros(0, object)
         right, left = self.sides[2:] if outer else self.sides[:2]
-        more = np.broadcast_to(np.asarray(grown, np.float64), len(self.roads))[self.road]
-        corners = self.beside(np.column_stack([right - more, left + more]))
+        margin = np.broadcast_to(np.asarray(grown, np.float64), len(self.roads))[self.road]
+        corners = self.beside(np.column_stack([right - margin, left + margin]))
         # Along the right border of a road, and back along its left one.
         begin, end = self.edges()
         back = (begin + end)[self.road] - np.arange(len(self.road))
@@ -167,8 +167,8 @@ class RoadGround:
         if self._elevation.is_flat:
             return np.asarray(lift + self._elevation.raw.flat[0])
         grid, place = self._grid
-        where = (xy - place[:2]) / place[2]
-        z = map_coordinates(grid, [where[:, 1], where[:, 0]], order=1, mode="nearest")
+        pixel = (xy - place[:2]) / place[2]
+        z = map_coordinates(grid, [pixel[:, 1], pixel[:, 0]], order=1, mode="nearest")
         return np.asarray(z + lift)
 
     def lift_at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
@@ -248,7 +248,7 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]
     reach = [_borders(road, x) for road, x in zip(roads, s, strict=True)]
     sides = np.concatenate([np.zeros((4, 0)), *reach], axis=1)
-    away = np.array(offsets, np.float64)[:, None]
+    offset_m = np.array(offsets, np.float64)[:, None]
     turned = wrapped(change[:, :, 2])
     return Stations(
         tuple(roads),
@@ -257,8 +257,8 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
         np.concatenate([np.zeros(0), *s]),
         pose,
         sides,
-        (turned / away).T,
-        (np.hypot(change[:, :, 0], change[:, :, 1]) / away).T,
+        (turned / offset_m).T,
+        (np.hypot(change[:, :, 0], change[:, :, 1]) / offset_m).T,
     )
 
 

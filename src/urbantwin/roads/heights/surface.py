@@ -196,8 +196,8 @@ class RoadSurface:
             share = np.where(inside >= -TOUCH_M, np.maximum(inside, 1e-4) ** 2, 0.0)
             np.add.at(total, index, share * z)
             np.add.at(weight, index, share)
-        on = np.flatnonzero(weight > 0.0)
-        return on, total[on] / weight[on]
+        inside_index = np.flatnonzero(weight > 0.0)
+        return inside_index, total[inside_index] / weight[inside_index]
 
     def _correction(
         self, known: _Level, points: NDArray[np.float64], base: NDArray[np.float64]
@@ -242,8 +242,8 @@ def _inside(
     point_index, area = areas.query(shapely.points(points))
     # Prepared areas are faster than the tree's own predicate.
     shapely.prepare(areas.geometries)
-    hit = shapely.intersects_xy(areas.geometries[area], points[point_index])
-    return point_index[hit], area[hit]
+    is_inside = shapely.intersects_xy(areas.geometries[area], points[point_index])
+    return point_index[is_inside], area[is_inside]
 
 
 def _inverse_distance_weight(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:

@@ -139,8 +139,8 @@ def build_imported_roads(
         StageError: netconvert failed.
     """
     places = [plan.spec.place for plan in plans]
-    lit = [frame.site_from_lonlat([(place[1], place[0])])[0] for place in places if place]
-    sumo = sumo_network_of_model(prepared.model, out, lit=lit)
+    signal_places = [frame.site_from_lonlat([(place[1], place[0])])[0] for place in places if place]
+    sumo = sumo_network_of_model(prepared.model, out, lit=signal_places)
     planned = set_programs(out, plans, frame)
     model = sumo.model
     raw = read_sumo_network(

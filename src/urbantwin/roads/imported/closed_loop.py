@@ -118,11 +118,11 @@ def closed_model(model: LaneModel, region: shapely.Polygon) -> tuple[LaneModel, 
     exits = [end for end in ends if end.leaving and not end.entering]
     entries = [end for end in ends if end.entering and not end.leaving]
     adjacent = _close_pairs(exits, entries)
-    rest = (
+    unpaired = (
         [a for a in exits if all(a is not b for b, _ in adjacent)],
         [a for a in entries if all(a is not b for _, b in adjacent)],
     )
-    round_it = _round(*rest)
+    round_it = _round(*unpaired)
     builder = _Builder(model)
     for end in two_way:
         builder.turn_round(end)
@@ -197,8 +197,8 @@ def _close_pairs(exits: Sequence[_End], entries: Sequence[_End]) -> list[tuple[_
         if math.cos(a.heading - b.heading) > 0.5
     )
     used: set[tuple[str, int]] = set()
-    for away, i, j in options:
-        if away <= NEAR_M and not used & {("out", i), ("in", j)}:
+    for distance_m, i, j in options:
+        if distance_m <= NEAR_M and not used & {("out", i), ("in", j)}:
             pairs.append((exits[i], entries[j]))
             used |= {("out", i), ("in", j)}
     return pairs

@@ -212,11 +212,11 @@ def _model_of_pieces(
         if junction.id in kept
     )
     junctions = tuple(junction for junction in junctions if junction.connections)
-    named = {junction.id for junction in junctions}
+    junction_ids = {junction.id for junction in junctions}
     ordered = sorted(roads.values(), key=lambda road: (order.get(road.id, len(order)), road.id))
     result = dataclasses.replace(
         model,
-        roads=tuple(_unjoined(road, named) for road in ordered),
+        roads=tuple(_unjoined(road, junction_ids) for road in ordered),
         junctions=junctions,
     )
     return _furnished(model, result, pieces)
@@ -235,8 +235,8 @@ def _relinked(
             return old if old and old.id in kept else None
         if old.id in ways:
             return old
-        new = at_end.get((old.id, old.contact))
-        return None if new is None else dataclasses.replace(old, id=new)
+        new_id = at_end.get((old.id, old.contact))
+        return None if new_id is None else dataclasses.replace(old, id=new_id)
 
     before, after = link(road.predecessor), link(road.successor)
     sections = list(road.sections)
@@ -269,12 +269,12 @@ def _junction_of_pieces(
         if incoming is None:
             continue
         if model.road_by_id[connection.connecting].junction < 0:  # a direct junction
-            new = at_end.get((connection.connecting, connection.contact))
-            road = roads.get(new) if new is not None else None
+            new_id = at_end.get((connection.connecting, connection.contact))
+            road = roads.get(new_id) if new_id is not None else None
         if road is None:
             continue
-        old = model.road_by_id[connection.connecting]
-        link = old.predecessor if connection.contact == "start" else old.successor
+        old_road = model.road_by_id[connection.connecting]
+        link = old_road.predecessor if connection.contact == "start" else old_road.successor
         end = link.contact if link and link.id == incoming.id and link.element == "road" else ""
         if not end:
             after = incoming.successor

@@ -145,8 +145,8 @@ class ModelSurface:
         parts = [np.vstack(low)]
         tree = cKDTree(parts[0][:, :2])
         for points in high:
-            away, _ = tree.query(points[:, :2])
-            parts.append(points[away > UNDER_M])
+            distance_m, _ = tree.query(points[:, :2])
+            parts.append(points[distance_m > UNDER_M])
         return np.vstack(parts)
 
 
@@ -203,8 +203,8 @@ def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
     z = (weight * points[::RING_EVERY, 2]).sum(axis=1) / weight.sum(axis=1)
     sheet = _Sheet(np.vstack([points, np.column_stack([ring, z])]))
     exact = sheet(grid).reshape(len(y), len(x))
-    away = cKDTree(points[:, :2]).query(grid)[0].reshape(exact.shape)
-    share = np.clip((away - NEAR_M) / (FAR_M - NEAR_M), 0.0, 1.0)
+    distance_m = cKDTree(points[:, :2]).query(grid)[0].reshape(exact.shape)
+    share = np.clip((distance_m - NEAR_M) / (FAR_M - NEAR_M), 0.0, 1.0)
     smooth = gaussian_filter(exact, SMOOTHING_M / step, mode="nearest")
     return Elevation(float(x[0]), float(y[0]), step, exact + share * (smooth - exact))
 

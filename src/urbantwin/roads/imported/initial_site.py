@@ -199,5 +199,5 @@ def _anchor_comment(
     busiest = f"The busiest {kind}junction of the map: {found.arms} roads meet, {lights}."
     if anchor_m is None:
         return "As given." if given else busiest
-    where = "It lies where you said" if given else "0, 0 is assumed: put in where it is"
-    return f"{busiest}\n# The map does not say where on earth it lies. {where}."
+    place_text = "It lies where you said" if given else "0, 0 is assumed: put in where it is"
+    return f"{busiest}\n# The map does not say where on earth it lies. {place_text}."

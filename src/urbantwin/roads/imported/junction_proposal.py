@@ -173,8 +173,8 @@ def _signals_at(model: LaneModel) -> dict[int, int]:
         ends = ((signal.s, road.predecessor), (road.length - signal.s, road.successor))
         junctions = [
             link.id
-            for away, link in sorted(ends, key=lambda item: item[0])
-            if away <= SIGNAL_M and link and link.element == "junction"
+            for distance_m, link in sorted(ends, key=lambda item: item[0])
+            if distance_m <= SIGNAL_M and link and link.element == "junction"
         ]
         for junction in junctions[:1]:
             signals_of[junction] = signals_of.get(junction, 0) + 1

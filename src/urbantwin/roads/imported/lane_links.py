@@ -89,8 +89,8 @@ def lane_links(lanes: Lanes) -> list[LaneLink]:
             (start, i), (end, j) = link.start, link.end
             if "sidewalk" not in (start.lane(i).kind, end.lane(j).kind):
                 by_strips.setdefault((start.strip(i), end.strip(j)), link)
-    for more in (_from_bicycle_lanes, _to_bicycles):
-        for link in list(more(lanes.edges, list(by_strips.values()))):
+    for further_links in (_from_bicycle_lanes, _to_bicycles):
+        for link in list(further_links(lanes.edges, list(by_strips.values()))):
             (start, i), (end, j) = link.start, link.end
             by_strips.setdefault((start.strip(i), end.strip(j)), link)
     return list(by_strips.values())
@@ -196,8 +196,8 @@ def _links_through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
             contact, seen = connection.contact, {road.id}
             while path and (onward := _next_connecting_road(lanes.model, road, contact)):
                 road, contact = onward
-                more, last = _path(road, contact, last) if last is not None else ([], None)
-                path = path + more if more and road.id not in seen else []
+                further, last = _path(road, contact, last) if last is not None else ([], None)
+                path = path + further if further and road.id not in seen else []
                 seen.add(road.id)
             for end in _ends(lanes, road, contact, path, last):
                 yield LaneLink(start, end, tuple(path))
@@ -287,11 +287,13 @@ def allowed(lane: SectionLane) -> tuple[str, ...]:
     """Return the classes of actors that may use a lane, by default those usual for its kind."""
     if lane.allowed:
         return lane.allowed
-    usual = USUAL.get(lane.kind, ())
-    return tuple(actor for actor in usual if actor != "bicycle" or lane.speed_limit <= FAST_MS)
+    default_actors = USUAL.get(lane.kind, ())
+    return tuple(
+        actor for actor in default_actors if actor != "bicycle" or lane.speed_limit <= FAST_MS
+    )
 
 
 def speed(lane: SectionLane) -> float:
     """Return a lane's speed limit, by default the usual one for its kind, m/s."""
-    usual = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
-    return lane.speed_limit or usual
+    default_speed = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
+    return lane.speed_limit or default_speed

@@ -432,14 +432,16 @@ def describe_map(path: Path) -> dict[str, object]:
         place = anchor_of(path) if is_placed(path) else None
         imported = read_map(path, SiteFrame(*(place or (0.0, 0.0))))
         model, notes = imported.model, dict(imported.notes)
-        where = "none" if place is None else f"latitude {place[0]:.6f}, longitude {place[1]:.6f}"
+        place_text = (
+            "none" if place is None else f"latitude {place[0]:.6f}, longitude {place[1]:.6f}"
+        )
     else:
         read = read_opendrive(path)
         # Counts do not depend on the position.
         imported = placed_map(path, read._replace(projection=None), SiteFrame(0.0, 0.0))
         model, notes = read.model, dict(imported.notes)
-        where = read.projection or "none"
-    return {**notes, "georeference": where, **_counted(model)}
+        place_text = read.projection or "none"
+    return {**notes, "georeference": place_text, **_counted(model)}
 
 
 def _counted(model: LaneModel) -> dict[str, object]:

@@ -144,12 +144,12 @@ def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str,
     road = model.road_by_id[signal.road]
     if signal.type.replace(".", "") in ON_FOOT:
         place = road.curve.beside([signal.s], [signal.t])[0]
-        away = {
+        distance_of = {
             lane: float(np.linalg.norm(points[[0, -1]] - place, axis=1).min())
             for lane, points in light.places.items()
         }
-        nearest = min(away, key=lambda lane: (away[lane], lane), default="")
-        if nearest and away[nearest] <= BESIDE_M:
+        nearest = min(distance_of, key=lambda lane: (distance_of[lane], lane), default="")
+        if nearest and distance_of[nearest] <= BESIDE_M:
             return nearest, light.of_crossing[nearest]
         return "", []
     if road.junction >= 0:
@@ -311,9 +311,11 @@ def lights_of_places(
     }
     light_of: dict[str, str] = {}
     for place in places:
-        away = {node: shapely.distance(area, shapely.Point(place)) for node, area in areas.items()}
-        node = min(away, key=lambda name: (away[name], name), default=None)
-        if node is not None and away[node] <= NEAREST_M:
+        distance_of = {
+            node: shapely.distance(area, shapely.Point(place)) for node, area in areas.items()
+        }
+        node = min(distance_of, key=lambda name: (distance_of[name], name), default=None)
+        if node is not None and distance_of[node] <= NEAREST_M:
             light_of[node] = node
     return light_of
 
@@ -329,6 +331,6 @@ def node_of_signal(model: LaneModel, nodes: Nodes, signal: RoadSignal) -> str | 
     end = {"+": "end", "-": "start"}.get(signal.orientation)
     if end is None:
         end = "end" if signal.s > road.length / 2 else "start"
-    away = abs((road.length if end == "end" else 0.0) - signal.s)
+    distance_m = abs((road.length if end == "end" else 0.0) - signal.s)
     node = nodes.of_end[road.id, end]
-    return node if away <= FARTHEST_M and node in nodes.junctions else None
+    return node if distance_m <= FARTHEST_M and node in nodes.junctions else None

@@ -93,7 +93,7 @@ def sumo_network_of_model(
         write_network(raw, out)
     set_default_programs(out)
     root = etree.parse(out).getroot()
-    named, programs = with_programs(_named(topology, root), nodes, lights, out)
+    named_model, programs = with_programs(_named(topology, root), nodes, lights, out)
     notes: dict[str, object] = {
         "edges": len(edges),
         "connections": len(links),
@@ -101,7 +101,7 @@ def sumo_network_of_model(
         "crosswalks": len({item.area for item in crosswalks}),
         **programs,
     }
-    return SumoNetwork(named, warnings, notes)
+    return SumoNetwork(named_model, warnings, notes)
 
 
 def _without_outlines(net: Path) -> None:

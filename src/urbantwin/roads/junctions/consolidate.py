@@ -168,8 +168,8 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
         )
         links += junction_links
     network = PlainNetwork(nodes, edges, tuple(links), location=plain.location)
-    wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
-    return _with_slip_signals(network, wide, _stopping(marks, spans))
+    combined = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
+    return _with_slip_signals(network, combined, _stopping(marks, spans))
 
 
 def _drawn(
@@ -203,9 +203,11 @@ def _cluster(
     arms = tuple(Arm(into.get(key), outgoing.get(key)) for key in dict.fromkeys([*into, *outgoing]))
     if len(group) == 1:
         return _Cluster(group[0], frozenset(nodes), frozenset(inner), arms)
-    more = f"#{len(group) - 3}more" if len(group) > 4 else ""
-    named = group[:3] if more else group
-    return _Cluster("cluster_" + "_".join(named) + more, frozenset(nodes), frozenset(inner), arms)
+    more_text = f"#{len(group) - 3}more" if len(group) > 4 else ""
+    named_nodes = group[:3] if more_text else group
+    return _Cluster(
+        "cluster_" + "_".join(named_nodes) + more_text, frozenset(nodes), frozenset(inner), arms
+    )
 
 
 def _cuts(
@@ -264,17 +266,17 @@ def _spans(
         last = chain.length - last
         ends = np.cumsum([edge.line.length for edge in chain.edges])
         starts = ends - [edge.line.length for edge in chain.edges]
-        rest = np.maximum(np.minimum(ends, last) - np.maximum(starts, first), 0.0)
-        most = int(rest.argmax())
+        remaining_m = np.maximum(np.minimum(ends, last) - np.maximum(starts, first), 0.0)
+        longest = int(remaining_m.argmax())
         for k, edge in enumerate(chain.edges):
             length = float(edge.line.length)
             a, b = (
                 float(np.clip((station_m - starts[k]) / length, 0.0, 1.0))
                 for station_m in (first, last)
             )
-            if k != most and rest[k] < STUMP_M and b - a < 1.0:
+            if k != longest and remaining_m[k] < STUMP_M and b - a < 1.0:
                 # A short remainder before the next edge is not kept as a road.
-                a = b = 1.0 if k < most else 0.0
+                a = b = 1.0 if k < longest else 0.0
             spans[edge.id] = (a, b)
     for name, (a, b) in tuple(spans.items()):
         # Both directions of a street are cut off together, even if their lengths differ slightly.
@@ -412,17 +414,20 @@ def _with_slip_signals(
     """
     nodes, free = dict(plain.nodes), set[str]()
     for edge in plain.edges.values():
-        for node, far in ((edge.start, edge.end), (edge.end, edge.start)):
+        for node, other_node in ((edge.start, edge.end), (edge.end, edge.start)):
             if (
                 node in wide
-                and far not in wide
+                and other_node not in wide
                 and is_signalised(plain, node)
-                and is_signalised(plain, far)
+                and is_signalised(plain, other_node)
                 and edge.line.length <= SLIP_M
             ):
-                attributes = {**nodes[far].attributes, "tl": plain.nodes[node].attributes["tl"]}
-                nodes[far] = replace(nodes[far], attributes=attributes)
-                if edge.end == far and edge.id not in stopping:
+                attributes = {
+                    **nodes[other_node].attributes,
+                    "tl": plain.nodes[node].attributes["tl"],
+                }
+                nodes[other_node] = replace(nodes[other_node], attributes=attributes)
+                if edge.end == other_node and edge.id not in stopping:
                     free.add(edge.id)
     links = tuple(
         replace(link, attributes={**link.attributes, "uncontrolled": "1"})
@@ -475,7 +480,7 @@ def outline_of(
 def _connected(area: shapely.Geometry) -> shapely.Geometry:
     """Return an area with its parts joined at their nearest points; arms may be unreachable."""
     while len(parts := sorted(shapely.get_parts(area), key=lambda part: -part.area)) > 1:
-        rest = shapely.union_all(parts[1:])
-        bridge = shapely.shortest_line(parts[0], rest).buffer(BRIDGE_M)
+        other_parts = shapely.union_all(parts[1:])
+        bridge = shapely.shortest_line(parts[0], other_parts).buffer(BRIDGE_M)
         area = area_union([area, bridge])
     return area

@@ -147,12 +147,12 @@ def _at_each_arm(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCr
                 for (other, _), pose in zip(arms, poses, strict=True)
                 if not len(node.outline) and abs(np.sin(pose[2] - heading)) > np.sin(SKEW)
             ]
-            away = max(beside, default=0.0) + crossing.width / 2 + BEHIND_M
+            distance_m = max(beside, default=0.0) + crossing.width / 2 + BEHIND_M
             ahead = np.array([np.cos(heading), np.sin(heading)])
             placed = replace(
                 crossing,
                 name=f"{crossing.name}_{len(arm_crossings)}",
-                xy=np.array([x, y]) - (away if arrives else -away) * ahead,
+                xy=np.array([x, y]) - (distance_m if arrives else -distance_m) * ahead,
                 ahead=ahead,
                 across=np.array([-ahead[1], ahead[0]]),
                 pieces=frozenset(_pieces(edge)),
@@ -182,8 +182,8 @@ def _with_signals(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> P
     crossed = {hit.strip.edge.id for hit in (*arm.hits, *arm.beyond)}
     if not {edge.id for edge in plain.arriving[node.id] if is_driven(edge)} <= crossed:
         return plain
-    lit = {**node.attributes, "type": "traffic_light", "tl": node.id}
-    return replace(plain, nodes={**plain.nodes, node.id: replace(node, attributes=lit)})
+    attributes = {**node.attributes, "type": "traffic_light", "tl": node.id}
+    return replace(plain, nodes={**plain.nodes, node.id: replace(node, attributes=attributes)})
 
 
 def _is_signalised(plain: PlainNetwork, node: str) -> bool:
@@ -209,20 +209,23 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
         along = float(line.project(point))
         x, y, heading = _pose(line, along)
         step = np.array([np.cos(heading), np.sin(heading)])
-        same = float(step @ crossing.ahead)
-        if abs(same) < np.cos(SKEW):
+        cosine = float(step @ crossing.ahead)
+        if abs(cosine) < np.cos(SKEW):
             continue
         gap = crossing.xy - [x, y]
         offset_m = float(step[0] * gap[1] - step[1] * gap[0])
         low, high = strip.driven()
         # A crossing of a street crosses both directions, wherever their middle is drawn.
-        off = ASIDE_M if _pieces(strip.edge) & crossing.pieces else OFF_M
-        if np.linalg.norm(gap) - abs(offset_m) > 1.0 or not low - off < offset_m < high + off:
+        tolerance_m = ASIDE_M if _pieces(strip.edge) & crossing.pieces else OFF_M
+        if (
+            np.linalg.norm(gap) - abs(offset_m) > 1.0
+            or not low - tolerance_m < offset_m < high + tolerance_m
+        ):
             continue
         # The strip's middle and the edge's shape differ in length in bends.
         scale = strip.edge.line.length / max(strip.middle.length, 1e-9)
         station = (along - BEYOND_M) * (scale if 0 < along - BEYOND_M < strip.middle.length else 1)
-        hits.append(_Hit(strip, station, same > 0))
+        hits.append(_Hit(strip, station, cosine > 0))
     same_way = [hit for hit in hits if _pieces(hit.strip.edge) & crossing.pieces]
     return same_way or hits
 

@@ -322,9 +322,9 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
     Edges at a junction with its own outline always begin on the outline.
     """
     low, high = here.bounds(kerb.gap)
-    away = kerb.xy - here.centre
+    outward = kerb.xy - here.centre
     left = np.array([-kerb.along[1], kerb.along[0]])
-    direction = left if left @ away > 0 else -left
+    direction = left if left @ outward > 0 else -left
     if here.outline.is_empty:
         return np.array([kerb.xy + d * direction for d in (KERB_M, KERB_M + PLACES_M[0])])
     first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * direction
@@ -341,7 +341,7 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
         if low + APART < angle < high - APART or low + APART < angle + 2 * np.pi < high - APART:
             return points
     # The street hides it, seen from the centre: place it straight outwards.
-    outwards = away / max(float(np.linalg.norm(away)), 1e-9)
+    outwards = outward / max(float(np.linalg.norm(outward)), 1e-9)
     return np.array([kerb.xy, kerb.xy + PLACES_M[0] * outwards])
 
 

@@ -57,7 +57,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     """
     pieces = prepared.pieces
     small = set[str]().union(*(ring.edges for ring in rings))
-    wide = [
+    large_rings = [
         piece.id
         for piece in pieces
         if piece.tags.get("junction") in RINGS and str(piece.id) not in small
@@ -75,7 +75,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         circulating(plain, rings, minis),
         mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain, within)}),
         prepared.arrows,
-        apart={f"{sign}{piece}" for piece in [*apart, *wide] for sign in ("", "-")},
+        apart={f"{sign}{piece}" for piece in [*apart, *large_rings] for sign in ("", "-")},
         within=within,
         followed=followed,
         rings=rings,

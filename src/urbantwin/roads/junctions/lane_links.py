@@ -89,10 +89,10 @@ def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]
     """
     directions = list(words)
     order = sorted(range(len(passages)), key=lambda k: -passages[k].turn)  # from left to right
-    for word, most in (("left", order), ("right", order[::-1])):
+    for word, ranked in (("left", order), ("right", order[::-1])):
         if word not in signed or word in directions:
             continue
-        k = most[0]
+        k = ranked[0]
         if sum(w == directions[k] for w in directions) > 1 or directions[k] not in signed:
             directions[k] = word
     if "through" in signed and "through" not in directions:
@@ -167,16 +167,16 @@ def _untangled(
     order = sorted(range(len(passages)), key=lambda k: -outward * angles[k])  # from the kerb
     lanes_of = list(users)
     for number, nearer in enumerate(order):
-        for far in order[number + 1 :]:
-            lanes = sorted({*lanes_of[nearer], *lanes_of[far]})
-            if words[nearer] != words[far] or max(lanes_of[nearer]) <= min(lanes_of[far]):
+        for farther in order[number + 1 :]:
+            lanes = sorted({*lanes_of[nearer], *lanes_of[farther]})
+            if words[nearer] != words[farther] or max(lanes_of[nearer]) <= min(lanes_of[farther]):
                 continue
-            if abs(angles[nearer]) <= abs(angles[far]):
-                lanes_of[far] = [k for k in lanes if k >= max(lanes_of[nearer])]
-                lanes_of[nearer] = [k for k in lanes if k <= lanes_of[far][0]]
+            if abs(angles[nearer]) <= abs(angles[farther]):
+                lanes_of[farther] = [k for k in lanes if k >= max(lanes_of[nearer])]
+                lanes_of[nearer] = [k for k in lanes if k <= lanes_of[farther][0]]
             else:
-                lanes_of[nearer] = [k for k in lanes if k <= min(lanes_of[far])]
-                lanes_of[far] = [k for k in lanes if k >= lanes_of[nearer][-1]]
+                lanes_of[nearer] = [k for k in lanes if k <= min(lanes_of[farther])]
+                lanes_of[farther] = [k for k in lanes if k >= lanes_of[nearer][-1]]
     return lanes_of
 
 

@@ -155,9 +155,9 @@ def mapped_crossings(
     street_nodes = at_node.keys()
     for osm_way in crossing_ways:
         for number, place in enumerate(_overlaid(extract, frame, osm_way, street_nodes, pieces)):
-            named = _CrossingPlace(place.pieces, place.xy, f"{osm_way.id}_{number}")
+            named_place = _CrossingPlace(place.pieces, place.xy, f"{osm_way.id}_{number}")
             line = extract.way_line(osm_way, frame)
-            crossings.append(_crossing(named, osm_way.tags, [line], country))
+            crossings.append(_crossing(named_place, osm_way.tags, [line], country))
     return tuple(_without_duplicates(crossings))
 
 

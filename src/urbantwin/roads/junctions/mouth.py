@@ -82,12 +82,12 @@ def mouths(
     profiles = [_profile(arm, strips) for arm in arms]
     rows = []
     for k, arm in enumerate(arms):
-        apart = _parting(k, profiles)
-        marked = _marked(arm, marks, min(CROSSING_M, apart + BEYOND_M))
+        parting_m = _parting(k, profiles)
+        marked = _marked(arm, marks, min(CROSSING_M, parting_m + BEYOND_M))
         if marked is None:
-            reach = min(apart + CORNER_M, FURTHEST_M, SHARE * arm.length)
+            reach = min(parting_m + CORNER_M, FURTHEST_M, SHARE * arm.length)
         else:
-            reach = max(marked, min(apart, marked + 6.0))
+            reach = max(marked, min(parting_m, marked + 6.0))
         reach = float(np.clip(reach, 0.5, max(arm.length - SHORTEST_M, 0.5)))
         rows.append((reach, marked is not None))
     return rows

@@ -114,15 +114,15 @@ def moved_apart(
         for a, b in pairs:
             pushes[a] += _displacement(current[a], current[b])
         shifts = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
-    moved = dict(edges)
+    result = dict(edges)
     for street, push in zip(streets, shifts, strict=True):
         if np.abs(push).max() < NOTHING_M:
             continue
-        moved |= _shifted(street.ahead, edges, street.stations, push)
+        result |= _shifted(street.ahead, edges, street.stations, push)
         if street.back is not None:
             length = float(street.stations[-1])
-            moved |= _shifted(street.back, edges, length - street.stations[::-1], -push[::-1])
-    return moved
+            result |= _shifted(street.back, edges, length - street.stations[::-1], -push[::-1])
+    return result
 
 
 def _streets(
@@ -170,8 +170,8 @@ def _middle(
         low, high = strip.driven()
         if back is not None:
             against = Strip(back.edges[-1 - k], outward).driven()
-            wide = against[1] - against[0]
-            low, high = (low, high + wide) if outward < 0 else (low - wide, high)
+            against_m = against[1] - against[0]
+            low, high = (low, high + against_m) if outward < 0 else (low - against_m, high)
         line = strip.middle
         points = shapely.get_coordinates(line.segmentize(STEP_M))
         leg = np.gradient(points, axis=0)
@@ -208,8 +208,8 @@ def _displacement(street: _Street, other: _Street) -> NDArray[np.float64]:
         return np.zeros(len(street.places))
     # The side is determined where the two are farthest apart.
     side = np.sign(left[beside][np.abs(left[beside]).argmax()])
-    lacking = np.where(beside, np.maximum(needed_m - side * left, 0.0), 0.0)
-    return np.asarray(-side * lacking * other.half[number] / (needed_m - ROOM_M))
+    lacking_m = np.where(beside, np.maximum(needed_m - side * left, 0.0), 0.0)
+    return np.asarray(-side * lacking_m * other.half[number] / (needed_m - ROOM_M))
 
 
 def _before_walls(street: _Street) -> NDArray[np.float64]:
@@ -219,11 +219,11 @@ def _before_walls(street: _Street) -> NDArray[np.float64]:
     """
     needed_m = (street.half + WALL_M)[:, None]
     left, right = street.room.T
-    lacking = np.maximum(needed_m - street.room, 0.0)
+    lacking_m = np.maximum(needed_m - street.room, 0.0)
     return np.where(
         left + right < 2 * needed_m[:, 0],
         (left - right) / 2,
-        lacking[:, 1] - lacking[:, 0],
+        lacking_m[:, 1] - lacking_m[:, 0],
     )
 
 
@@ -232,8 +232,8 @@ def _tapered(street: _Street, push: NDArray[np.float64]) -> NDArray[np.float64]:
     s = street.stations
     push = np.clip(push, -FURTHEST_M, FURTHEST_M)
     reach = np.maximum(np.abs(push)[None] - TAPER * np.abs(s[:, None] - s[None]), 0.0)
-    most = reach.argmax(axis=1)
-    shift = reach[np.arange(len(s)), most] * np.sign(push)[most]
+    strongest = reach.argmax(axis=1)
+    shift = reach[np.arange(len(s)), strongest] * np.sign(push)[strongest]
     limit = np.full(len(s), np.inf)
     if not street.free[0]:
         limit = np.minimum(limit, TAPER * s)

@@ -85,8 +85,8 @@ def passages_of(
             first = heading_of(strips[path[0].id].middle, at_end=True)
             last = heading_of(strips[path[-1].id].middle, at_end=False)
             from_entry.append(Passage(path, float(wrapped(last - first))))
-        on = [item for item in from_entry if not _turns_back(item)]
-        passages += on or from_entry
+        onward_passages = [item for item in from_entry if not _turns_back(item)]
+        passages += onward_passages or from_entry
     return passages
 
 

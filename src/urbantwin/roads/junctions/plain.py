@@ -207,20 +207,26 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
     }
     nodes = {}
     for item in _root(prefix, "nod").findall("node"):
-        rest = _other_attributes(item, "id", "x", "y", "shape")
+        attributes = _other_attributes(item, "id", "x", "y", "shape")
         xy = np.array([float(item.get("x")), float(item.get("y"))])
         nodes[item.get("id")] = PlainNode(
-            item.get("id"), xy, rest, points_of_text(item.get("shape"))
+            item.get("id"), xy, attributes, points_of_text(item.get("shape"))
         )
     edges = {}
     for item in _root(prefix, "edg").findall("edge"):
-        rest = _other_attributes(item, "id", "from", "to", "shape", "numLanes")
+        attributes = _other_attributes(item, "id", "from", "to", "shape", "numLanes")
         start, end = item.get("from"), item.get("to")
         shape = points_of_text(item.get("shape"))
         if len(shape) < 2:
             shape = np.array([nodes[start].xy, nodes[end].xy])
         edges[item.get("id")] = PlainEdge(
-            item.get("id"), start, end, shape, _lanes(item, rest, widths), rest, _params(item)
+            item.get("id"),
+            start,
+            end,
+            shape,
+            _lanes(item, attributes, widths),
+            attributes,
+            _params(item),
         )
     links = tuple(
         PlainLink(
@@ -247,9 +253,14 @@ def write_plain(prefix: Path, plain: PlainNetwork) -> list[str]:
         if len(node.outline):
             item.set("shape", shape_text(node.outline))
     for edge in plain.edges.values():
-        named = {"id": edge.id, "from": edge.start, "to": edge.end, "shape": shape_text(edge.shape)}
+        own_attributes = {
+            "id": edge.id,
+            "from": edge.start,
+            "to": edge.end,
+            "shape": shape_text(edge.shape),
+        }
         number = {"numLanes": str(len(edge.lanes))}
-        item = etree.SubElement(edges, "edge", {**named, **edge.attributes, **number})
+        item = etree.SubElement(edges, "edge", {**own_attributes, **edge.attributes, **number})
         for index, lane in enumerate(edge.lanes):
             row = etree.SubElement(item, "lane", {"index": str(index), **lane.attributes})
             if lane.origin:

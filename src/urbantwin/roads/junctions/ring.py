@@ -116,9 +116,9 @@ def _ring(pieces: Sequence[WayPiece], segments: Sequence[MappedSegment]) -> Ring
     x, y, rest = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0]
     centre = np.array([x, y])
     radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
-    off = np.abs(np.linalg.norm(points - centre, axis=1) - radius).max()
+    deviation_m = np.abs(np.linalg.norm(points - centre, axis=1) - radius).max()
     width = max(segment.section.width for segment in segments)
-    if off > ROUND * radius or 2 * radius + width > INSCRIBED_M or 2 * radius <= width:
+    if deviation_m > ROUND * radius or 2 * radius + width > INSCRIBED_M or 2 * radius <= width:
         return None
     edges = frozenset(f"{sign}{piece.id}" for piece in pieces for sign in ("", "-"))
     return Ring(edges, centre, radius, width)

@@ -81,8 +81,8 @@ def ways_through(
     drawn |= _round_rings(ways, curves, rings, 1 if driving_side == "right" else -1)
     undrawn = [movement for movement in ways if movement not in drawn]
     passages = [ways[movement] for movement in undrawn]
-    moved = round_standing([curves[movement] for movement in undrawn], passages, standing)
-    guided = drawn | {undrawn[k]: curve for k, curve in moved.items()}
+    moved_curves = round_standing([curves[movement] for movement in undrawn], passages, standing)
+    guided = drawn | {undrawn[k]: curve for k, curve in moved_curves.items()}
     curves |= guided
     return WaysThrough(curves, frozenset(guided), tuple(_drivable(ways, curves)))
 
@@ -153,8 +153,8 @@ def _curves(
         poses.append(np.array([a, b]))
         guides.append(_guide(passage, poses[-1], t, outward))
     curves = gentle_curves(poses, guides)
-    moved = passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
-    return dict(zip(ways, moved, strict=True))
+    separated = passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
+    return dict(zip(ways, separated, strict=True))
 
 
 def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:
@@ -211,7 +211,7 @@ def passing_in_front(curves: Sequence[Curve], groups: Sequence[int], inner: floa
     turn = inner * wrapped(ends[:, 1, 2] - ends[:, 0, 2])
     turning = [k for k in range(len(curves)) if turn[k] > TURN]
     middle = {k: curves[k].at([curves[k].length / 2])[0] for k in turning}
-    moved: dict[int, float] = {}
+    shift_of: dict[int, float] = {}
     for k in turning:
         heading = middle[k][2]
         inwards = inner * np.array([-np.sin(heading), np.cos(heading)])
@@ -219,12 +219,12 @@ def passing_in_front(curves: Sequence[Curve], groups: Sequence[int], inner: floa
             opposed = abs(wrapped(ends[k, 0, 2] - ends[j, 0, 2] + np.pi)) < OPPOSITE
             if not opposed or curves[k].line.distance(curves[j].line) >= APART_M:
                 continue
-            apart = float((middle[k][:2] - middle[j][:2]) @ inwards)
-            lacking = float(np.clip((APART_M - apart) / 2, 0.0, MOST_M))
-            moved[groups[k]] = max(moved.get(groups[k], 0.0), lacking)
+            distance_m = float((middle[k][:2] - middle[j][:2]) @ inwards)
+            lacking_m = float(np.clip((APART_M - distance_m) / 2, 0.0, MOST_M))
+            shift_of[groups[k]] = max(shift_of.get(groups[k], 0.0), lacking_m)
     adjusted = list(curves)
     for k in turning:
-        if shift_m := moved.get(groups[k], 0.0):
+        if shift_m := shift_of.get(groups[k], 0.0):
             heading = middle[k][2]
             inwards = inner * np.array([-np.sin(heading), np.cos(heading)])
             points = np.array([ends[k, 0, :2], middle[k][:2] + shift_m * inwards, ends[k, 1, :2]])
@@ -278,15 +278,15 @@ def _offset_path(middle: NDArray[np.float64], ends: NDArray[np.float64], place: 
     lane = _offset_line(middle, place)
     length = float(stations_of_points(lane)[-1])
     ahead = np.column_stack([np.cos(ends[:, 2]), np.sin(ends[:, 2])])
-    off = np.zeros_like(lane)
+    shift = np.zeros_like(lane)
     for k, station in ((0, stations_of_points(lane)), (-1, stations_of_points(lane[::-1])[::-1])):
         left = np.array([-ahead[k, 1], ahead[k, 0]])
-        lacking = float((ends[k, :2] - lane[k]) @ left)
+        lacking_m = float((ends[k, :2] - lane[k]) @ left)
         # Two arcs of about that radius, joined in the middle.
-        reach = min(float(np.sqrt(6.0 * SHIFT_RADIUS_M * abs(lacking))), length / 2)
+        reach = min(float(np.sqrt(6.0 * SHIFT_RADIUS_M * abs(lacking_m))), length / 2)
         share = np.clip(station / max(reach, 1e-9), 0.0, 1.0)
-        off += np.outer(lacking * (1.0 - share * share * (3.0 - 2.0 * share)), left)
-    lane = lane + off
+        shift += np.outer(lacking_m * (1.0 - share * share * (3.0 - 2.0 * share)), left)
+    lane = lane + shift
     within = ((lane - ends[0, :2]) @ ahead[0] > 0.5) & ((ends[1, :2] - lane) @ ahead[1] > 0.5)
     course = _distinct(np.vstack([ends[0, :2], lane[_middle_run(within)], ends[1, :2]]))
     headings = float(ends[0, 2]), float(ends[1, 2])
@@ -313,5 +313,5 @@ def _offset_line(middle: NDArray[np.float64], place: float) -> NDArray[np.float6
 
 def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points without consecutive duplicates."""
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
-    return np.asarray(points[np.concatenate([[True], apart])])
+    is_distinct = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
+    return np.asarray(points[np.concatenate([[True], is_distinct])])

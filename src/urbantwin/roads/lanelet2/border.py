@@ -114,8 +114,8 @@ def _stations(curve: Curve, points: NDArray[np.float64]) -> NDArray[np.float64]:
     poses = curve.at(grid)
     samples, bend = poses[:, :2], np.gradient(np.unwrap(poses[:, 2]), grid)
     s = np.empty(len(points))
-    away = np.linalg.norm(samples - points[0], axis=1)
-    s[0] = grid[np.argmax(away <= away.min() + 0.5)]
+    distance_m = np.linalg.norm(samples - points[0], axis=1)
+    s[0] = grid[np.argmax(distance_m <= distance_m.min() + 0.5)]
     for k in range(1, len(points)):
         leap = float(np.linalg.norm(points[k] - points[k - 1]))
         a = np.searchsorted(grid, s[k - 1] - BACK_M)
@@ -188,17 +188,17 @@ def _cubic(
     length = s[-1] - s[0]
     x = (s - s[0]) / length
     rise = value[-1] - value[0]
-    rest = value - value[0] - rise * x
+    residual = value - value[0] - rise * x
     bow = x * (1 - x)
     p = q = 0.0
     if len(s) > 3:
         # Least squares over bow and bow x: two unknowns, solved by Cramer's rule.
         skew = bow * x
         aa, ab, bb = bow @ bow, bow @ skew, skew @ skew
-        ra, rb = bow @ rest, skew @ rest
+        ra, rb = bow @ residual, skew @ residual
         determinant = aa * bb - ab * ab
         p, q = (ra * bb - rb * ab) / determinant, (rb * aa - ra * ab) / determinant
-    error = float(np.abs(bow * (p + q * x) - rest).max())
+    error = float(np.abs(bow * (p + q * x) - residual).max())
     # value[0] + rise x + p (x - x^2) + q (x^2 - x^3)
     return (
         float(value[0]),

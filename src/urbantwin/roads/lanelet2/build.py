@@ -117,10 +117,10 @@ def build_streets_and_junctions(
     apart: frozenset[int] = frozenset()
     barred: frozenset[int] = frozenset()
     stubs: frozenset[int] = frozenset()
-    made: Made = {}
+    cache: Made = {}
     # Each round permanently removes a lanelet from a group, from a kind of use or from the map.
-    most = min(4 * len(drives) + 1, MOST_PLANS)
-    for _ in range(most):
+    limit = min(4 * len(drives) + 1, MOST_PLANS)
+    for _ in range(limit):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
         plan = plan_streets(topology, forced, barred)
@@ -128,7 +128,7 @@ def build_streets_and_junctions(
         if ending:
             apart |= ending
             continue
-        streets, failed = _streets(topology, plan, side, attributes, ways, made)
+        streets, failed = _streets(topology, plan, side, attributes, ways, cache)
         left_out: frozenset[int] = frozenset()
         for chain in failed:
             ids = frozenset(i for group in chain.groups for i in group.ids)
@@ -161,7 +161,7 @@ def build_streets_and_junctions(
             lanes = {i: n for i, n in lanes.items() if i not in left_out}
             drives = {i: n for i, n in drives.items() if i not in left_out}
     raise StageError(
-        f"the lanelets cannot be divided into streets and junctions: {most} plans did not work out"
+        f"the lanelets cannot be divided into streets and junctions: {limit} plans did not work out"
     )
 
 

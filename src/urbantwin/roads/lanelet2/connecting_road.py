@@ -97,8 +97,10 @@ def gates_of(street: Street) -> Iterator[Gate]:
                 # The outer border of a lane to the left of the reference line is its left one.
                 outer = (identity > 0) == (k == 0)
                 t = road.border(section, lane, station, outer=outer)
-                rest = border.beyond(street.reach[1]) if end else border.before(street.reach[0])
-                points.append(np.vstack([road.place(station, t), rest]))
+                border_points = (
+                    border.beyond(street.reach[1]) if end else border.before(street.reach[0])
+                )
+                points.append(np.vstack([road.place(station, t), border_points]))
             if not member.forward:
                 points = points[::-1]
             inward = member.forward == bool(end)

@@ -92,12 +92,12 @@ def is_lanelet2(path: Path) -> bool:
     """
     try:
         with path.open("rb") as file:
-            rest = b""
+            previous = b""
             while chunk := file.read(_CHUNK):
-                text = rest + chunk
+                text = previous + chunk
                 if _LANELET.search(text):
                     return True
-                rest = text[-256:]
+                previous = text[-256:]
     except OSError:
         return False
     return False

@@ -73,8 +73,8 @@ def section_of(
     ):
         edge = offset
         for j in numbers:
-            away = borders[j][outer].at(fine)[0] / tilt
-            width = np.maximum(step * (away - edge), 0.0)
+            outer_t = borders[j][outer].at(fine)[0] / tilt
+            width = np.maximum(step * (outer_t - edge), 0.0)
             edge = edge + step * width
             identity = step * (len([k for k in lanes if k * step > 0]) + 1)
             row = rows[j]

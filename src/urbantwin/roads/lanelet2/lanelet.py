@@ -191,8 +191,8 @@ def _side(line: NDArray[np.float64], point: NDArray[np.float64]) -> float:
     leg = np.diff(line, axis=0)
     gap = point - line[:-1]
     share = np.clip((gap * leg).sum(axis=1) / (leg**2).sum(axis=1), 0.0, 1.0)
-    off = gap - share[:, None] * leg
-    distance = np.linalg.norm(off, axis=1)
+    normal_gap = gap - share[:, None] * leg
+    distance = np.linalg.norm(normal_gap, axis=1)
     k = int(np.argmin(distance))
     # At a corner two segments are equally near: use the one most perpendicular to the point.
     equal = np.flatnonzero(distance < distance[k] + 1e-9)

@@ -202,11 +202,11 @@ def _nearest(points: NDArray[np.float64], hosts: Sequence[Host], *, across: bool
     chord = points[-1] - points[0]
     best: tuple[float, int] | None = None
     for k, host in enumerate(hosts):
-        away = float(host.line.distance(line))
-        if away > NEAR_M and float(host.area.distance(line)) > NEAR_M:
+        distance_m = float(host.line.distance(line))
+        if distance_m > NEAR_M and float(host.area.distance(line)) > NEAR_M:
             continue
         beyond = float(host.area.distance(line))
-        cost = min(away, NEAR_M) + 0.5 * beyond
+        cost = min(distance_m, NEAR_M) + 0.5 * beyond
         if across:
             station_m = host.station(points.mean(axis=0))
             heading = float(host.road.curve.at(station_m)[0, 2])

@@ -66,7 +66,7 @@ def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[i
     }
     while True:
         cuts = _cuts(topology, inner)
-        more = set()
+        newly_inner = set()
         for k, group in enumerate(topology.groups):
             end_cuts = [cuts.get((k, e)) for e in (0, 1)]
             cut_m = sum(cut or 0.0 for cut in end_cuts)
@@ -74,14 +74,14 @@ def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[i
                 continue
             short = group.length - cut_m < (LEAST_STREET_M if all(end_cuts) else 1.0)
             if short and topology.is_through(k) and not barred.intersection(group.ids):
-                more.add(k)
-            elif cut_m > (most := group.length - min(KEPT_M, 0.4 * group.length)):
+                newly_inner.add(k)
+            elif cut_m > (most_m := group.length - min(KEPT_M, 0.4 * group.length)):
                 for e in (0, 1):
                     if (k, e) in cuts:
-                        cuts[k, e] *= most / cut_m
-        if not more:
+                        cuts[k, e] *= most_m / cut_m
+        if not newly_inner:
             break
-        inner |= more
+        inner |= newly_inner
     lanelets = frozenset(i for k in inner for i in topology.groups[k].ids)
     outside = tuple(
         (a, b)
@@ -125,13 +125,13 @@ def _crossed_from(topology: Topology, end: End) -> float:
     group = topology.groups[end[0]]
     if topology.is_through(end[0]) or group.length > LONGEST_INNER_M:
         return 0.0
-    away = [
+    distances = [
         _from_end(topology, end, *place)
         for pair in topology.crossing
         for place in pair
         if topology.place[place[0]][0] == end[0]
     ]
-    return max(away, default=-CLEAR_M) + CLEAR_M
+    return max(distances, default=-CLEAR_M) + CLEAR_M
 
 
 def _from_end(topology: Topology, end: End, lanelet: int, along: float) -> float:
@@ -212,8 +212,8 @@ def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tupl
             tip: End = (k, end)
             while (other := following(tip)) is not None and other[0] not in seen:
                 seen.add(other[0])
-                same = (other[1] == 0) == (end == 1)
-                row.insert(len(row) if end else 0, (other[0], same))
+                same_direction = (other[1] == 0) == (end == 1)
+                row.insert(len(row) if end else 0, (other[0], same_direction))
                 tip = (other[0], 1 - other[1])
         ends = [
             (row[0][0], 0 if row[0][1] else 1),
@@ -221,7 +221,10 @@ def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tupl
         ]
         chains.append(
             Chain(
-                tuple(_oriented(topology.groups, number, same) for number, same in row),
+                tuple(
+                    _oriented(topology.groups, number, same_direction)
+                    for number, same_direction in row
+                ),
                 tuple(number for number, _ in row),
                 (
                     cuts.get(ends[0], 0.0) if topology.partners.get(ends[0]) else None,

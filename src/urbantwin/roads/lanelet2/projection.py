@@ -75,9 +75,9 @@ def places_of(
     ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
     away_m = np.where(placed, np.linalg.norm(xy, axis=1), np.inf)
     reference = int(np.argmin(np.where(ground, away_m, np.maximum(away_m, 1e9))))
-    away = float(np.linalg.norm(xy[reference]))
-    if away > FAR_M and not unplaced.all():
-        raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
+    distance_m = float(np.linalg.norm(xy[reference]))
+    if distance_m > FAR_M and not unplaced.all():
+        raise document.error(f"lies {distance_m / 1000:.0f} km from the site's anchor")
     z = _numbers(((n.tags.get("ele", "0"), "0") for n in nodes), 0.0)[:, 0]
     if z[reference]:
         notes["heights_count_from_metres"] = round(float(z[reference]), 3)
@@ -109,8 +109,8 @@ def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, 
         # Rotation, scale and translation as one complex factor and summand.
         a = np.column_stack([local[both] @ [1, 1j], np.ones(both.sum())])
         factor, shift = np.linalg.lstsq(a, xy[both] @ np.array([1, 1j]), rcond=None)[0]
-        put = local[missing] @ np.array([1, 1j]) * factor + shift
-        xy[missing] = np.column_stack([put.real, put.imag])
+        fitted = local[missing] @ np.array([1, 1j]) * factor + shift
+        xy[missing] = np.column_stack([fitted.real, fitted.imag])
         notes["nodes_placed_by_local_coordinates"] = int(missing.sum())
     elif missing.any() and not has_xy.any():
         xy[missing] = local[missing]

@@ -225,8 +225,8 @@ def _note(
             counts[f"left_out_lanelets_{name}"] += 1
         if lanelet.drives and lanelet.tags.get("one_way", "yes") == "no":
             counts["lanelets_for_both_directions_used_in_one"] += 1
-            where = document.error("one_way=no: used in one direction", identity)
-            otherwise.append(f"{where.place}: {where.problem}")
+            note = document.error("one_way=no: used in one direction", identity)
+            otherwise.append(f"{note.place}: {note.problem}")
         counts["missing_regulatory_elements"] += sum(
             i not in document.relations for i in lanelet.regulations
         )

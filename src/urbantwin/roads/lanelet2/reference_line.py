@@ -78,9 +78,9 @@ def curve_through(points: NDArray[np.float64], first: float, last: float) -> Cur
     chord = points[-1] - points[0]
     length = float(np.hypot(*chord))
     heading = math.atan2(chord[1], chord[0])
-    off = (points - points[0]) @ np.array([-chord[1], chord[0]]) / max(length, 1e-9)
+    deviation_m = (points - points[0]) @ np.array([-chord[1], chord[0]]) / max(length, 1e-9)
     turn = max(abs(wrapped(h - heading)) for h in (first, last))
-    if np.abs(off).max() < STRAIGHT_M and turn < STRAIGHT_RAD:
+    if np.abs(deviation_m).max() < STRAIGHT_M and turn < STRAIGHT_RAD:
         return Curve((Piece(float(points[0, 0]), float(points[0, 1]), heading, length),))
     return splined(points, first, last)
 

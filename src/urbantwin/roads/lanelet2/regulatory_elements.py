@@ -52,7 +52,7 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
     """
     document, hosts = built.document, built.hosts
     items: list[RoadSignal] = []
-    without_street = moved = 0
+    without_street = moved_back = 0
     for identity, relation in sorted(document.relations.items()):
         subtype = relation.tags.get("subtype", "")
         if relation.tags.get("type") != "regulatory_element" or not sign_ways(relation):
@@ -78,14 +78,14 @@ def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[R
             without_street += not rows
             for road, ids in rows:
                 host = hosts[road]
-                moved += _distance_beyond(host, place) > BEYOND_M
+                moved_back += _distance_beyond(host, place) > BEYOND_M
                 items.append(
                     _signal(first + len(items), identity, subtype, relation, tags, place, host, ids)
                 )
     if without_street:
         notes["lights_and_signs_without_a_street"] = without_street
-    if moved:
-        notes["lights_and_signs_moved_back_to_the_end_of_their_street"] = moved
+    if moved_back:
+        notes["lights_and_signs_moved_back_to_the_end_of_their_street"] = moved_back
     return tuple(items)
 
 
@@ -103,17 +103,17 @@ def controllers_of(
             ahead = signal.s >= road.length / 2 if not signal.lanes else signal.orientation == "+"
             link = road.successor if ahead else road.predecessor
             junction_of[signal.id] = link.id if link and link.element == "junction" else -1
-    named = tuple(
+    numbered = tuple(
         replace(signal, program=_program(junction_of[signal.id], signal))
         if signal.id in junction_of
         else signal
         for signal in signals
     )
     programs: dict[str, list[RoadSignal]] = {}
-    for signal in named:
+    for signal in numbered:
         if signal.dynamic:
             programs.setdefault(signal.program, []).append(signal)
-    return named, tuple(
+    return numbered, tuple(
         SignalController(
             first + k,
             name,
@@ -157,10 +157,10 @@ def _signal(
         if tags.get("subtype") in WALKER_SUBTYPES and not lanes:
             kind = WALKER_LIGHTS
         catalogue = ("OpenDRIVE", kind, "-1", math.nan, "")
-        usual = LIGHTS_M[kind]
+        default_m = LIGHTS_M[kind]
     else:
         catalogue = _catalogue(tags.get("subtype", "") or relation.tags.get("sign_type", ""))
-        usual = SIGN_M
+        default_m = SIGN_M
     country, code, sub, value, unit = catalogue
     return RoadSignal(
         number,
@@ -174,7 +174,7 @@ def _signal(
         unit,
         s,
         t,
-        above if above > 1.0 else usual,
+        above if above > 1.0 else default_m,
         "none" if len(forward) != 1 else "+" if forward == {True} else "-",
         tuple(sorted(set(lanes))),
         height=tall or 0.9,

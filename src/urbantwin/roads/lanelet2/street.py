@@ -235,8 +235,10 @@ def _sections(
     for k in range(1, len(chain.groups)):
         before = [t for t in tracks if t.first <= k - 1 < t.first + len(t.members)]
         after = [t for t in tracks if t.first <= k < t.first + len(t.members)]
-        same = len(before) == len(after) and all(t in after for t in before)
-        if same and all(attributes(t.member(k - 1)) == attributes(t.member(k)) for t in after):
+        same_tracks = len(before) == len(after) and all(t in after for t in before)
+        if same_tracks and all(
+            attributes(t.member(k - 1)) == attributes(t.member(k)) for t in after
+        ):
             spans[-1].append(k)
             continue
         seams = [

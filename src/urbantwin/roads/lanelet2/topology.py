@@ -128,8 +128,8 @@ class Topology:
                 if not beside.any():
                     continue
                 ahead = member.forward == (end[1] == 0)
-                far = along[beside] if ahead else line.length - along[beside]
-                reach = max(reach, float(np.max(far)))
+                distance_m = along[beside] if ahead else line.length - along[beside]
+                reach = max(reach, float(np.max(distance_m)))
         return reach
 
 

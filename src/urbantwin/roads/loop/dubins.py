@@ -79,11 +79,11 @@ def _legs(
         if gap > 4.0:
             return None
         # The three circles touch: their centres form a triangle with sides 2, 2 and gap.
-        wide = math.acos(gap / 4.0)
+        angle = math.acos(gap / 4.0)
         # Heading where the circles touch: perpendicular to the line between their centres.
-        touch = course + first * wide + first * math.pi / 2
+        touch = course + first * angle + first * math.pi / 2
         turn_first = _turned(touch - a, first)
-        turn_middle = math.pi + 2 * wide
+        turn_middle = math.pi + 2 * angle
         turn_last = _turned(b - touch - middle * turn_middle, last)
         return turn_first, turn_middle, turn_last
     if first == last:

@@ -47,8 +47,8 @@ def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = No
         steps = max(1, math.ceil(abs(piece.curvature) * piece.length / STEP))
         stations += [float(begin) + piece.length * k / steps for k in range(1, steps + 1)]
     points = curve.at(stations)[:, :2]
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.05
-    return np.asarray(points[np.concatenate([[True], apart])])
+    is_distinct = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.05
+    return np.asarray(points[np.concatenate([[True], is_distinct])])
 
 
 class FreeSpace:
@@ -142,8 +142,8 @@ def _area_on(area: shapely.Geometry, others: Sequence[shapely.Geometry]) -> floa
 def _leaves(border: shapely.LinearRing, point: Points, heading: float) -> float:
     ray = shapely.LineString([point, point + unit(heading) * FAR_M])
     meet = shapely.get_coordinates(shapely.intersection(ray, border))
-    far = meet[np.linalg.norm(meet - point, axis=1).argmax()] if len(meet) else point
-    return float(border.project(shapely.Point(far)))
+    farthest = meet[np.linalg.norm(meet - point, axis=1).argmax()] if len(meet) else point
+    return float(border.project(shapely.Point(farthest)))
 
 
 def _counter_clockwise(area: shapely.Polygon) -> shapely.Polygon:

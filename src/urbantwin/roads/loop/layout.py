@@ -198,9 +198,9 @@ class Layout:
             last: node at its last point.
             joints: nodes at points between, by the index of the point.
         """
-        named = {0: first, len(points) - 1: last, **(joints or {})}
-        nodes = tuple(named[k] if k in named else self.new_node() for k in range(len(points)))
-        self.nodes += named.values()
+        node_of = {0: first, len(points) - 1: last, **(joints or {})}
+        nodes = tuple(node_of[k] if k in node_of else self.new_node() for k in range(len(points)))
+        self.nodes += node_of.values()
         way_id = self._next_way
         self._next_way += 1
         self.outer.append(WayPiece(way_id, 0, nodes, points, tags))

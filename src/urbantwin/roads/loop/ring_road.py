@@ -42,15 +42,15 @@ def add_ring_roads(
         np.array([layout.space.place(gate.point, gate.heading) for gate in gates])
         for gates in (starts, ends)
     ]
-    apart = ring_distance(stations[0], stations[1], length)
+    distances = ring_distance(stations[0], stations[1], length)
     if exits and entries:
         pairs = match_exits(stations[0], stations[1], length)
     elif exits:
-        pairs = [(k, int(row.argmin())) for k, row in enumerate(apart)]
+        pairs = [(k, int(row.argmin())) for k, row in enumerate(distances)]
     else:
-        pairs = [(int(column.argmin()), k) for k, column in enumerate(apart.T)]
+        pairs = [(int(column.argmin()), k) for k, column in enumerate(distances.T)]
     # The shortest first: roads inside a longer one must exist before it.
-    pairs.sort(key=lambda pair: (float(apart[pair]), pair))
+    pairs.sort(key=lambda pair: (float(distances[pair]), pair))
     leave, arrive = Counter(i for i, _ in pairs), Counter(j for _, j in pairs)
     for i, j in pairs:
         leave[i] -= 1

@@ -128,8 +128,8 @@ def loose_ends(
 
 def outward(points: NDArray[np.float64]) -> float:
     """Return the heading from inside a polyline to its first point, radians."""
-    away = np.linalg.norm(points - points[0], axis=1)
-    far = np.flatnonzero(away >= HEADING_M)
-    other = points[far[0]] if len(far) else points[int(np.argmax(away))]
+    distance_m = np.linalg.norm(points - points[0], axis=1)
+    far_index = np.flatnonzero(distance_m >= HEADING_M)
+    other = points[far_index[0]] if len(far_index) else points[int(np.argmax(distance_m))]
     dx, dy = points[0] - other
     return math.atan2(dy, dx)

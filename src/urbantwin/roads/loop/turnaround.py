@@ -60,12 +60,12 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
     places = (choice(*option) for option in product(radii, STEMS_M, BENDS))
     heading, line, area = layout.with_most_room(places, lambda place: place[2], street)
     layout.space.take(area)
-    node, far, middle = layout.new_node(), layout.new_node(), len(line) // 2
+    node, far_node, middle = layout.new_node(), layout.new_node(), len(line) // 2
     layout.lengthen(street, node, line[0], at_start=end.at_start)
-    out = layout.add(line[: middle + 1], tags, first=node, last=far)
-    back = layout.add(line[middle:], tags, first=far, last=node)
+    out = layout.add(line[: middle + 1], tags, first=node, last=far_node)
+    back = layout.add(line[middle:], tags, first=far_node, last=node)
     layout.no_turns.append((back, node, out))
-    return Gate(far, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
+    return Gate(far_node, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
 
 
 class Directed(Protocol):

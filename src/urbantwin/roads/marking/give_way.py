@@ -130,10 +130,10 @@ def _bays(
 ) -> NDArray[np.float64]:
     """Return the ends (N, 2, 2) of the lines across a parking lane, evenly spaced."""
     fine = np.arange(section.s, end, 0.5)
-    wide = lane.width.at(fine - section.s) >= NARROWEST_M
-    if not wide.any():
+    is_wide = lane.width.at(fine - section.s) >= NARROWEST_M
+    if not is_wide.any():
         return np.zeros((0, 2, 2))
-    first, last = fine[wide][0], fine[wide][-1]
+    first, last = fine[is_wide][0], fine[is_wide][-1]
     widest = float(lane.width.at(fine - section.s).max())
     length, slanted = bay_length(lane.parking, widest)
     # Slanted lines end this much farther along the traffic than they begin.

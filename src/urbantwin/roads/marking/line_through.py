@@ -47,10 +47,10 @@ def lines_through(network: RoadNetwork, model: LaneModel) -> Iterator[Line]:
             for other in group:
                 if _is_next_outwards(road, other) and not _is_crossed(model, road, group):
                     for line in _midway_line(road, other):
-                        rest = shapely.get_parts(line.difference(walked))
+                        parts_left = shapely.get_parts(line.difference(walked))
                         yield from (
                             Line("broken", shapely.get_coordinates(part), road.level)
-                            for part in rest
+                            for part in parts_left
                         )
 
 
@@ -94,8 +94,8 @@ def _is_crossed(model: LaneModel, road: ModelRoad, ways: Sequence[ModelRoad]) ->
 def _lanes(model: LaneModel, end: tuple[int, int]) -> int:
     """Return the number of motor traffic lanes of a road on one side of its middle."""
     road, lane = model.road_by_id[end[0]], end[1]
-    most = max(road.sections, key=lambda section: len(section.lanes)).lanes
-    return sum(section_lane.kind in MOTOR and section_lane.id * lane > 0 for section_lane in most)
+    widest = max(road.sections, key=lambda section: len(section.lanes)).lanes
+    return sum(section_lane.kind in MOTOR and section_lane.id * lane > 0 for section_lane in widest)
 
 
 def _midway_line(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
@@ -103,10 +103,10 @@ def _midway_line(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineStri
     count = max(3, int(road.length / STEP_M) + 1)
     share = np.linspace(0.0, 1.0, count)
     own_xy, other_xy = (path.curve.at(share * path.length)[:, :2] for path in (road, other))
-    wide = (
+    lane_gap_m = (
         _lane(road).width.at(share * road.length) + _lane(other).width.at(share * other.length)
     ) / 2
-    if (np.linalg.norm(other_xy - own_xy, axis=1) < wide + PARTED_M).all():
+    if (np.linalg.norm(other_xy - own_xy, axis=1) < lane_gap_m + PARTED_M).all():
         yield shapely.LineString((own_xy + other_xy) / 2)
 
 

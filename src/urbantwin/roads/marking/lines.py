@@ -142,12 +142,12 @@ def _beside_lanes(lines: Sequence[Line], network: RoadNetwork) -> Iterator[Line]
     tree = shapely.STRtree(inner)
     for line in lines:
         polyline = shapely.LineString(line.points)
-        hit = [k for k in tree.query(polyline, "intersects") if lanes[k].level == line.level]
-        if not hit:
+        hit_lanes = [k for k in tree.query(polyline, "intersects") if lanes[k].level == line.level]
+        if not hit_lanes:
             yield line
             continue
-        rest = shapely.difference(polyline, shapely.union_all(inner[hit]))
-        for part in shapely.get_parts(rest):
+        visible = shapely.difference(polyline, shapely.union_all(inner[hit_lanes]))
+        for part in shapely.get_parts(visible):
             if part.length > BORDER_M:
                 yield replace(line, points=shapely.get_coordinates(part))
 

@@ -91,12 +91,14 @@ def arrow_on(
     ends = line.interpolate([max(at - length, 0.0), at])
     a, b = shapely.get_coordinates(ends)
     c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    wide = ARROW_M * min(width / LANE_M, WIDEST)
-    wide *= 1.0 if length >= ARROW_M else 0.9
+    arrow_width = ARROW_M * min(width / LANE_M, WIDEST)
+    arrow_width *= 1.0 if length >= ARROW_M else 0.9
     middle = shapely.ops.substring(line, max(at - length, 0.0), at)
     if shapely.hausdorff_distance(middle, shapely.LineString([a, b])) > BENT_M:
-        return _along_curve(arrow(ways), line, wide, at, length)
-    return affine_transform(arrow(ways), [length * c, -wide * s, length * s, wide * c, b[0], b[1]])
+        return _along_curve(arrow(ways), line, arrow_width, at, length)
+    return affine_transform(
+        arrow(ways), [length * c, -arrow_width * s, length * s, arrow_width * c, b[0], b[1]]
+    )
 
 
 def _along_curve(

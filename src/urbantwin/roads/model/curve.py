@@ -437,16 +437,16 @@ def _quintic(
     last: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return coefficients (N, 6) of quintics from 0 to ``to``, unaccelerated at both ends."""
-    rest = to - first
+    remainder = to - first
     change = last - first
     return np.column_stack(
         [
             zero,
             first,
             zero,
-            10 * rest - 4 * change,
-            -15 * rest + 7 * change,
-            6 * rest - 3 * change,
+            10 * remainder - 4 * change,
+            -15 * remainder + 7 * change,
+            6 * remainder - 3 * change,
         ]
     )
 

@@ -197,20 +197,20 @@ def _widths(
     ).T
     pose = all_at([road.curve for road in roads], stations)
     edge = np.concatenate([road.offset.at(s) for road, s in zip(roads, stations, strict=True)])
-    starts, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
-    probes = shapely.linestrings(np.stack([starts, far], axis=1))
-    probe, hit = shapely.STRtree(shapes).query(probes, predicate="intersects")
-    street_keys = np.array([(road.id, road.level) for road in streets])[hit]
+    starts, ends = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
+    probes = shapely.linestrings(np.stack([starts, ends], axis=1))
+    probe, street_index = shapely.STRtree(shapes).query(probes, predicate="intersects")
+    street_keys = np.array([(road.id, road.level) for road in streets])[street_index]
     fits = (street_keys[:, 0] != number[probe]) & (street_keys[:, 1] == level[probe])
-    probe, hit = probe[fits], hit[fits]
-    crossed = shapely.intersection(np.asarray(shapes, object)[hit], probes[probe])
+    probe, street_index = probe[fits], street_index[fits]
+    crossed = shapely.intersection(np.asarray(shapes, object)[street_index], probes[probe])
     reach = shapely.distance(shapely.points(starts[probe]), crossed) + 0.02
     width = np.full(len(pose), math.nan)
     order = np.lexsort((reach, probe))
     # The nearest street at each station.
     nearest = order[np.unique(probe[order], return_index=True)[1]]
-    for j in np.unique(hit[nearest]):
-        other, rows = streets[j], nearest[hit[nearest] == j]
+    for j in np.unique(street_index[nearest]):
+        other, rows = streets[j], nearest[street_index[nearest] == j]
         k, gap = probe[rows], reach[rows]
         heading = other.curve.at(other.curve.locate(starts[k])[0])[:, 2]
         along = np.cos(heading - pose[k, 2])

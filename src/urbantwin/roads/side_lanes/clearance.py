@@ -164,14 +164,14 @@ def before_buildings(model: LaneModel, buildings: Sequence[shapely.Polygon]) -> 
         buildings: footprints of buildings on the ground, site frame.
     """
     walls = shapely.STRtree(buildings)
-    through: dict[int, list[shapely.Geometry]] = defaultdict(list)
+    connecting_of: dict[int, list[shapely.Geometry]] = defaultdict(list)
     roads = []
     for road in model.roads:
         if road.junction >= 0:
-            through[road.junction].append(footprint(road))
+            connecting_of[road.junction].append(footprint(road))
         roads.append(_pushed_back(road, walls) if road.junction < 0 and road.level == 0 else road)
     junctions = tuple(
-        replace(junction, outline=_cut(junction.outline, walls, through[junction.id]))
+        replace(junction, outline=_cut(junction.outline, walls, connecting_of[junction.id]))
         if junction.level == 0
         else junction
         for junction in model.junctions
@@ -209,8 +209,8 @@ def _cut(
     blocked = area_difference(shapely.buffer(area_union(close), FREE_M), area_union(kept))
     if area_intersection(area, blocked).is_empty:
         return outline
-    rest = [shapely.Polygon(part.exterior) for part in area_difference(area, blocked).geoms]
-    largest = max(rest, key=lambda part: part.area, default=None)
+    free_parts = [shapely.Polygon(part.exterior) for part in area_difference(area, blocked).geoms]
+    largest = max(free_parts, key=lambda part: part.area, default=None)
     return outline if largest is None else shapely.get_coordinates(largest)[:-1]
 
 

@@ -264,8 +264,8 @@ def _access(item: etree._Element, spot: Spot) -> tuple[str, ...] | None:
     if lists_allowed and not allowed:
         spot.remark("lanes for users that we do not have (taxis, emergency vehicles, ...)")
         return None
-    usual = usual_users(KIND_OF_TYPE.get(item.get("type", ""), "none"))
-    base = allowed if lists_allowed else set(usual)
+    default_users = usual_users(KIND_OF_TYPE.get(item.get("type", ""), "none"))
+    base = allowed if lists_allowed else set(default_users)
     return tuple(name for name in ACCESS if name in base - denied)
 
 
@@ -355,9 +355,9 @@ def _mark(item: etree._Element, spot: Spot) -> tuple[str, str]:
         return "none", "none"
     kind = records[0].get("type", "none")
     kind = kind if kind in _MARKS else "solid"
-    usual = "both" if kind == "broken" else "none"
-    change = records[0].get("laneChange", usual)
-    return kind, change if change in ("none", "both", "increase", "decrease") else usual
+    default_change = "both" if kind == "broken" else "none"
+    change = records[0].get("laneChange", default_change)
+    return kind, change if change in ("none", "both", "increase", "decrease") else default_change
 
 
 def _link(item: etree._Element, tag: str, spot: Spot) -> int | None:
@@ -410,10 +410,10 @@ def _without_slivers(
 
 def _linked_over(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:
     """Return a section whose links skip a sliver."""
-    through = {lane.id: getattr(lane, tag) for lane in sliver.lanes}
-    if not any(through.values()):
+    links_of = {lane.id: getattr(lane, tag) for lane in sliver.lanes}
+    if not any(links_of.values()):
         return section  # without links of its own, lanes continue under their ids
     # A link to a lane that the sliver lacks is kept, and reported later.
     return with_lane_links(
-        section, tag, lambda _, link: None if link is None else through.get(link, link)
+        section, tag, lambda _, link: None if link is None else links_of.get(link, link)
     )

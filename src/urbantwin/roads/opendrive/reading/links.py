@@ -124,10 +124,10 @@ def joined(
                     if link.element == "junction"
                     else _road_link(tag, link, key, roads, poses, spot)
                 )
-        through = junction in nodes and not nodes[junction].is_midway
+        in_junction = junction in nodes and not nodes[junction].is_midway
         linked_roads[key] = replace(
             road,
-            junction=number[junction] if through else -1,
+            junction=number[junction] if in_junction else -1,
             predecessor=ends.get("predecessor"),
             successor=ends.get("successor"),
         )
@@ -147,7 +147,7 @@ def joined(
     junctions = [_without_dropped_roads(junction, by_id) for junction in junctions]
     by_id = {key: _linked_to(road, by_id) for key, road in by_id.items()}
     final = [_linked_lanes(road, by_id, poses, spots[road.id]) for road in by_id.values()]
-    switched = {key: tuple(where) for key, where in programs.items()}
+    switched = {key: tuple(junction_ids) for key, junction_ids in programs.items()}
     return Joined(tuple(final), tuple(junctions), switched)
 
 
@@ -257,7 +257,7 @@ def _with_checked_links(
 
     A link is invalid if its lane does not exist or has traffic in the opposite direction.
     """
-    beyond, same = _next_section(road, k, by_id, ahead=tag == "successor")
+    beyond, same_direction = _next_section(road, k, by_id, ahead=tag == "successor")
     invalid: set[int] = set()
 
     def checked(lane: SectionLane, link: int | None) -> int | None:
@@ -266,7 +266,9 @@ def _with_checked_links(
         target = beyond.by_id.get(link)
         if target is None:
             problem = "which does not exist"
-        elif {lane.kind, target.kind} <= set(DRIVEN) and (lane.forward == target.forward) != same:
+        elif {lane.kind, target.kind} <= set(DRIVEN) and (
+            lane.forward == target.forward
+        ) != same_direction:
             problem = "on which traffic runs the other way"
         else:
             return link

@@ -257,10 +257,10 @@ def read_header(item: etree._Element, log: Log) -> Header:
         spot.remark("a georeference of an origin only: a transverse Mercator is taken")
     offset = item.find("offset")
     keys = ("x", "y", "z", "hdg")
-    moved = (0.0,) * 4 if offset is None else tuple(spot.number(offset, k, 0.0) for k in keys)
+    shift = (0.0,) * 4 if offset is None else tuple(spot.number(offset, k, 0.0) for k in keys)
     return Header(
         f"1.{minor}" if minor else "",
         item.get("vendor") or "",
         text or None,
-        (moved[0], moved[1], moved[2], moved[3]),
+        (shift[0], shift[1], shift[2], shift[3]),
     )

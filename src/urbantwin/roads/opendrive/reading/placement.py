@@ -173,11 +173,11 @@ def _road(road: ModelRoad, how: Similarity) -> ModelRoad:
         )
         for piece, (x, y) in zip(road.curve.pieces, xy, strict=True)
     )
-    moved = replace(road, curve=Curve(pieces))
+    placed_road = replace(road, curve=Curve(pieces))
     if k == 1.0:
-        return moved
+        return placed_road
     return replace(
-        moved,
+        placed_road,
         offset=_scaled(road.offset, k, k),
         elevation=_scaled(road.elevation, k),
         bank=_scaled(road.bank, k),

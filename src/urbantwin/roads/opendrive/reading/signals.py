@@ -211,7 +211,7 @@ def resolve_references(
         pose = signal.pose or _pose(roads[written.road], signal, written.turned)
         road = roads[first.road]
         ground = float(road.place(first.s, first.t)[0, 2])
-        moved = replace(
+        moved_signal = replace(
             signal,
             s=first.s,
             t=first.t,
@@ -219,13 +219,13 @@ def resolve_references(
             orientation=first.orientation,
             lanes=first.lanes,
         )
-        new_pose = _pose(road, moved, 0.0)
+        new_pose = _pose(road, moved_signal, 0.0)
         is_same = (
             math.dist(pose[:3], new_pose[:3]) < SAME_M
             and abs(wrapped(pose[3] - new_pose[3])) < SAME_ANGLE
         )
-        moved = replace(moved, pose=() if is_same else pose)
-        resolved.append(WrittenSignal(written.id, first.road, moved, written.turned))
+        moved_signal = replace(moved_signal, pose=() if is_same else pose)
+        resolved.append(WrittenSignal(written.id, first.road, moved_signal, written.turned))
     return resolved
 
 

@@ -65,8 +65,8 @@ def with_carla_crosswalks(model: LaneModel) -> LaneModel:
             continue
         heading = float(road.curve.at(area.s)[0, 2])
         carriers.append(carrier(model.next_id + len(carriers), road.level, heading, points))
-        moved = _local(points, carriers[-1], CARRIER_M / 2)
-        areas.append(replace(area, road=carriers[-1].id, s=CARRIER_M / 2, corners=moved))
+        local_corners = _local(points, carriers[-1], CARRIER_M / 2)
+        areas.append(replace(area, road=carriers[-1].id, s=CARRIER_M / 2, corners=local_corners))
     return replace(model, roads=(*model.roads, *carriers), areas=tuple(areas))
 
 

@@ -144,9 +144,9 @@ def _junction(
     root: etree._Element, junction: ModelJunction, model: LaneModel, version: str
 ) -> None:
     roads = model.road_by_id
-    through = [roads[c.connecting].junction == junction.id for c in junction.connections]
+    is_connecting = [roads[c.connecting].junction == junction.id for c in junction.connections]
     # 1.7 on: roads that are linked without a road between them.
-    direct = version != "1.4" and bool(through) and not any(through)
+    direct = version != "1.4" and bool(is_connecting) and not any(is_connecting)
     item = etree.SubElement(root, "junction", name=xml_text(junction.name), id=str(junction.id))
     if direct:
         item.set("type", "direct")

@@ -122,11 +122,11 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _SectionPlace) -> No
         etree.SubElement(
             item, "speed", sOffset="0", max=number(round(lane.speed_limit, 3)), unit="m/s"
         )
-    named = tuple(ACCESS) if is_closed else lane.allowed
-    if place.version != "1.4" and named and set(lane.allowed) != set(usual_users(lane.kind)):
+    users = tuple(ACCESS) if is_closed else lane.allowed
+    if place.version != "1.4" and users and set(lane.allowed) != set(usual_users(lane.kind)):
         rule = "deny" if is_closed else "allow"
         access = etree.SubElement(item, "access", sOffset="0", rule=rule)
-        for name in named:
+        for name in users:
             etree.SubElement(access, "restriction", type=ACCESS[name])
     if lane.height:
         etree.SubElement(item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height))

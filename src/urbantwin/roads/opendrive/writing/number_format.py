@@ -58,14 +58,14 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float
                 continue
             before = _moved(previous[1], start - previous[0])
             gap = [a - b for a, b in zip(before, row, strict=True)]
-            away = max(abs(_moved(gap, share * (end - start))[0]) for share in SHARES)
+            deviation = max(abs(_moved(gap, share * (end - start))[0]) for share in SHARES)
             pairs = zip(_moved(previous[1], -previous[0]), _moved(row, -start), strict=True)
-            apart = [a - b for a, b in pairs]
-            same = max(map(abs, apart)) < SAME
-            if away <= LEFT_OUT and (same or away < 1e-9):
+            differences = [a - b for a, b in pairs]
+            is_same = max(map(abs, differences)) < SAME
+            if deviation <= LEFT_OUT and (is_same or deviation < 1e-9):
                 continue
-            if same:
-                written = [row[0] - math.copysign(2 * SAME, apart[0]), *row[1:]]
+            if is_same:
+                written = [row[0] - math.copysign(2 * SAME, differences[0]), *row[1:]]
         previous = (start, written)
         yield previous
 

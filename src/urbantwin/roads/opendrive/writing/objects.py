@@ -115,8 +115,8 @@ def write_signals(
         if signal.pose and version != "1.4":
             x, y, z, heading = signal.pose
             lower = z - signal.height / 2
-            where = numbers(x=x, y=y, z=lower, hdg=heading, pitch=0, roll=0)
-            etree.SubElement(item, "positionInertial", **where)
+            pose = numbers(x=x, y=y, z=lower, hdg=heading, pitch=0, roll=0)
+            etree.SubElement(item, "positionInertial", **pose)
         if signal.links:
             links = " ".join(map(str, signal.links))
             etree.SubElement(item, "userData", code="links", value=links)
@@ -169,9 +169,9 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
         road = model.road_by_id[signal.road]
         line = _stop_line(model, signal)
         if not signal.pose and _beside(road, signal) is not None:
-            far = signal.lanes != NO_LANE and abs(line - signal.s) > LINE_M
-            standing.append(replace(signal, lanes=NO_LANE) if far else signal)
-            referred += [replace(signal, s=line)] if far else []
+            before_line = signal.lanes != NO_LANE and abs(line - signal.s) > LINE_M
+            standing.append(replace(signal, lanes=NO_LANE) if before_line else signal)
+            referred += [replace(signal, s=line)] if before_line else []
             continue
         posed = replace(signal, pose=pose_of(model, signal))
         near_index = np.sort(tree.query(shapely.Point(posed.pose[:2]).buffer(NEAR_M)))

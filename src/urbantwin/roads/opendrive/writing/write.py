@@ -160,9 +160,11 @@ def _stages(program: SignalController, heads: Iterable[RoadSignal]) -> list[Head
     covered += _covered(green, frozenset(left_over))
     covered.sort(key=lambda stage: next(k for k, phase in enumerate(green) if stage & phase))
     # Never green, or without a known program.
-    rest = [head for head in heads if not any(head.id in stage for stage in covered)]
-    roads = sorted({head.road for head in rest})
-    return covered + [frozenset(head.id for head in rest if head.road == road) for road in roads]
+    never_green = [head for head in heads if not any(head.id in stage for stage in covered)]
+    roads = sorted({head.road for head in never_green})
+    return covered + [
+        frozenset(head.id for head in never_green if head.road == road) for road in roads
+    ]
 
 
 def _green(program: SignalController, head: RoadSignal) -> list[bool]:
@@ -177,15 +179,17 @@ def _green(program: SignalController, head: RoadSignal) -> list[bool]:
 
 
 def _seconds(program: SignalController, lit: list[bool]) -> float:
-    return sum(seconds for (seconds, _), on in zip(program.phases, lit, strict=True) if on)
+    return sum(
+        seconds for (seconds, _), is_green in zip(program.phases, lit, strict=True) if is_green
+    )
 
 
 def _covered(green: list[Heads], wanted: Heads) -> list[Heads]:
     """Return sets of heads that are green at once, largest first, until all are included."""
     uncovered, groups = wanted, []
-    while most := max((phase & uncovered for phase in green), key=len, default=frozenset()):
-        groups.append(most)
-        uncovered -= most
+    while largest := max((phase & uncovered for phase in green), key=len, default=frozenset()):
+        groups.append(largest)
+        uncovered -= largest
     return groups
 
 
@@ -216,13 +220,17 @@ def as_right_hand_traffic(model: LaneModel) -> LaneModel:
     for signal in model.signals:
         road = model.road_by_id[signal.road]
         k = road.sections.index(road.section_at(signal.s))
-        named = [
+        renamed_lanes = [
             renamed[road.id, k, lane] for lane in signal.lanes if (road.id, k, lane) in renamed
         ]
         along = signal.orientation != "-"
         choice = [part for part in parts if part.road is road]
-        target = named[0][0] if named else next((p.id for p in choice if p.along == along), road.id)
-        lanes = tuple(lane for number, lane in named if number == target)
+        target = (
+            renamed_lanes[0][0]
+            if renamed_lanes
+            else next((p.id for p in choice if p.along == along), road.id)
+        )
+        lanes = tuple(lane for number, lane in renamed_lanes if number == target)
         signals.append(replace(signal, road=target, lanes=lanes))
     return replace(
         model, driving_side="right", roads=roads, junctions=junctions, signals=tuple(signals)
