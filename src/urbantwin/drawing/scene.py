@@ -243,7 +243,7 @@ def _streets_about(caster: _Caster, middle: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _seen(caster: _Caster, camera: Camera, places: NDArray[np.float64]) -> float:
-    """Return the share of places (N, 3) from which nothing hides the camera."""
+    """Return the share of places (N, 3) from which the camera is visible."""
     way = camera.place - places
     reach = np.linalg.norm(way, axis=1)
     way /= reach[:, None]

@@ -99,7 +99,7 @@ class CurriculumFile(ExperimentFile):
     @model_validator(mode="before")
     @classmethod
     def _with_grades(cls, fields: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """Put in the grades of the ladder that is named."""
+        """Insert the grades of the named ladder."""
         document, ladder = document_of(info), fields.get("ladder")
         if (ladder is None) == (fields.get("grades") is None):
             raise document.error("needs a ladder or grades", [], "one of the two")

@@ -166,7 +166,7 @@ def deck_pier_mesh(
     region: shapely.Polygon,
     ground_height: GroundHeight,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Return piers across the deck under roads, none of them on a road below.
+    """Return piers below the decks of roads, across their width, none of them on a road below.
 
     Args:
         network: the lanes.

@@ -123,7 +123,7 @@ def _plate(
 #: Minimum distance of poles from carriageways, and their depth in the ground, metres.
 KERB_M = 0.4
 BURIED_M = 0.3
-#: People pass below plates (VwV-StVO to section 39: 2.0 m above sidewalks).
+#: Pedestrians pass below plates (VwV-StVO to section 39: 2.0 m above sidewalks).
 CLEAR_M = 2.0
 #: A pole mapped within a carriageway is moved to its side, at most by this, metres.
 FARTHEST_M = 8.0

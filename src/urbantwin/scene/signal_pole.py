@@ -172,7 +172,7 @@ def _hung(wires: list[_Wire], poles: list[_Pole], head: Head, taken: shapely.Geo
     at = np.array([head.x, head.y])
     steps = np.arange(STEP_M, SPAN_M, STEP_M)[:, None]
     best: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
-    # Across the traffic rather than aslant.
+    # Perpendicular to the traffic first, then oblique.
     for turn in np.radians([0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0]):
         across = np.array([-math.sin(head.heading + turn), math.cos(head.heading + turn)])
         ends = []

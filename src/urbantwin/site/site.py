@@ -156,8 +156,8 @@ class Site:
     Attributes:
         file: the ``site.yaml`` that it was read from.
         name: name of the site.
-        latitude: of the anchor, degrees, WGS84.
-        longitude: of the anchor, degrees, WGS84.
+        latitude: latitude of the anchor, degrees, WGS84.
+        longitude: longitude of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
         radius_m: radius of a circular region, metres.
         osm: the OpenStreetMap extract; ``None`` only with a map of the roads, a sketch, or a

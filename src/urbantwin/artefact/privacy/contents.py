@@ -286,7 +286,8 @@ def _mcap(data: bytes, depth: int) -> object:
 def _las(data: bytes, _: int) -> object:
     import laspy
 
-    # laspy believes counts of records, and reads four billion from nothing (LAS 1.4 R15, table 3).
+    # laspy trusts record counts, and reads four billion records without any data (LAS 1.4 R15,
+    # table 3).
     extended = struct.unpack_from("<I", data, 243)[0] if data[25] >= 4 else 0
     if 54 * struct.unpack_from("<I", data, 100)[0] + 60 * extended > len(data):
         return _letters(data)

@@ -59,10 +59,10 @@ _AREAS = {
 def named_objects(
     mesh: LabelledMesh, paint: LabelledMesh
 ) -> tuple[list[MeshObject], dict[str, Look]]:
-    """Split the static world into named objects, in a fixed order, with their appearance.
+    """Split the static scene into named objects, in a fixed order, with their appearance.
 
     Args:
-        mesh: the static world, site frame.
+        mesh: the static scene, site frame.
         paint: the markings on the road.
     """
     kinds = _kinds(mesh)

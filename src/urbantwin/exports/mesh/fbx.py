@@ -149,7 +149,7 @@ def _text(text: str) -> bytes:
 
 
 def _set(content: bytearray, before: bytes, value: int) -> None:
-    """Put a number in the place of the first that follows some bytes."""
+    """Replace the first number after some bytes."""
     at = content.find(before)
     if at < 0:
         raise StageError(f"Assimp wrote an FBX without {before!r}")

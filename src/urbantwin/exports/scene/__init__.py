@@ -1,4 +1,4 @@
-"""Export of a twin's static world to scene formats."""
+"""Export of a twin's static scene to scene formats."""
 
 from urbantwin.exports.scene.write import SCENE_FORMATS, write_scene
 

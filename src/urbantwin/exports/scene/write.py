@@ -62,7 +62,7 @@ def named_objects(
     is a separate object without a part.
 
     Args:
-        mesh: the static world, site frame.
+        mesh: the static scene, site frame.
         paint: the paint on the road, close above it.
     """
     order = np.argsort(mesh.part, kind="stable")
@@ -209,7 +209,7 @@ _CHECKS = {"usd": check_usd, "fbx": check_fbx}
 
 
 def write_scene(twin: Twin, path: Path, name: str) -> Notes:
-    """Write a twin's static world to a file, atomically.
+    """Write a twin's static scene to a file, atomically.
 
     Args:
         twin: the twin.

@@ -203,7 +203,7 @@ def _area(box):
 
 @per_block
 def _grow(box, other):
-    """Let a box (6,) contain another."""
+    """Extend a box (6,) to contain another."""
     for axis in range(3):
         box[axis] = min(box[axis], other[axis])
         box[3 + axis] = max(box[3 + axis], other[3 + axis])

@@ -17,7 +17,7 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["without_barriers", "without_things"]
 
-#: A point without a radius removes the nearest thing, if it is within this, metres.
+#: A point without a radius removes the nearest object, if it is within this, metres.
 NEAREST_M = 3.0
 #: Meshes that contain the objects, and the class whose faces give their position.
 _STAND_IN = {

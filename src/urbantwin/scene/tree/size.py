@@ -80,6 +80,6 @@ def _girth(tags: Mapping[str, str]) -> float | None:
 def _clear(genus: Genus, height: float) -> float:
     clear = genus.clear * height
     if not genus.needles and genus.form != "palm" and height > 5:
-        # Street trees are pruned so that people pass below.
+        # Street trees are pruned so that pedestrians can pass below.
         clear = min(max(clear, 2.3), 0.45 * height)
     return clear

@@ -3,7 +3,7 @@
 The probabilistic occupancy grid of Hu et al. 2022 (CVPR, "Investigating the Impact of Multi-LiDAR
 Placement on Object Detection for Autonomous Driving"): the frequency of occupation of each voxel by
 traffic, whose entropy is the information gained by a beam that crosses it. Here beams end at the
-static world, as those of roadside sensors do.
+static scene, as those of roadside sensors do.
 """
 
 from __future__ import annotations

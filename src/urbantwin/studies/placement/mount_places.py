@@ -53,7 +53,7 @@ def mapped_poles(
     """Return the mapped poles, lamps and masts around a point, each a part of the scene.
 
     Args:
-        mesh: the static world, site frame.
+        mesh: the static scene, site frame.
         middle: (2,) centre of the junction.
         within_m: largest distance from it, metres.
         signals: return poles with signals, otherwise all others.
@@ -85,7 +85,7 @@ def facade_places(
     """Return places on walls that face a point, the nearest first.
 
     Args:
-        mesh: the static world, site frame.
+        mesh: the static scene, site frame.
         middle: (2,) centre of the junction.
         within_m: largest distance from it, metres.
         spacing_m: smallest distance between places, metres.

@@ -83,7 +83,7 @@ class Recipe:
     """Data common to all views.
 
     Attributes:
-        mesh: the static world, site frame.
+        mesh: the static scene, site frame.
         surface: fine materials of the ground.
         meshes: meshes of actors, by asset and phase.
         moments: moments of the motion.
