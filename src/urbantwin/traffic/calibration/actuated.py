@@ -19,15 +19,15 @@ __all__ = ["ActuatedCycle", "actuated_cycle"]
 
 #: Changes of groups within this time count as simultaneous: tables record them some tenths late,
 #: seconds.
-_TOGETHER_S = 0.35
+_SAME_CHANGE_S = 0.35
 #: A larger difference to the previous duration counts as a change, seconds: controllers count in
 #: seconds, tables in tenths.
-_OTHERWISE_S = 0.5
+_DURATION_CHANGE_S = 0.5
 #: Number and share of changes among consecutive durations from which a phase counts as actuated.
-_MANY, _SHARE = 5, 0.2
+_MIN_CHANGES, _MIN_CHANGE_SHARE = 5, 0.2
 #: Least share of the cycles with the same order of phases, without which no such program can show
 #: them.
-_ORDERED = 0.8
+_MIN_ORDERED_SHARE = 0.8
 
 #: State of each group, and its duration in seconds.
 _Run = tuple[tuple[str, ...], float]
@@ -58,7 +58,7 @@ class ActuatedCycle:
     @property
     def driven(self) -> bool:
         """Whether a program with phases in one order can show it."""
-        return self.ordered >= _ORDERED
+        return self.ordered >= _MIN_ORDERED_SHARE
 
     def sampled(self, step_s: float) -> tuple[dict[str, NDArray[np.str_]], NDArray[np.int64]]:
         """Return the states of groups, and the phase, of a usual cycle at regular times."""
@@ -114,8 +114,8 @@ def _varies(lasted: NDArray[np.float64]) -> bool:
 
     A change of the program changes all of them, but only once.
     """
-    otherwise = np.abs(np.diff(lasted)) > _OTHERWISE_S
-    return bool(otherwise.sum() >= _MANY and otherwise.mean() >= _SHARE)
+    otherwise = np.abs(np.diff(lasted)) > _DURATION_CHANGE_S
+    return bool(otherwise.sum() >= _MIN_CHANGES and otherwise.mean() >= _MIN_CHANGE_SHARE)
 
 
 def _runs(letters: NDArray[np.str_], step_s: float) -> list[_Run]:
@@ -125,7 +125,7 @@ def _runs(letters: NDArray[np.str_], step_s: float) -> list[_Run]:
     owed = 0.0
     for begin, end in pairwise(cuts.tolist()):
         seconds = (end - begin) * step_s
-        if seconds < _TOGETHER_S:  # some groups have changed, the others are about to
+        if seconds < _SAME_CHANGE_S:  # some groups have changed, the others are about to
             owed += seconds
             continue
         runs.append((tuple(letters[:, begin].tolist()), seconds + owed))

@@ -12,8 +12,8 @@ from urbantwin.traffic.calibration.measured import Measured, joined
 
 __all__ = ["agreement", "chance_between", "own_spread", "spread_of"]
 
-_HALVINGS, _FEWEST = 200, 8
-_FIGURES = ("class_shares_points", "turn_shares_points", "speed_ks", "headway_ks")
+_RANDOM_SPLITS, _MIN_VALUES = 200, 8
+_MEASURES = ("class_shares_points", "turn_shares_points", "speed_ks", "headway_ks")
 
 
 def agreement(recorded: Measured, simulated: Measured) -> dict[str, Any]:
@@ -40,8 +40,8 @@ def own_spread(recorded: Measured, seed: int = 1) -> dict[str, Any]:
     return {
         "class_shares_points": _error(recorded.new),
         "turn_shares_points": _error(recorded.turns),
-        "speed_ks": _dealt(speeds, len(speeds) // 2, random),
-        "headway_ks": _dealt(headways, len(headways) // 2, random),
+        "speed_ks": _random_split_distances(speeds, len(speeds) // 2, random),
+        "headway_ks": _random_split_distances(headways, len(headways) // 2, random),
     }
 
 
@@ -51,13 +51,13 @@ def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | No
     They are those expected between a recording of the spans' duration and a perfect simulation.
     ``None`` for fewer than eight spans.
     """
-    if len(spans) < _FEWEST:
+    if len(spans) < _MIN_VALUES:
         return None
     rows = [agreement(span, whole) for span in spans]
     summaries: dict[str, Any] = {}
-    for name in _FIGURES:
+    for name in _MEASURES:
         values = [row[name] for row in rows if row[name] is not None]
-        summaries[name] = _summed_up(values) if len(values) >= _FEWEST else None
+        summaries[name] = _median_and_95(values) if len(values) >= _MIN_VALUES else None
     return summaries
 
 
@@ -72,10 +72,12 @@ def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[
     random = np.random.Generator(np.random.Philox(key=[seed, 2002]))
     both = joined([fitted, held_out])
     return {
-        "class_shares_points": _dealt_counts(both.new, sum(held_out.new.values()), random),
-        "turn_shares_points": _dealt_counts(both.turns, sum(held_out.turns.values()), random),
-        "speed_ks": _dealt(list(both.speeds), len(held_out.speeds), random),
-        "headway_ks": _dealt(
+        "class_shares_points": _random_split_counts(both.new, sum(held_out.new.values()), random),
+        "turn_shares_points": _random_split_counts(
+            both.turns, sum(held_out.turns.values()), random
+        ),
+        "speed_ks": _random_split_distances(list(both.speeds), len(held_out.speeds), random),
+        "headway_ks": _random_split_distances(
             [np.array([headway_s]) for headway_s in both.all_headways],
             len(held_out.all_headways),
             random,
@@ -83,7 +85,7 @@ def chance_between(fitted: Measured, held_out: Measured, seed: int = 1) -> dict[
     }
 
 
-def _dealt_counts(
+def _random_split_counts(
     counts: Mapping[Any, int], second: int, random: np.random.Generator
 ) -> dict[str, float] | None:
     """Return differences of shares, in points, of counts randomly split into two parts."""
@@ -91,12 +93,12 @@ def _dealt_counts(
     first = int(every.sum()) - second
     if first <= 0 or second <= 0:
         return None
-    drawn = random.multivariate_hypergeometric(every, second, _HALVINGS)
+    drawn = random.multivariate_hypergeometric(every, second, _RANDOM_SPLITS)
     off = np.abs(drawn / second - (every - drawn) / first).max(axis=1)
-    return _summed_up(100 * off)
+    return _median_and_95(100 * off)
 
 
-def _summed_up(values: Sequence[float] | NDArray[np.float64]) -> dict[str, float]:
+def _median_and_95(values: Sequence[float] | NDArray[np.float64]) -> dict[str, float]:
     median, most = np.quantile(values, [0.5, 0.95])
     return {"median": round(float(median), 3), "p95": round(float(most), 3)}
 
@@ -119,32 +121,32 @@ def _error(counts: Mapping[Any, int]) -> float | None:
 
 
 def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float | None:
-    if len(first) < _FEWEST or len(second) < _FEWEST:
+    if len(first) < _MIN_VALUES or len(second) < _MIN_VALUES:
         return None
-    return round(_furthest(first, second), 3)
+    return round(_ks_distance(first, second), 3)
 
 
-def _furthest(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+def _ks_distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the Kolmogorov-Smirnov distance, without SciPy's slow computation of its p-value."""
     every = np.concatenate([first, second])
     shares = [np.searchsorted(np.sort(x), every, side="right") / len(x) for x in (first, second)]
     return float(np.abs(shares[0] - shares[1]).max())
 
 
-def _dealt(
+def _random_split_distances(
     parts: list[NDArray[np.float64]], second: int, random: np.random.Generator
 ) -> dict[str, float] | None:
     """Return distances of two random groups of vehicles; ``second`` is the size of the second."""
-    if len(parts) < _FEWEST or not 0 < second < len(parts):
+    if len(parts) < _MIN_VALUES or not 0 < second < len(parts):
         return None
     distances = []
-    for _ in range(_HALVINGS):
+    for _ in range(_RANDOM_SPLITS):
         order = random.permutation(len(parts))
         groups = np.split(order, [len(parts) - second])
         distances.append(
-            _furthest(*(np.concatenate([parts[k] for k in group]) for group in groups))
+            _ks_distance(*(np.concatenate([parts[k] for k in group]) for group in groups))
         )
-    return _summed_up(distances)
+    return _median_and_95(distances)
 
 
 def _joined(parts: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:

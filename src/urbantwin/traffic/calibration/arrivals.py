@@ -24,17 +24,17 @@ __all__ = ["arrivals_of", "come_evenly", "platoons_of"]
 #: Range of cycle times of upstream signals, seconds.
 _CYCLES_S = (30.0, 180.0)
 #: Number of parts of a cycle; least number of vehicles, and of cycles, for a pattern.
-_PARTS, _FEWEST, _CYCLES = 12, 40, 8
+_CYCLE_PARTS, _MIN_VEHICLES, _MIN_CYCLES = 12, 40, 8
 #: Expected number of vehicles per span in which arrivals are counted; least number of spans; and
 #: p-value below which arrivals count as even.
-_EXPECTED, _NUMBERS, _EVENLY = 5, 10, 0.01
+_EXPECTED, _MIN_SPANS, _EVEN_P_VALUE = 5, 10, 0.01
 #: p-value below which a pattern is significant.
-_CHANCE = 0.001
+_PATTERN_P_VALUE = 0.001
 #: Least distance to the stop line, metres, and speed, m/s, at first sight, which exclude vehicles
 #: in the queue.
-_BEFORE_M, _SLOWEST_MS = 25.0, 3.0
+_MIN_APPROACH_M, _MIN_SPEED_MS = 25.0, 3.0
 #: Ratio of the test statistics above which another cycle time is preferred to the junction's own.
-_BETTER = 1.25
+_MIN_POWER_RATIO = 1.25
 
 
 def arrivals_of(
@@ -53,8 +53,8 @@ def arrivals_of(
         if limit <= 0 or before.sum() < 2:
             continue
         ahead = float(np.linalg.norm(np.diff(passage.seen.xy[before], axis=0), axis=1).sum())
-        moves = float(np.abs(passage.seen.speed[:10]).mean()) >= _SLOWEST_MS
-        if ahead < _BEFORE_M or not moves:
+        moves = float(np.abs(passage.seen.speed[:10]).mean()) >= _MIN_SPEED_MS
+        if ahead < _MIN_APPROACH_M or not moves:
             continue
         arrival_s = float(passage.seen.time_s[0]) + ahead / (limit * speed_factor)
         # Arrival times of vehicles present at the start of the recording are unknown.
@@ -79,9 +79,9 @@ def platoons_of(
         cycle_s = _period(times, seconds, own_cycle_s)
         if cycle_s is None:
             continue
-        count, _ = np.histogram(times % cycle_s, np.linspace(0.0, cycle_s, _PARTS + 1))
+        count, _ = np.histogram(times % cycle_s, np.linspace(0.0, cycle_s, _CYCLE_PARTS + 1))
         # Half a vehicle is added to each part, so that none has a share of 0.
-        share = (count + 0.5) / (count.sum() + 0.5 * _PARTS)
+        share = (count + 0.5) / (count.sum() + 0.5 * _CYCLE_PARTS)
         rows.append(
             {
                 "approach": name,
@@ -113,28 +113,28 @@ def come_evenly(arrivals: dict[str, NDArray[np.float64]], seconds: float, cycle_
         if len(count) > 1 and count.sum():
             off += float(((count - count.mean()) ** 2).sum() / count.mean())
             freedom += len(count) - 1
-    return freedom < _NUMBERS or float(chi2.cdf(off, freedom)) < _EVENLY
+    return freedom < _MIN_SPANS or float(chi2.cdf(off, freedom)) < _EVEN_P_VALUE
 
 
 def _period(times: NDArray[np.float64], seconds: float, own_cycle_s: float) -> float | None:
     """Return the period of arrivals; ``None`` if they are random."""
-    longest = min(_CYCLES_S[1], seconds / _CYCLES)
-    if len(times) < _FEWEST or longest <= _CYCLES_S[0]:
+    longest = min(_CYCLES_S[1], seconds / _MIN_CYCLES)
+    if len(times) < _MIN_VEHICLES or longest <= _CYCLES_S[0]:
         return None
     step = 0.1 / seconds
     often = np.arange(1 / longest, 1 / _CYCLES_S[0], step)
-    power = _power(times, often)
+    power = _rayleigh_z(times, often)
     # False-alarm probability of the maximum over all independent frequencies of the periodogram.
-    least = np.log(max((often[-1] - often[0]) * seconds, 1.0) / _CHANCE)
+    least = np.log(max((often[-1] - often[0]) * seconds, 1.0) / _PATTERN_P_VALUE)
     best = int(np.argmax(power))
     if own_cycle_s and _CYCLES_S[0] <= own_cycle_s <= longest:
-        own = float(_power(times, np.array([1 / own_cycle_s]))[0])
-        if own >= np.log(1 / _CHANCE) and own * _BETTER >= power[best]:
+        own = float(_rayleigh_z(times, np.array([1 / own_cycle_s]))[0])
+        if own >= np.log(1 / _PATTERN_P_VALUE) and own * _MIN_POWER_RATIO >= power[best]:
             return own_cycle_s
     return float(1 / often[best]) if power[best] >= least else None
 
 
-def _power(times: NDArray[np.float64], often: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rayleigh_z(times: NDArray[np.float64], often: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Rayleigh's statistic z of times at frequencies (F,), 1/s; its p-value is e^-z."""
     turns = np.exp(2j * np.pi * often[:, None] * times[None])
     return np.asarray(np.abs(turns.sum(axis=1)) ** 2 / len(times))

@@ -18,7 +18,7 @@ __all__ = ["bicycle_counts"]
 _BICYCLE = ("bicycle",)
 #: Least number of bicycles for counts; and least share of them that must be counted, since counts
 #: replace all bicycles.
-_FEWEST, _COUNTED = 5, 0.9
+_MIN_BICYCLES, _MIN_COUNTED_SHARE = 5, 0.9
 
 
 def bicycle_counts(
@@ -51,6 +51,6 @@ def bicycle_counts(
         if 0.5 < passage.seen.time_s[0] < part.seconds
     }
     counted = len(begun) + elsewhere.besides(passages, part.seconds)
-    if came < _FEWEST or counted < _COUNTED * came:
+    if came < _MIN_BICYCLES or counted < _MIN_COUNTED_SHARE * came:
         return []
     return count_rows(turns, passages, (0.0, part.seconds), elsewhere, _BICYCLE)

@@ -103,7 +103,7 @@ def calibrate_traffic(
         document = document_of(site)
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
-            _lit(document, middle)
+            _with_signals(document, middle)
         twin, came, timing = _timed_twin(
             document, seen, (recording.signals, middle, fit_s), scratch, progress
         )
@@ -144,7 +144,7 @@ def calibrate_traffic(
             traffic["approaches"] = settings["approaches"] = approach_rows(
                 lanes, of_approaches(drivers)
             )
-            traffic["drivers"] = settings["drivers"] = _who_drives(traffic, drivers, part)
+            traffic["drivers"] = settings["drivers"] = _drivers_of_traffic(traffic, drivers, part)
             traffic["per_hour"] |= uncounted.per_hour
             missing += untold + uncounted.untold()
         report: dict[str, Any] = {
@@ -155,7 +155,7 @@ def calibrate_traffic(
             "tracks_rejoined": mended,
             "fitted_s": [0.0, round(fit_s, 3)],
             "measured": told_of(part),
-            "signals": _signals_told(timing),
+            "signals": _signals_report(timing),
             "platoons": traffic["arrivals"],
             "counted_set_out": traffic["counted_set_out"],
             "lanes": lanes.told(),
@@ -197,8 +197,8 @@ def _timed_twin(
     came = passed(twin, seen)
     timing = None if signals is None else timing_of(signals, came[1], came[0], fit_s)
     if timing is not None:
-        _lit(document, middle)
-        _timed(document, timing)
+        _with_signals(document, middle)
+        _with_timing(document, timing)
         twin = built(document, scratch, between(progress, 0.25, 0.4))
         came = passed(twin, seen)
     return twin, came, timing
@@ -247,14 +247,14 @@ def _middle(seen: list[SeenTrack]) -> np.ndarray[Any, Any]:
     return np.asarray(np.median(np.concatenate([track.xy[::10] for track in seen]), axis=0))
 
 
-def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
+def _with_signals(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
     """Give the junction signals, unless a program of the site names one."""
     if not document.get("signals"):
         place = {"latitude": round(float(lonlat[1]), 7), "longitude": round(float(lonlat[0]), 7)}
         document["signals"] = [{"junction": place, "offset": 0.0}]
 
 
-def _timed(document: dict[str, Any], timing: Timing) -> None:
+def _with_timing(document: dict[str, Any], timing: Timing) -> None:
     """Set the junction's program to the recorded timing."""
     first = dict(document["signals"][0])
     first.pop("phases", None)
@@ -287,13 +287,13 @@ def _fitted(
             twin,
             {
                 **asked,
-                "drivers": _who_drives(asked, drivers, part),
+                "drivers": _drivers_of_traffic(asked, drivers, part),
                 "approaches": approach_rows(lanes, of_approaches(drivers)),
             },
             trial_s,
             area,
             scratch=scratch,
-            told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
+            told=partial(_report_trial_progress, tell, f"simulating what is compared, {turn + 1}"),
         )
         trial = measuring(twin, tracks, *passed(twin, tracks))(0.0, trial_s)
         uncounted.learn(asked["per_hour"], trial)
@@ -307,18 +307,18 @@ def _fitted(
     return fitted
 
 
-def _who_drives(
+def _drivers_of_traffic(
     traffic: Mapping[str, Any], drivers: Mapping[str, float], part: Measured
 ) -> dict[str, Any]:
     """Return drivers of motor traffic in addition to those of a demand."""
     return {**traffic["drivers"], **of_classes(drivers, part.classes)}
 
 
-def _tell_trial(tell: Progress, what: str, share: float) -> None:
+def _report_trial_progress(tell: Progress, what: str, share: float) -> None:
     tell(share, what)
 
 
-def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
+def _signals_report(timing: Timing | None) -> dict[str, Any] | None:
     if timing is None:
         return None
     return {
@@ -327,11 +327,11 @@ def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
         "green_s": timing.greens,
         "group_of_link": {str(link): group for link, group in sorted(timing.group_of.items())},
         "links_told_by_passages": list(timing.certain),
-        "actuated": None if timing.actuated is None else _actuated_told(timing.actuated),
+        "actuated": None if timing.actuated is None else _actuated_report(timing.actuated),
     }
 
 
-def _actuated_told(cycle: ActuatedCycle) -> dict[str, Any]:
+def _actuated_report(cycle: ActuatedCycle) -> dict[str, Any]:
     """Return the ranges of durations of actuated phases, and whether the program uses them."""
     return {
         "driven": cycle.driven,

@@ -29,11 +29,11 @@ QUEUES = "queue_headway_s"
 #: Least number of values of a statistic.
 FEWEST_VALUES = 5
 #: Least number if another statistic exists for the same parameter.
-_MANY = 10
+_MIN_OF_ALTERNATIVE = 10
 #: Least number of speeds, since many of those vehicles still accelerate.
-_FREE = 30
+_MIN_FREE_SPEEDS = 30
 #: Longest headway of a following vehicle at a stop line, seconds.
-_FOLLOWS_S = 4.0
+_MAX_FOLLOWING_S = 4.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Parameter:
         )
 
 
-def _quartiles_apart(values: list[float]) -> float:
+def _robust_deviation(values: list[float]) -> float:
     """Return a robust standard deviation, from the quartiles."""
     low, high = np.quantile(values, [0.25, 0.75])
     return float(high - low) / 1.349
@@ -92,12 +92,12 @@ def _median(values: list[float]) -> float:
     return float(np.median(values))
 
 
-def _near(values: list[float]) -> float:
+def _lower_third(values: list[float]) -> float:
     """Return the lower third's quantile: longer headways are not chosen by the driver."""
     return float(np.quantile(values, 1 / 3))
 
 
-def _quicker(values: list[float]) -> float:
+def _upper_quartile(values: list[float]) -> float:
     """Return the upper quartile: curves and other traffic slow some drivers down."""
     return float(np.quantile(values, 0.75))
 
@@ -106,7 +106,12 @@ PARAMETERS = (
     Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
         lambda part: part.all_free,
-        *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _FREE),
+        *(
+            _median,
+            True,
+            "speeds of who leaves with nobody close ahead, of the limit",
+            _MIN_FREE_SPEEDS,
+        ),
         where="free",
     ),
     Parameter(
@@ -117,13 +122,18 @@ PARAMETERS = (
     Parameter(
         *("speed_spread", 0.1, 0.01, 0.3),
         lambda part: part.all_free,
-        *(_quartiles_apart, True, "spreads of such speeds", _FREE),
+        *(_robust_deviation, True, "spreads of such speeds", _MIN_FREE_SPEEDS),
         where="free",
     ),
     Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
         lambda part: part.leading,
-        *(_quicker, True, "accelerations from 1 to 5 m/s of the first of queues, m/s2", _MANY),
+        *(
+            _upper_quartile,
+            True,
+            "accelerations from 1 to 5 m/s of the first of queues, m/s2",
+            _MIN_OF_ALTERNATIVE,
+        ),
     ),
     Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
@@ -133,7 +143,7 @@ PARAMETERS = (
     Parameter(
         *("acceleration", 2.6, 0.4, 4.5),
         lambda part: part.heavy_accelerations,
-        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MANY),
+        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MIN_OF_ALTERNATIVE),
         classes=HEAVY,
     ),
     Parameter(
@@ -144,7 +154,7 @@ PARAMETERS = (
     Parameter(
         *("acceleration_at_10", 2.6, 0.3, 4.5),
         lambda part: part.heavy_faded,
-        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MANY),
+        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MIN_OF_ALTERNATIVE),
         classes=HEAVY,
     ),
     Parameter(
@@ -163,28 +173,43 @@ PARAMETERS = (
     Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
         lambda part: part.driving,
-        *(_near, False, "times from bumper to bumper of who follows and has not stood, s", _FREE),
+        *(
+            _lower_third,
+            False,
+            "times from bumper to bumper of who follows and has not stood, s",
+            _MIN_FREE_SPEEDS,
+        ),
     ),
     Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
         lambda part: part.following,
-        *(_near, False, "times from bumper to bumper of who follows, s", _MANY),
+        *(
+            _lower_third,
+            False,
+            "times from bumper to bumper of who follows, s",
+            _MIN_OF_ALTERNATIVE,
+        ),
     ),
     Parameter(
         *(QUEUES, 1.35, 0.5, 4.0),
         lambda part: part.all_discharge,
-        *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
+        *(
+            _median,
+            False,
+            "times between who leaves a queue at the stop line, s",
+            _MIN_OF_ALTERNATIVE,
+        ),
         gain=2.0,  # a starting vehicle at the stop line has not reached its final headway
     ),
     Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
-        lambda part: part.all_headways[part.all_headways <= _FOLLOWS_S].tolist(),
+        lambda part: part.all_headways[part.all_headways <= _MAX_FOLLOWING_S].tolist(),
         *(_median, False, "headways of who follows at the stop line, s"),
     ),
     Parameter(
         *("critical_gap_s", 1.0, 0.1, 8.0),
         lambda part: part.gap_choices if any(gap > 0 for gap, _ in part.gap_choices) else [],
-        *(critical_gap, False, "choices of a gap by who gives way, s", _MANY),
+        *(critical_gap, False, "choices of a gap by who gives way, s", _MIN_OF_ALTERNATIVE),
     ),
 )
 
@@ -197,7 +222,11 @@ def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
     the simulation there would distort drivers everywhere.
     """
     places: dict[Any, list[float]] = getattr(recorded, one.where) if one.where else {}
-    medians = {place: _median(x) for place, x in places.items() if len(x) >= max(one.fewest, _MANY)}
+    medians = {
+        place: _median(x)
+        for place, x in places.items()
+        if len(x) >= max(one.fewest, _MIN_OF_ALTERNATIVE)
+    }
     if not medians:
         return one
     place = max(sorted(medians), key=medians.__getitem__)

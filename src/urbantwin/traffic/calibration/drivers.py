@@ -30,24 +30,24 @@ from urbantwin.traffic.calibration.passages import MOTORS
 __all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
 #: Maximum number of simulations. Fewer suffice once distributions are as near as required, and the
-#: mean deviation of statistics is at most 1 standard error, the largest at most ``_NEAR``.
+#: mean deviation of statistics is at most 1 standard error, the largest at most ``_NEAR_ERRORS``.
 ROUNDS = 10
-_NEAR = 2.5
+_NEAR_ERRORS = 2.5
 #: A parameter moves half as far if its statistic has this many simulated values; and deviation, in
 #: standard errors, of a statistic without simulated values.
-_FEW, _NONE_SHOWN = 5, 20.0
+_MIN_SIMULATED, _UNSEEN_DEVIATION = 5, 20.0
 #: Required Kolmogorov-Smirnov distance of distributions.
 _WANTED_KS = 0.1
-_DRAWN_AGAIN = 200
+_BOOTSTRAPS = 200
 #: Relative deviation of a statistic that counts as equal.
-_SAME = 0.02
+_EQUAL_SHARE = 0.02
 #: The response of a statistic to its parameter is estimated from this number of last simulations
 #: (earlier ones had other drivers in all respects), with this weight from one to the next. The
 #: prior slope weighs as much as values this far apart (relative to their size); the slope is
 #: limited to these multiples of the prior.
-_LAST, _FADES, _EXPECTED_OVER, _ANSWERS = 4, 0.6, 0.15, (0.4, 2.5)
+_LAST_RUNS, _RUN_WEIGHT_DECAY, _EXPECTED_OVER, _SLOPE_LIMITS = 4, 0.6, 0.15, (0.4, 2.5)
 #: Maximum relative change of a parameter at once (for a power of the statistic, of the statistic).
-_FURTHEST = 0.75
+_MAX_CHANGE = 0.75
 
 
 def fitted_drivers(
@@ -116,7 +116,7 @@ def fitted_drivers(
         }
         # In standard errors of recording and simulation: statistics of few values weigh less.
         off = {
-            parameter.name: _off(
+            parameter.name: _deviation(
                 parameter,
                 shown[parameter.name],
                 wanted[parameter.name],
@@ -124,7 +124,7 @@ def fitted_drivers(
                 both,
             )
             if parameter.name in shown
-            else _NONE_SHOWN
+            else _UNSEEN_DEVIATION
             for parameter in fitted
             for both in [(counts[parameter.name], len(values[parameter.name]))]
         }
@@ -135,7 +135,7 @@ def fitted_drivers(
         whole = mean + speeds + headways
         if whole < best[0]:
             best = whole, dict(drivers), shown
-        if max(off.values()) <= _NEAR and max(mean, speeds, headways) <= 1:
+        if max(off.values()) <= _NEAR_ERRORS and max(mean, speeds, headways) <= 1:
             break
         for parameter in fitted:
             if parameter.name in shown:
@@ -143,7 +143,9 @@ def fitted_drivers(
                 simulations[parameter.name].append(
                     (drivers[parameter.name], figure, len(values[parameter.name]))
                 )
-                moved = _moved(parameter, wanted[parameter.name], simulations[parameter.name])
+                moved = _updated_parameter(
+                    parameter, wanted[parameter.name], simulations[parameter.name]
+                )
                 drivers[parameter.name] = round(
                     float(np.clip(moved, parameter.least, parameter.most)), 3
                 )
@@ -180,14 +182,18 @@ def _with_queues(drivers: Mapping[str, float], counts: Mapping[str, int]) -> dic
     return {**drivers, QUEUES: round(mean / sum(counts[name] for name in queues), 3)}
 
 
-def _off(one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]) -> float:
+def _deviation(
+    one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]
+) -> float:
     """Return the deviation of a statistic, in standard errors of recording and simulation."""
     recorded, simulated = counts
     both = error * float(np.sqrt(1 + recorded / max(simulated, 1)))
-    return abs(shown - goal) / max(both, _SAME * goal, 1e-9)
+    return abs(shown - goal) / max(both, _EQUAL_SHARE * goal, 1e-9)
 
 
-def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float, int]]) -> float:
+def _updated_parameter(
+    one: Parameter, goal: float, simulations: Sequence[tuple[float, float, int]]
+) -> float:
     """Return the parameter whose statistic should equal the goal, estimated from simulations.
 
     A line is fitted to the simulations by weighted least squares, with more weight on late ones and
@@ -199,11 +205,11 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
         goal: value of the statistic that is required.
         simulations: value, statistic, and number of values, in the order of the rounds.
     """
-    value, figure, count = np.array(simulations[-_LAST:], np.float64).T
+    value, figure, count = np.array(simulations[-_LAST_RUNS:], np.float64).T
     if one.ratio:
         value, figure, goal = np.log(value), np.log(figure), float(np.log(goal))
-    fades = _FADES ** np.arange(len(value))[::-1]
-    trust = count / (count + _FEW)
+    fades = _RUN_WEIGHT_DECAY ** np.arange(len(value))[::-1]
+    trust = count / (count + _MIN_SIMULATED)
     weight = fades * trust / (fades * trust).sum()
     x, y = float(weight @ value), float(weight @ figure)
     expected = 1.0 / one.gain
@@ -211,10 +217,10 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
     slope = (expected * over**2 + weight @ ((value - x) * (figure - y))) / (
         over**2 + weight @ (value - x) ** 2
     )
-    least, most = _ANSWERS
+    least, most = _SLOPE_LIMITS
     slope = float(np.clip(slope, expected * least, expected * most))
     aim = x + float(trust[-1]) * (goal - y) / slope
-    furthest = one.gain * float(np.log1p(_FURTHEST)) if one.ratio else _FURTHEST * one.usual
+    furthest = one.gain * float(np.log1p(_MAX_CHANGE)) if one.ratio else _MAX_CHANGE * one.usual
     aim = float(np.clip(aim, value[-1] - furthest, value[-1] + furthest))
     return float(np.exp(aim)) if one.ratio else aim
 
@@ -241,7 +247,7 @@ def _error(one: Parameter, recorded: Measured) -> float:
     """Return the standard error of a statistic, by bootstrap of the recorded values."""
     values = np.array(one.sample(recorded))
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
-    drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
+    drawn = random.integers(0, len(values), (_BOOTSTRAPS, len(values)))
     return float(np.std([one.figure(values[row].tolist()) for row in drawn]))
 
 

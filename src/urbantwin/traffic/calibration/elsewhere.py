@@ -23,10 +23,10 @@ from urbantwin.traffic.paths.lane_below import LanesBelow
 __all__ = ["CountedElsewhere", "Spot", "counted_elsewhere", "ways_between"]
 
 #: Least share of the vehicles on a junction with visible approach and exit roads.
-_WHOLE = 0.75
+_MIN_VISIBLE_SHARE = 0.75
 #: Least number, and share, of passing vehicles that never come to the main junction. With fewer,
 #: the place adds nothing to the counts there.
-_FEWEST, _OTHERS = 5, 0.05
+_MIN_NEW_VEHICLES, _MIN_NEW_SHARE = 5, 0.05
 
 #: Place of a count: fields of a row of ``traffic.counts``, by name.
 Spot = tuple[tuple[str, str], ...]
@@ -110,8 +110,8 @@ def counted_elsewhere(
         junction_id
         for junction_id, passed in at_junction.items()
         if junction_id != junction
-        and len(passed) >= _WHOLE * touched[junction_id]
-        and _tells(passed, others)
+        and len(passed) >= _MIN_VISIBLE_SHARE * touched[junction_id]
+        and _adds_information(passed, others)
     }
     counts: dict[Spot, list[tuple[SeenTrack, float]]] = {
         (("approach", first), ("turn", last)): passed
@@ -122,7 +122,7 @@ def counted_elsewhere(
     for road, those in sorted(stretches.items()):
         if not covered & {by_id[road].from_junction, by_id[road].to_junction}:
             passed = _at_a_section(by_id[road], roads, those)
-            if _tells(passed, others):
+            if _adds_information(passed, others):
                 counts[("road", road),] = passed
     came = {first for first, _ in turns}
     return CountedElsewhere(
@@ -145,10 +145,10 @@ def counted_elsewhere(
     )
 
 
-def _tells(passed: Sequence[tuple[SeenTrack, float]], others: set[str]) -> bool:
+def _adds_information(passed: Sequence[tuple[SeenTrack, float]], others: set[str]) -> bool:
     """Return whether enough vehicles pass a place that are counted nowhere else."""
     count = sum(seen.track.name in others for seen, _ in passed)
-    return count >= max(_FEWEST, _OTHERS * len(passed))
+    return count >= max(_MIN_NEW_VEHICLES, _MIN_NEW_SHARE * len(passed))
 
 
 def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float]]:

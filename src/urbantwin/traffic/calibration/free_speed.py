@@ -14,10 +14,10 @@ __all__ = ["free_speeds"]
 
 #: Distance, metres, and time, seconds, within which a preceding vehicle at the same place counts as
 #: close ahead.
-_SAME_PLACE_M, _CLOSE_S = 2.5, 4.0
+_SAME_PLACE_M, _CLOSE_AHEAD_S = 2.5, 4.0
 #: Interval before the end of a track in which speeds are taken, seconds, and least length of a
 #: track, metres.
-_LAST_S, _CAME_M = 3.0, 40.0
+_LAST_SECONDS_S, _MIN_PATH_M = 3.0, 40.0
 
 
 def free_speeds(
@@ -46,7 +46,7 @@ def free_speeds(
         for passage in passages
         if passage.leaving in limits
         and begin_s <= passage.seen.time_s[-1] < end_s
-        and np.linalg.norm(passage.seen.xy[-1] - passage.seen.xy[0]) > _CAME_M
+        and np.linalg.norm(passage.seen.xy[-1] - passage.seen.xy[0]) > _MIN_PATH_M
         and not _stood_behind(passage)
     ]
     if not leave:
@@ -64,11 +64,11 @@ def free_speeds(
         before = float(seen.time_s[-1]) - when[rows]
         close = (
             (before > 0)
-            & (before < _CLOSE_S)
+            & (before < _CLOSE_AHEAD_S)
             & (track_index[rows] != number.get(id(seen.track), -1))
         )
         if not close.any():
-            last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
+            last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_SECONDS_S])
             speeds[passage.leaving].append(float(last.max()) / limits[passage.leaving])
     return dict(speeds)
 

@@ -29,11 +29,11 @@ __all__ = ["Conflict", "Decision", "conflicts_of", "critical_gap", "decisions_of
 
 #: Distance to the conflict from which a driver decides, and largest distance of its path from it,
 #: metres.
-_DECIDES_M, _BESIDE_M = 15.0, 3.0
+_DECISION_DISTANCE_M, _PASSES_WITHIN_M = 15.0, 3.0
 #: Longer gaps are ignored, seconds: a driver who rejects one has another reason (a red signal).
-_LONG_S = 12.0
+_MAX_GAP_S = 12.0
 #: Bounds of the lognormal distribution: median in seconds, standard deviation of logarithms.
-_MEDIAN_S, _SPREAD = (0.3, 15.0), (0.05, 0.8)
+_MEDIAN_BOUNDS_S, _SPREAD_BOUNDS = (0.3, 15.0), (0.05, 0.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,9 @@ def decisions_of(
         by_way[passage.lane, passage.leaving].append(passage)
     met = []  # conflict, and times of its traffic with priority
     for conflict in conflicts:
-        passing_times_s = [_there_s(passage, conflict.place) for passage in by_way[conflict.major]]
+        passing_times_s = [
+            _passing_time_s(passage, conflict.place) for passage in by_way[conflict.major]
+        ]
         met.append(
             (conflict, np.array([passed_s for passed_s in passing_times_s if passed_s is not None]))
         )
@@ -125,22 +127,22 @@ def decisions_of(
         own: list[tuple[float, Conflict]] = []
         for conflict, times in met:
             if conflict.minor == (passage.lane, passage.leaving):
-                passed_s = _there_s(passage, conflict.place)
+                passed_s = _passing_time_s(passage, conflict.place)
                 if passed_s is not None:
                     across += (times - passed_s).tolist()
                     own.append((passed_s, conflict))
         if not own:
             continue
         passed_s, first = min(own, key=lambda pair: pair[0])
-        is_near = np.linalg.norm(passage.seen.xy - first.place, axis=1) < _DECIDES_M
+        is_near = np.linalg.norm(passage.seen.xy - first.place, axis=1) < _DECISION_DISTANCE_M
         ready = float(passage.seen.time_s[np.argmax(is_near)])
         if links.signals is not None:
             ready = max(ready, float(np.nan_to_num(passage.passed_s, nan=ready)))
         begins = min(ready - passed_s, 0.0)
         before = [begins, *sorted(k for k in across if begins < k <= 0)]
-        refused = [b - a for a, b in pairwise(before) if b - a < _LONG_S]
+        refused = [b - a for a, b in pairwise(before) if b - a < _MAX_GAP_S]
         after = min((k for k in across if k > 0), default=np.inf) - before[-1]
-        taken = float(after) if after < _LONG_S else np.inf
+        taken = float(after) if after < _MAX_GAP_S else np.inf
         decisions.append(Decision(passed_s, max(refused, default=0.0), taken))
     return decisions
 
@@ -168,7 +170,7 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
         return -float(np.log(np.maximum(share, 1e-12)).sum())
 
     # There is one minimum, but the function is flat far from it: the simplex needs no gradient.
-    bounds = [tuple(np.log(_MEDIAN_S)), _SPREAD]
+    bounds = [tuple(np.log(_MEDIAN_BOUNDS_S)), _SPREAD_BOUNDS]
     seen = np.concatenate([low[pairs[:, 0] > 0], high[np.isfinite(high)]])
     start = (float(np.clip(seen.mean(), *bounds[0])), 0.3)
     fit = minimize(unlikely, start, method="Nelder-Mead", bounds=bounds)
@@ -176,10 +178,10 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
     return float(np.exp(middle + spread**2 / 2))
 
 
-def _there_s(one: Passage, place: NDArray[np.float64]) -> float | None:
+def _passing_time_s(one: Passage, place: NDArray[np.float64]) -> float | None:
     """Return when a vehicle was nearest to a point, seconds; ``None`` if it did not pass it."""
     away = np.linalg.norm(one.seen.xy - place, axis=1)
     k = int(np.argmin(away))
-    if away[k] > _BESIDE_M or k in (0, len(away) - 1):
+    if away[k] > _PASSES_WITHIN_M or k in (0, len(away) - 1):
         return None
     return float(one.seen.time_s[k])

@@ -25,7 +25,7 @@ __all__ = ["judged", "told_of"]
 
 #: Maximum number of spans of a simulation that are compared with the whole; and approximate number
 #: of spans that begin in the same part of a cycle.
-_MOST_SPANS, _MOST_CYCLES = 40, 8
+_MAX_SPANS, _MAX_CYCLES = 40, 8
 
 
 def judged(
@@ -64,11 +64,11 @@ def judged(
             # SUMO's clock, which starts with the warm-up, is that of the signals.
             first = (rest[0] - float(asked["warmup_s"])) % cycle_s
             begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
-            begins = begins[:: max(1, len(begins) // _MOST_CYCLES)]  # they overlap
+            begins = begins[:: max(1, len(begins) // _MAX_CYCLES)]  # they overlap
             parts = [between_moments(begin_s, begin_s + rest[1] - rest[0]) for begin_s in begins]
             report["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
         report["recording_with_itself_held_out"] = own_spread(other)
-        begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MOST_SPANS]
+        begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MAX_SPANS]
         spans = [between_moments(begin_s, begin_s + rest[1] - rest[0]) for begin_s in begins]
         report["simulation_with_itself_held_out"] = spread_of(spans, simulated)
         report["fitted_with_held_out"] = agreement(other, part)

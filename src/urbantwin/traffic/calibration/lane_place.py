@@ -14,8 +14,8 @@ from urbantwin.traffic.paths.lane_below import LanesBelow
 __all__ = ["lane_offset"]
 
 #: Speed, m/s, below which a bicycle is about to stop or start; least number of bicycles.
-_RIDES_MS, _FEWEST = 2.0, 10
-_MOMENTS = 10
+_MIN_RIDING_MS, _MIN_BICYCLES = 2.0, 10
+_MIN_SAMPLES = 10
 
 
 def lane_offset(
@@ -37,7 +37,7 @@ def lane_offset(
     for seen in tracks:
         if seen.track.actor_class != "bicycle" or seen.time_s[0] >= until_s:
             continue
-        rides = np.abs(seen.speed) >= _RIDES_MS
+        rides = np.abs(seen.speed) >= _MIN_RIDING_MS
         xy, yaw = seen.xy[rides], seen.yaw[rides]
         names = below.at(xy, yaw, "bicycle")
         left: list[float] = []
@@ -51,8 +51,8 @@ def lane_offset(
             foot = shapely.get_coordinates(shapely.line_interpolate_point(line, station_m))
             beside = xy[on] - foot
             left += (np.cos(yaw[on]) * beside[:, 1] - np.sin(yaw[on]) * beside[:, 0]).tolist()
-        if len(left) >= _MOMENTS:
+        if len(left) >= _MIN_SAMPLES:
             offsets_m.append(inwards * float(np.median(left)))
-    if len(offsets_m) < _FEWEST:
+    if len(offsets_m) < _MIN_BICYCLES:
         return None, len(offsets_m)
     return round(float(np.median(offsets_m)), 2), len(offsets_m)

@@ -11,16 +11,16 @@ from urbantwin.traffic.calibration.passages import JunctionLinks
 
 __all__ = ["FEWEST", "LaneUse", "shrunk"]
 
-_Way = tuple[str, str]
+_Movement = tuple[str, str]
 #: Least number of vehicles of a movement.
 FEWEST = 20
 #: Number of recorded vehicles with the same weight as the usual shares.
-_AS_MANY = 20
+_PRIOR_VEHICLES = 20
 
 
 def shrunk(recorded: float, usual: float, count: int) -> float:
     """Return a recorded value shrunk towards the usual one, with the weight n / (n + 20)."""
-    return usual + count / (count + _AS_MANY) * (recorded - usual)
+    return usual + count / (count + _PRIOR_VEHICLES) * (recorded - usual)
 
 
 class LaneUse:
@@ -38,15 +38,15 @@ class LaneUse:
         leads: dict[tuple[str, str], set[str]] = defaultdict(set)
         for lane, leaving in links.ways.values():
             leads[lane.rpartition("_")[0], leaving].add(lane)
-        self.recorded: dict[_Way, dict[str, int]] = {}
+        self.recorded: dict[_Movement, dict[str, int]] = {}
         for movement, used in sorted(recorded.lane_use.items()):
             counts = {lane: used.get(lane, 0) for lane in sorted(leads[movement])}
             if len(counts) > 1 and sum(counts.values()) >= FEWEST:
                 self.recorded[movement] = counts
-        self._usual: dict[_Way, dict[str, int]] = {}
-        self._wanted: dict[_Way, dict[str, float]] = {}
-        self._asked: dict[_Way, dict[str, float]] = {}
-        self._shown: dict[_Way, dict[str, int]] = {}
+        self._usual: dict[_Movement, dict[str, int]] = {}
+        self._wanted: dict[_Movement, dict[str, float]] = {}
+        self._asked: dict[_Movement, dict[str, float]] = {}
+        self._shown: dict[_Movement, dict[str, int]] = {}
 
     def learn(self, simulated: Measured) -> None:
         """Update the requested shares by a simulation with `rows`."""
@@ -65,7 +65,7 @@ class LaneUse:
             self._shown[movement] = shown
             requested = {
                 lane: self._asked[movement][lane]
-                * ((wanted * seen + 1) / (shown[lane] + 1)) ** (seen / (seen + _AS_MANY))
+                * ((wanted * seen + 1) / (shown[lane] + 1)) ** (seen / (seen + _PRIOR_VEHICLES))
                 for lane, wanted in self._wanted[movement].items()
             }
             self._asked[movement] = {

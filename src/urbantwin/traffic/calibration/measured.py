@@ -35,12 +35,12 @@ from urbantwin.traffic.calibration.turns_taken import turns_taken
 __all__ = ["Measured", "joined", "measured"]
 
 #: Spacing of speed samples along the path, metres, so that waiting vehicles get no extra weight.
-_EVERY_M = 2.0
+_SPEED_SPACING_M = 2.0
 #: Longer headways do not describe following, seconds.
 _FOLLOWING_S = 15.0
 #: Least length of a path for top speeds, metres.
-_WAY_M = 20.0
-_LEAST_GAP_M, _MOST_GAP_M = 0.3, 8.0
+_MIN_PATH_M = 20.0
+_MIN_GAP_M, _MAX_GAP_M = 0.3, 8.0
 #: Least speed of a follower, m/s, largest difference to the leader's speed, m/s, and longest time
 #: gap, seconds.
 _FOLLOWS_MS, _AS_FAST_MS, _FOLLOWS_S = 3.0, 1.5, 4.0
@@ -222,7 +222,11 @@ def measured(
         setting_out(heavy, begin_s, end_s, FIRST_MS),
         setting_out(heavy, begin_s, end_s, FADES_MS),
         free_speeds(present, passages, limits, begin_s, end_s),
-        [x for passage in passages if (x := _top(passage, limits, begin_s, end_s)) is not None],
+        [
+            x
+            for passage in passages
+            if (x := _top_speed_share(passage, limits, begin_s, end_s)) is not None
+        ],
         *turns_taken(passages, begin_s, end_s),
         [
             (decision.refused_s, decision.taken_s)
@@ -250,15 +254,17 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
     steps[np.minimum(speed[1:], speed[:-1]) <= STANDS_MS] = 0.0
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     moves = np.concatenate([[True], steps > 0])
-    station_m = np.arange(_EVERY_M / 2, gone[-1], _EVERY_M)
+    station_m = np.arange(_SPEED_SPACING_M / 2, gone[-1], _SPEED_SPACING_M)
     return np.asarray(np.interp(station_m, gone[moves], speed[moves]))
 
 
-def _top(one: Passage, limits: dict[str, float], begin_s: float, end_s: float) -> float | None:
+def _top_speed_share(
+    one: Passage, limits: dict[str, float], begin_s: float, end_s: float
+) -> float | None:
     """Return the 90 % quantile of the speed along the path, as a share of the road's limit."""
     limit = limits.get(one.leaving) or limits.get(one.approach)
     speeds = _speeds(one.seen, begin_s, end_s)
-    if limit is None or len(speeds) < _WAY_M / _EVERY_M:
+    if limit is None or len(speeds) < _MIN_PATH_M / _SPEED_SPACING_M:
         return None
     return float(np.quantile(speeds, 0.9)) / limit
 
@@ -297,7 +303,7 @@ def _gaps(
             gap -= float(a.track.size[0] + b.track.size[0]) / 2
             slow, fast = sorted((abs(float(a.speed[k])), abs(float(b.speed[j]))))
             pair = a.track.name, b.track.name
-            if fast < STANDS_MS and _LEAST_GAP_M < gap < _MOST_GAP_M:
+            if fast < STANDS_MS and _MIN_GAP_M < gap < _MAX_GAP_M:
                 stand[pair].append(gap)
             elif slow > _FOLLOWS_MS and fast - slow < _AS_FAST_MS and 0 < gap < _FOLLOWS_S * slow:
                 time = gap / abs(float(a.speed[k]))

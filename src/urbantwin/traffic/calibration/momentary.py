@@ -42,11 +42,11 @@ _ROUNDS, _TRIAL_S = 8, 300.0
 #: Flows are given by arm if at least this share of the simulated motor traffic passes an arm, since
 #: otherwise the rest would be lost; and if at least this many vehicles are on the arms in the
 #: recording, since fewer would leave the distribution to chance.
-_BY_ARMS, _ON_ARMS = 0.9, 5.0
+_MIN_ARM_SHARE, _MIN_PRESENT_ON_ARMS = 0.9, 5.0
 #: Maximum distance from a sensor at which nearly all actors are seen, metres.
-_REACH_M = 40.0
+_VISIBLE_RADIUS_M = 40.0
 #: Classes of a demand; those not observed get none.
-_TOLD = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
+_DEMAND_CLASSES = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
 #: Margin along the border of the observed area that is only partly seen, metres.
 _EDGE_M = 2.0
 
@@ -120,7 +120,11 @@ def calibrate_observation(
             left = {name: passed_per_hour(trial, arm, _TRIAL_S) for name, arm in arms.items()}
             if of_arms:
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
-            elif turn == 0 and on_arms > _ON_ARMS and passes_an_arm(trial, arms) > _BY_ARMS:
+            elif (
+                turn == 0
+                and on_arms > _MIN_PRESENT_ON_ARMS
+                and passes_an_arm(trial, arms) > _MIN_ARM_SHARE
+            ):
                 of_arms = {name: flow for name, flow in left.items() if flow > 0}
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
             limit = np.inf if of_arms else passed_per_hour(trial, area, _TRIAL_S)
@@ -146,10 +150,12 @@ def calibrate_observation(
             "simulated_s": _TRIAL_S,
             "seen_m2": round(float(area.area), 1),
             "motor_vehicles_passed_per_hour": round(passed, 1),
-            "demand": _told(flows, of_arms, recorded, last, spans_s),
+            "demand": _flow_rows(flows, of_arms, recorded, last, spans_s),
             "manner": manner_rows,
         }
-        traffic: dict[str, Any] = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
+        traffic: dict[str, Any] = {
+            "per_hour": {name: flows.get(name, 0.0) for name in _DEMAND_CLASSES}
+        }
         if of_arms:
             traffic["counts"] = _counts(of_arms)
         traffic |= manner
@@ -162,7 +168,7 @@ def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
     """Return the area in which nearly all actors were seen."""
     area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
     if len(tracks.sensors):
-        area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
+        area &= shapely.MultiPoint(tracks.sensors).buffer(_VISIBLE_RADIUS_M)
     return area
 
 
@@ -203,7 +209,7 @@ def _counts(of_arms: dict[str, float]) -> list[dict[str, Any]]:
     return [{"road": name, "per_hour": value} for name, value in sorted(of_arms.items())]
 
 
-def _told(
+def _flow_rows(
     flows: dict[str, float],
     of_arms: dict[str, float],
     recorded: Presence,

@@ -23,22 +23,22 @@ __all__ = ["momentary_drivers"]
 
 #: Lateral distance, metres, and difference in heading, radians, within which vehicles are on the
 #: same lane.
-_ASIDE_M, _ALIKE = 1.3, 0.4
+_SAME_LANE_M, _SAME_HEADING_RAD = 1.3, 0.4
 #: Maximum gap of standing vehicles that count as a pair, metres.
-_MOST_GAP_M = 6.0
+_MAX_GAP_M = 6.0
 #: Least speed, m/s, distance ahead, metres, and time gap, seconds, of a freely driving vehicle.
-_DRIVES_MS, _FREE_M, _FREE_S = 4.0, 25.0, 3.0
+_MIN_DRIVING_MS, _FREE_DISTANCE_M, _FREE_GAP_S = 4.0, 25.0, 3.0
 #: Least number of values of a median, and of a spread.
-_LEAST, _LEAST_SPREAD = 10, 20
+_MIN_VALUES, _MIN_SPREAD_VALUES = 10, 20
 #: Significance in standard errors; and relative error of observed heights: in recordings made by
 #: this project people and bicycles appear up to 4 % taller than they are.
-_SURE, _SEEN = 2.0, 0.05
+_MIN_ERRORS, _HEIGHT_ERROR = 2.0, 0.05
 #: Relative error of speeds, which is added to the standard error: they are 0.13 too low if the
 #: vehicle ahead is not seen (Taipei, a recording made by this project).
-_SPEED_SEEN = 0.13
+_SPEED_ERROR = 0.13
 #: Least number of spans of a simulation for an estimate of random differences, and of values in
 #: each.
-_SPANS, _OF_A_SPAN = 3, 5
+_MIN_SPANS, _MIN_OF_SPAN = 3, 5
 #: Standard deviation of the error of gaps between completed boxes, metres.
 _GAP_NOISE_M = 0.25
 #: Classes with fully observed heights; lengths and widths are partly usual values.
@@ -46,10 +46,10 @@ _STATURES = ("pedestrian", "bicycle", "car")
 #: Classes with the same driver parameters, which are evaluated together.
 _ALIKE_CLASSES = ("car", "van")
 #: Limits of desired speed factors, and of gaps, metres.
-_SPEEDS, _GAPS_M = (0.5, 1.5), (0.8, 6.0)
+_SPEED_LIMITS, _GAP_LIMITS_M = (0.5, 1.5), (0.8, 6.0)
 
 
-class _Figure(NamedTuple):
+class _Comparison(NamedTuple):
     """A median, recorded and simulated.
 
     Attributes:
@@ -68,7 +68,9 @@ class _Figure(NamedTuple):
 
     def differs_beside(self, error: float = 0.0) -> bool:
         """Return whether the difference is significant, given a further error."""
-        return abs(self.recorded - self.simulated) > _SURE * float(np.hypot(self.error, error))
+        return abs(self.recorded - self.simulated) > _MIN_ERRORS * float(
+            np.hypot(self.error, error)
+        )
 
     def row(self, what: str) -> dict[str, Any]:
         """Return the entry of ``calibration.json``."""
@@ -105,8 +107,8 @@ def momentary_drivers(
     sizes = {name: dict(values) for name, values in (site.get("size") or {}).items()}
     rows = []
 
-    def add_figure(what: str, of: Callable[[ObservedTracks], list[float]]) -> _Figure | None:
-        figure = _figure(of(here), [of(span) for span in spans])
+    def add_figure(what: str, of: Callable[[ObservedTracks], list[float]]) -> _Comparison | None:
+        figure = _comparison(of(here), [of(span) for span in spans])
         if figure is not None:
             rows.append(figure.row(what))
         return figure
@@ -116,24 +118,26 @@ def momentary_drivers(
         usual = float(drivers.get("car", {}).get("standing_gap_m", gap.simulated))
         gap_fields = {}
         if gap.differs_beside():
-            gap_fields["standing_gap_m"] = _limited(usual + gap.recorded - gap.simulated, _GAPS_M)
-        if gap.number >= _LEAST_SPREAD:
+            gap_fields["standing_gap_m"] = _limited(
+                usual + gap.recorded - gap.simulated, _GAP_LIMITS_M
+            )
+        if gap.number >= _MIN_SPREAD_VALUES:
             spread = max(gap.spread**2 - _GAP_NOISE_M**2, 0.0) ** 0.5
             gap_fields["standing_gap_spread_m"] = round(spread, 2)
         for name in _ALIKE_CLASSES if gap_fields else ():
             drivers.setdefault(name, {}).update(gap_fields)
     speed = add_figure("speed of whom nobody holds up, m/s", _free_speeds)
-    if speed is not None and speed.differs_beside(_SPEED_SEEN * speed.simulated):
+    if speed is not None and speed.differs_beside(_SPEED_ERROR * speed.simulated):
         for name in _ALIKE_CLASSES:
             fields = drivers.setdefault(name, {})
             share = float(fields.get("speed_factor", 1.0)) * speed.recorded / speed.simulated
-            fields["speed_factor"] = _limited(share, _SPEEDS)
+            fields["speed_factor"] = _limited(share, _SPEED_LIMITS)
     for name in _STATURES:
         tall = add_figure(f"height of {name}s, m", partial(_heights, actor_class=name))
         if (
             tall is not None
             and tall.differs_beside()
-            and abs(tall.recorded / tall.simulated - 1) > _SEEN
+            and abs(tall.recorded / tall.simulated - 1) > _HEIGHT_ERROR
         ):
             fields = sizes.setdefault(name, {})
             fields["height"] = round(fields.get("height", 1.0) * tall.recorded / tall.simulated, 3)
@@ -157,17 +161,17 @@ def _standing_gaps(of: ObservedTracks) -> list[float]:
     """Return the gaps between cars and vans standing behind each other, by pair, metres."""
     gaps: dict[tuple[int, int], list[float]] = defaultdict(list)
     for follower, ahead, gap in _pairs(of, of.stands & np.isin(of.actor_class, MOTORS)):
-        if 0 < gap < _MOST_GAP_M and of.actor_class[follower] in _ALIKE_CLASSES:
+        if 0 < gap < _MAX_GAP_M and of.actor_class[follower] in _ALIKE_CLASSES:
             gaps[int(of.track[follower]), int(of.track[ahead])].append(gap)
     return [float(np.median(of_pair)) for of_pair in gaps.values()]
 
 
 def _free_speeds(of: ObservedTracks) -> list[float]:
     """Return the speeds of cars and vans without one close ahead, by track, m/s."""
-    drives = np.isfinite(of.speed) & (of.speed > _DRIVES_MS)
+    drives = np.isfinite(of.speed) & (of.speed > _MIN_DRIVING_MS)
     free = drives & np.isin(of.actor_class, _ALIKE_CLASSES)
     for follower, _, gap in _pairs(of, of.actor_class != "pedestrian"):
-        if gap < max(_FREE_M, _FREE_S * of.speed[follower]):
+        if gap < max(_FREE_DISTANCE_M, _FREE_GAP_S * of.speed[follower]):
             free[follower] = False
     return [
         float(np.median(of.speed[free & (of.track == track)]))
@@ -192,8 +196,8 @@ def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, i
             c, s = np.cos(of.yaw[index]), np.sin(of.yaw[index])
             away = of.xy[here] - of.xy[index]
             along, lateral_m = away @ (c, s), np.abs(away @ (-s, c))
-            alike = np.abs(wrapped(of.yaw[here] - of.yaw[index])) < _ALIKE
-            ahead = np.flatnonzero(alike & (lateral_m < _ASIDE_M) & (along > 0))
+            alike = np.abs(wrapped(of.yaw[here] - of.yaw[index])) < _SAME_HEADING_RAD
+            ahead = np.flatnonzero(alike & (lateral_m < _SAME_LANE_M) & (along > 0))
             if len(ahead):
                 next_one = int(ahead[along[ahead].argmin()])
                 other = int(here[next_one])
@@ -201,21 +205,21 @@ def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, i
                 yield index, other, float(along[next_one]) - half_m
 
 
-def _figure(here: list[float], spans: list[list[float]]) -> _Figure | None:
+def _comparison(here: list[float], spans: list[list[float]]) -> _Comparison | None:
     """Return medians of recording and simulation; ``None`` for too few values.
 
     A short observation covers one phase of the signals and few drivers: the spread among spans of
     the simulation is included in the standard error.
     """
-    medians = [float(np.median(span)) for span in spans if len(span) >= _OF_A_SPAN]
-    if len(here) < _LEAST or len(medians) < _SPANS:
+    medians = [float(np.median(span)) for span in spans if len(span) >= _MIN_OF_SPAN]
+    if len(here) < _MIN_VALUES or len(medians) < _MIN_SPANS:
         return None
     low, middle, high = np.quantile(here, [0.16, 0.5, 0.84])
     spread = float(high - low) / 2
     chance = float(np.std(medians, ddof=1)) * (1 + 1 / len(medians)) ** 0.5
     error = max(1.25 * spread / len(here) ** 0.5, chance)
     every = [value for span in spans for value in span]
-    return _Figure(float(middle), float(np.median(every)), error, len(here), spread)
+    return _Comparison(float(middle), float(np.median(every)), error, len(here), spread)
 
 
 def _limited(value: float, limits: tuple[float, float]) -> float:

@@ -16,11 +16,11 @@ from urbantwin.traffic.calibration.passages import MOTORS, Passage
 __all__ = ["count_rows", "traffic_of"]
 
 _QUARTER_S = 900.0
-_FEWEST = 5
+_MIN_TRACKS = 5
 #: p-value below which volumes are taken to differ.
-_CHANCE = 0.01
-_SIZE = (0.5, 2.0)
-_SAME_M = 0.01
+_DIFFERENCE_P_VALUE = 0.01
+_SIZE_FACTOR_LIMITS = (0.5, 2.0)
+_TEMPLATE_TOLERANCE_M = 0.01
 
 
 def traffic_of(
@@ -78,7 +78,7 @@ def count_rows(
     """
     begin_s, seconds = span
     end_s = begin_s + seconds
-    edges = _edges(begin_s, seconds) if _differ(passages, begin_s, seconds) else None
+    edges = _edges(begin_s, seconds) if _volumes_differ(passages, begin_s, seconds) else None
     times_of: dict[Spot, dict[str, np.ndarray[Any, Any]]] = {}
     for approach, leaving in sorted(turns):
         movement_passages = [
@@ -87,7 +87,7 @@ def count_rows(
             if (passage.approach, passage.leaving) == (approach, leaving)
         ]
         times_of[("approach", approach), ("turn", leaving)] = {
-            name: _times(
+            name: _passing_times(
                 [passage for passage in movement_passages if passage.seen.track.actor_class == name]
             )
             for name in classes
@@ -121,7 +121,7 @@ def count_rows(
     return [row for row in rows if row["actor_class"] in counted]
 
 
-def _times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:
+def _passing_times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:
     """Return the times of passing the stop line, or of first sight, seconds."""
     return np.array(
         [np.nan_to_num(passage.passed_s, nan=passage.seen.time_s[0]) for passage in passages]
@@ -133,7 +133,7 @@ def _edges(begin_s: float, seconds: float) -> np.ndarray[Any, Any]:
     return begin_s + _QUARTER_S * np.arange(int(seconds // _QUARTER_S) + 1)
 
 
-def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool:
+def _volumes_differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool:
     """Return whether volumes of quarters of an hour differ significantly.
 
     Otherwise one volume for the whole time is more accurate: Pearson's test, approach by approach.
@@ -145,15 +145,15 @@ def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool
     table = np.array(
         [
             np.histogram(
-                _times([passage for passage in passages if passage.approach == name]), edges
+                _passing_times([passage for passage in passages if passage.approach == name]), edges
             )[0]
             for name in approaches
         ]
     )
-    table = table[table.mean(axis=1) >= _FEWEST]
+    table = table[table.mean(axis=1) >= _MIN_TRACKS]
     mean = table.mean(axis=1, keepdims=True)
     off = float(((table - mean) ** 2 / mean).sum())
-    return bool(len(table)) and float(chi2.sf(off, table.size - len(table))) < _CHANCE
+    return bool(len(table)) and float(chi2.sf(off, table.size - len(table))) < _DIFFERENCE_P_VALUE
 
 
 def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
@@ -166,19 +166,20 @@ def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
     if not is_known.any():
         return f"sizes of {name}: not recorded"
     if (
-        len(every) >= _FEWEST
+        len(every) >= _MIN_TRACKS
         and (
-            np.nanmax(every[:, is_known], axis=0) - np.nanmin(every[:, is_known], axis=0) < _SAME_M
+            np.nanmax(every[:, is_known], axis=0) - np.nanmin(every[:, is_known], axis=0)
+            < _TEMPLATE_TOLERANCE_M
         ).all()
     ):
         sides = " x ".join(f"{side:.2f}" for side in every[0, is_known])
         return f"sizes of {name}: all {len(every)} are {sides} m, a template and no measurement"
-    if len(every) < _FEWEST:
+    if len(every) < _MIN_TRACKS:
         return f"sizes of {name}: {len(every)} tracks are too few"
     factors = np.full(3, np.nan)
     factors[is_known] = np.nanmedian(every[:, is_known], axis=0) / usual[is_known]
     return {
-        side: round(float(np.clip(factor, *_SIZE)), 3)
+        side: round(float(np.clip(factor, *_SIZE_FACTOR_LIMITS)), 3)
         for side, factor, is_side_known in zip(
             ("length", "width", "height"), factors, is_known, strict=True
         )

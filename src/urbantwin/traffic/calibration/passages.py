@@ -31,8 +31,9 @@ __all__ = [
 
 #: Least number of samples on a road to the junction for a further passage: paths may cut across
 #: lanes.
-_COMES = 3
-_FIRST, _SLOWEST_MS = 10, 3.0  # samples, and least speed, for extrapolation to before a track
+_MIN_APPROACH_SAMPLES = 3
+#: Number of samples, and least speed, m/s, for extrapolation to before a track.
+_FIRST_SAMPLES, _MIN_SPEED_MS = 10, 3.0
 #: Classes whose passages are counted.
 MOTORS = ("car", "van", "truck", "bus", "motorcycle")
 #: Those of them that accelerate slowly.
@@ -198,21 +199,21 @@ def passages_of(
         every = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
         passages += [
             _passage(whole.part(part), every[part], roads, road_of, links)
-            for part in _rounds(every, road_of, links.junction)
+            for part in _visits(every, road_of, links.junction)
         ]
     return [passage for passage in passages if passage is not None]
 
 
-def _rounds(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str) -> list[slice]:
+def _visits(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str) -> list[slice]:
     """Return the parts of a track, split where it returns to a junction that it had left."""
-    comes = np.array([_to(road_of, lane) == junction for lane in lanes])
-    leaves = np.array([_from(road_of, lane) == junction for lane in lanes])
+    comes = np.array([_junction_at_end(road_of, lane) == junction for lane in lanes])
+    leaves = np.array([_junction_at_begin(road_of, lane) == junction for lane in lanes])
     on_roads = np.flatnonzero(comes | leaves)
     before, then = on_roads[:-1], on_roads[1:]
     again = then[comes[then] & ~leaves[then] & leaves[before] & ~comes[before]]
     cuts = [0]
     for cut, end in pairwise([*again, len(lanes)]):
-        if comes[cut:end].sum() >= _COMES:
+        if comes[cut:end].sum() >= _MIN_APPROACH_SAMPLES:
             cuts.append(int(cut))
     return [slice(a, b) for a, b in pairwise([*cuts, len(lanes)])]
 
@@ -225,7 +226,9 @@ def _passage(
     links: JunctionLinks,
 ) -> Passage | None:
     """Return the passage of a track over the main junction; ``None`` if it is not on it."""
-    came = [k for k, lane_id in enumerate(lanes) if _to(road_of, lane_id) == links.junction]
+    came = [
+        k for k, lane_id in enumerate(lanes) if _junction_at_end(road_of, lane_id) == links.junction
+    ]
     approach = lane = leaving = ""
     passed = np.nan
     if came:
@@ -233,13 +236,17 @@ def _passage(
         lane = str(lanes[last])
         approach = road_of[lane].id
         if last + 1 < len(lanes):
-            passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
-    left = [k for k, lane_id in enumerate(lanes) if _from(road_of, lane_id) == links.junction]
+            passed = _passed_between(seen, last, roads.lane_by_id[lane].centre[-1, :2])
+    left = [
+        k
+        for k, lane_id in enumerate(lanes)
+        if _junction_at_begin(road_of, lane_id) == links.junction
+    ]
     left = [k for k in left if not came or k > came[-1]]
     if left:
         leaving = road_of[str(lanes[left[0]])].id
     if not approach or not leaving:
-        lane, leaving = _by_ways(lanes, links, lane, leaving)
+        lane, leaving = _by_inner_lanes(lanes, links, lane, leaving)
         approach = road_of[lane].id if lane else ""
         if lane and not came:
             passed = _before(seen, roads.lane_by_id[lane].centre[-1, :2])
@@ -248,7 +255,7 @@ def _passage(
     return None
 
 
-def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
+def _passed_between(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
     """Return when a vehicle passed a stop line, between its last sample before and the next."""
     away = float(np.linalg.norm(seen.xy[last] - end))
     step = float(np.linalg.norm(seen.xy[last + 1] - seen.xy[last]))
@@ -258,12 +265,12 @@ def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
 
 def _before(seen: SeenTrack, end: NDArray[np.float64]) -> float:
     """Return when a vehicle that was first seen beyond a stop line passed it, seconds."""
-    speed = float(np.abs(seen.speed[:_FIRST]).mean())
+    speed = float(np.abs(seen.speed[:_FIRST_SAMPLES]).mean())
     away = float(np.linalg.norm(seen.xy[0] - end))
-    return float(seen.time_s[0]) - away / max(speed, _SLOWEST_MS)
+    return float(seen.time_s[0]) - away / max(speed, _MIN_SPEED_MS)
 
 
-def _by_ways(
+def _by_inner_lanes(
     lanes: NDArray[np.object_], links: JunctionLinks, lane: str, leaving: str
 ) -> tuple[str, str]:
     """Return the lane before and the road after, from the junction's lanes that it was on."""
@@ -281,11 +288,11 @@ def _by_ways(
     return max(votes, key=lambda movement: (votes[movement], movement))
 
 
-def _to(road_of: dict[str, Road], lane: object) -> str:
+def _junction_at_end(road_of: dict[str, Road], lane: object) -> str:
     road = road_of.get(str(lane))
     return "" if road is None else road.to_junction
 
 
-def _from(road_of: dict[str, Road], lane: object) -> str:
+def _junction_at_begin(road_of: dict[str, Road], lane: object) -> str:
     road = road_of.get(str(lane))
     return "" if road is None else road.from_junction

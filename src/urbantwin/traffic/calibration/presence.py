@@ -36,20 +36,20 @@ __all__ = [
 ]
 
 #: Least visible length of an arm, metres.
-_SEEN_M = 5.0
+_MIN_VISIBLE_ARM_M = 5.0
 #: Speed below which a pedestrian stands, and is not counted, m/s.
-_WALKS_M_S = 0.3
+_STANDING_M_S = 0.3
 _NOTHING = np.zeros(0)
 #: Initial sojourn time, seconds; and largest factor of a correction.
-_STAYS_S, _MOST_CHANGE = 40.0, 1.6
+_SOJOURN_S, _MAX_CORRECTION = 40.0, 1.6
 #: Streets are full if they carry less than this share of the requested flow.
-_CARRIED = 0.85
+_FULL_SHARE = 0.85
 #: A vehicle seen within this time of the end has not left, seconds.
-_STILL_THERE_S = 1.0
+_NOT_LEFT_S = 1.0
 #: Number added to both sides of a ratio, for small numbers.
-_SUPPOSED = 0.5
+_PSEUDO_COUNT = 0.5
 #: Least flow, per hour.
-_LEAST = 5.0
+_MIN_FLOW = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geo
     while more := {road.id for road in beside if road.from_junction in reached} - away:
         away |= more
         reached |= {road.to_junction for road in beside if road.id in more}
-    arms = [road for road in nearby if road.id not in away and seen[road.id] >= _SEEN_M]
+    arms = [road for road in nearby if road.id not in away and seen[road.id] >= _MIN_VISIBLE_ARM_M]
     from_here = {road.from_junction for road in arms}
     return {
         road.id: outline[road.id]
@@ -180,14 +180,14 @@ def sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> Obse
         along(lambda seen: np.unwrap(seen.yaw)),
         np.repeat(np.reshape([seen.track.size for seen in tracks], (-1, 3)), counts, axis=0),
         speed,
-        speed < _WALKS_M_S,
+        speed < _STANDING_M_S,
     )
 
 
 def first_flows(recorded: Presence) -> dict[str, float]:
     """Return class -> initial flow per hour, with the same sojourn time for all."""
     return {
-        name: max(float(present.mean()) * 3600 / _STAYS_S, _LEAST)
+        name: max(float(present.mean()) * 3600 / _SOJOURN_S, _MIN_FLOW)
         for name, present in recorded.classes.items()
     }
 
@@ -209,7 +209,7 @@ def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds
         if seen.track.actor_class in MOTORS:
             inside = shapely.contains_xy(area, seen.xy[:, 0], seen.xy[:, 1])
             left += int((inside[:-1] & ~inside[1:]).sum())
-            left += int(inside[-1] and seen.time_s[-1] < seconds - _STILL_THERE_S)
+            left += int(inside[-1] and seen.time_s[-1] < seconds - _NOT_LEFT_S)
     return left * 3600 / seconds
 
 
@@ -231,7 +231,7 @@ def corrected(
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
 
     of_motors = _ratio(_motors(recorded), _motors(simulated))
-    if passed < _CARRIED * motors:
+    if passed < _FULL_SHARE * motors:
         of_motors = min(of_motors, passed / motors)
     return {
         name: max(
@@ -241,7 +241,7 @@ def corrected(
                 if name in MOTORS
                 else _ratio(_mean(recorded, name), _mean(simulated, name))
             ),
-            _LEAST,
+            _MIN_FLOW,
         )
         for name, value in per_hour.items()
     }
@@ -265,14 +265,14 @@ def corrected_arms(
         simulated: presence in the simulation.
         passed: motor vehicles per hour that left each arm in the simulation.
     """
-    beyond = _ratio(_beyond(recorded), _beyond(simulated))
+    beyond = _ratio(_off_arms(recorded), _off_arms(simulated))
     corrected = {}
     for name, value in per_hour.items():
         of_arm = _ratio(float(recorded.arms[name].mean()), float(simulated.arms[name].mean()))
         ratio = float(np.sqrt(of_arm * beyond))
-        if passed[name] < _CARRIED * value:
-            ratio = min(ratio, passed[name] / (_CARRIED * value))
-        corrected[name] = max(value * ratio, _LEAST)
+        if passed[name] < _FULL_SHARE * value:
+            ratio = min(ratio, passed[name] / (_FULL_SHARE * value))
+        corrected[name] = max(value * ratio, _MIN_FLOW)
     return corrected
 
 
@@ -283,7 +283,7 @@ def misfit(recorded: Presence, simulated: Presence) -> float:
     other classes, and of arms weighted by their numbers.
     """
     others = [name for name in recorded.classes if name not in MOTORS]
-    off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _beyond)]
+    off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _off_arms)]
     off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
     on = {name: float(every.mean()) for name, every in recorded.arms.items()}
     for name, mean in on.items():
@@ -300,14 +300,14 @@ def _motors(of: Presence) -> float:
     return sum(_mean(of, name) for name in MOTORS)
 
 
-def _beyond(of: Presence) -> float:
+def _off_arms(of: Presence) -> float:
     """Return the number of motor vehicles on no arm."""
     return max(_motors(of) - sum(float(every.mean()) for every in of.arms.values()), 0.0)
 
 
 def _ratio(here: float, there: float) -> float:
-    ratio = (here + _SUPPOSED) / (there + _SUPPOSED)
-    return float(np.clip(ratio, 1 / _MOST_CHANGE, _MOST_CHANGE))
+    ratio = (here + _PSEUDO_COUNT) / (there + _PSEUDO_COUNT)
+    return float(np.clip(ratio, 1 / _MAX_CORRECTION, _MAX_CORRECTION))
 
 
 def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:

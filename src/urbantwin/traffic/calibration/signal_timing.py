@@ -27,11 +27,11 @@ _BEFORE_S, _AFTER_S = 0.5, 4.0
 _STEP_S = 0.1
 _YELLOW_S = 3.0
 #: Least green of pedestrians, and clearance after the yellow of conflicting vehicles, seconds.
-_WALK_S, _CLEARS_S = 5.0, 1.0
-_MISSED = 0.02  # probability of a passage at red
-_CYCLE_S = (20.0, 180.0)
+_MIN_WALK_S, _WALK_CLEARANCE_S = 5.0, 1.0
+_RED_PASSAGE_PROBABILITY = 0.02  # probability of a passage at red
+_CYCLE_LIMITS_S = (20.0, 180.0)
 #: Least number of green begins for the number of greens per cycle.
-_OFTEN = 4
+_MIN_GREEN_BEGINS = 4
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,9 @@ def timing_of(
     """
     shown = _of_vehicles(signals)
     periods = _periods([_starts(changes, until_s) for changes in shown.values()])
-    periods = [period_s for period_s in periods if _CYCLE_S[0] <= period_s <= _CYCLE_S[1]]
+    periods = [
+        period_s for period_s in periods if _CYCLE_LIMITS_S[0] <= period_s <= _CYCLE_LIMITS_S[1]
+    ]
     if links.signals is None or not periods:
         return None
     cycle_s = round(float(np.median(periods)), 1)
@@ -105,7 +107,7 @@ def timing_of(
     states = _states(letters, group_of, links.signals, phase)
     lasts = [(seconds, seconds) for seconds, _, _ in states]
     if actuated is not None and actuated.driven:
-        lasts = _extended(states, actuated)
+        lasts = _duration_ranges(states, actuated)
     return Timing(
         cycle_s,
         len(periods),
@@ -154,7 +156,7 @@ def _periods(starts: Sequence[Sequence[float]]) -> list[float]:
     usual = float(np.median([len(begins) for begins in starts if begins] or [0]))
     periods: list[float] = []
     for begins in starts:
-        times = max(round(len(begins) / usual), 1) if usual >= _OFTEN else 1
+        times = max(round(len(begins) / usual), 1) if usual >= _MIN_GREEN_BEGINS else 1
         periods += (np.array(begins[times:]) - np.array(begins[:-times])).tolist()
     return periods
 
@@ -176,20 +178,22 @@ def _groups(
         movement = (passage.lane, passage.leaving)
         if movement in links.links and np.isfinite(passage.passed_s) and passage.passed_s < until_s:
             passed[movement].append(passage.passed_s)
-        for other, when in _beside(passage) if links.beside else ():
+        for other, when in _other_movements(passage) if links.beside else ():
             if other in links.beside and when < until_s:
                 passed[other].append(when)
     chosen: dict[tuple[str, str], str] = {}
     every = np.arange(0.0, until_s, _STEP_S)
-    share = {group: float(_open(changes, every).mean()) for group, changes in shown.items()}
+    share = {group: float(_is_green(changes, every).mean()) for group, changes in shown.items()}
     for movement, times in passed.items():
         times_s = np.array(times)
         score = {
             group: float(
                 np.where(
-                    _open(changes, times_s), np.log((1 - _MISSED) / max(share[group], 1e-3)), 0.0
+                    _is_green(changes, times_s),
+                    np.log((1 - _RED_PASSAGE_PROBABILITY) / max(share[group], 1e-3)),
+                    0.0,
                 ).sum()
-                + np.where(_open(changes, times_s), 0.0, np.log(_MISSED)).sum()
+                + np.where(_is_green(changes, times_s), 0.0, np.log(_RED_PASSAGE_PROBABILITY)).sum()
             )
             for group, changes in shown.items()
         }
@@ -210,7 +214,7 @@ def _groups(
     return group_of, certain
 
 
-def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
+def _other_movements(one: Passage) -> list[tuple[tuple[str, str], float]]:
     """Return the movements of a vehicle from any road: (lane, road after), with times."""
     on = [
         (str(lane), float(time_s))
@@ -224,7 +228,7 @@ def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
     ]
 
 
-def _open(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _is_green(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return whether times are within green, or shortly before or after."""
     is_open = np.zeros(len(times), np.bool_)
     ends = [time_s for time_s, _ in changes[1:]] + [np.inf]
@@ -247,22 +251,22 @@ def _states(
     """Return a cycle as states: seconds, letters, and phase.
 
     Links with an unknown group blink, which means yielding. Crossings are green when no conflicting
-    vehicle has green (`_walked`).
+    vehicle has green (`_add_walk_greens`).
     """
     moments = len(phase)
     rows = np.full((moments, signals.size), "o")
     for link, group in group_of.items():
         rows[:, link] = letters[group]
     for column in rows.T:
-        _close(column)
-    _walked(rows, signals)
+        _end_with_yellow(column)
+    _add_walk_greens(rows, signals)
     whole = [_with_right_of_way(row, signals) for row in rows]
     parts = list(zip(whole, phase.tolist(), strict=True))
     cuts = [0, *(k for k in range(1, moments) if parts[k] != parts[k - 1]), moments]
     return [(round((end - begin) * _STEP_S, 1), *parts[begin]) for begin, end in pairwise(cuts)]
 
 
-def _extended(
+def _duration_ranges(
     states: Sequence[tuple[float, str, int]], cycle: ActuatedCycle
 ) -> list[tuple[float, float]]:
     """Return the least and largest duration of each state, seconds.
@@ -277,13 +281,13 @@ def _extended(
         seconds = states[longest][0]
         least = seconds - (cycle.seconds[phase] - cycle.at_least[phase])
         if len(own) > 1:
-            least = max(least, min(seconds, _WALK_S))
+            least = max(least, min(seconds, _MIN_WALK_S))
         most = seconds + cycle.at_most[phase] - cycle.seconds[phase]
         lasts[longest] = round(least, 1), round(most, 1)
     return lasts
 
 
-def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
+def _add_walk_greens(rows: NDArray[np.str_], signals: Signalised) -> None:
     """Let crossings be green between the greens of conflicting vehicles.
 
     No passage shows the group of a crossing. Blinking crossings would let pedestrians walk at any
@@ -315,8 +319,8 @@ def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], green, [False]]).astype(int)))
         needed = max(map(crossing_s, links))
         for begin, end in edges.reshape(-1, 2):
-            clear, last = round(_CLEARS_S / _STEP_S), round(needed / _STEP_S)
-            if end - begin - clear - last < round(_WALK_S / _STEP_S):
+            clear, last = round(_WALK_CLEARANCE_S / _STEP_S), round(needed / _STEP_S)
+            if end - begin - clear - last < round(_MIN_WALK_S / _STEP_S):
                 green[begin:end] = False
             else:
                 green[begin : begin + clear] = green[end - last : end] = False
@@ -328,7 +332,7 @@ def _goes_on(link: Link) -> bool:
     return link.movement == "through"
 
 
-def _close(column: NDArray[np.str_]) -> None:
+def _end_with_yellow(column: NDArray[np.str_]) -> None:
     """Let green end with yellow where the cycle is cut."""
     if column[-1] in ("G", "g") and column[0] in ("r", "u"):
         column[-round(_YELLOW_S / _STEP_S) :] = "y"

@@ -23,14 +23,17 @@ __all__ = ["seen_area", "simulated_tracks"]
 _STEP_S = 0.2
 #: Width beside the recorded paths that counts as observed, and tolerance of their simplification,
 #: metres.
-_BESIDE_M, _COARSE_M = 3.0, 0.5
+_BESIDE_M, _SIMPLIFICATION_M = 3.0, 0.5
 
 
 def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
     """Return the area around recorded tracks."""
     lines = [shapely.LineString(seen.xy) for seen in tracks if len(seen.xy) > 1]
     return shapely.union_all(
-        [line.simplify(_COARSE_M, preserve_topology=False).buffer(_BESIDE_M) for line in lines]
+        [
+            line.simplify(_SIMPLIFICATION_M, preserve_topology=False).buffer(_BESIDE_M)
+            for line in lines
+        ]
     )
 
 

@@ -11,14 +11,14 @@ from urbantwin.traffic.calibration.passages import SETTLES_S, Passage
 
 __all__ = ["turns_taken"]
 
-_Way = tuple[str, str]
+_Movement = tuple[str, str]
 #: Least change of heading of a turn, rad, and speed below which a vehicle was held up, m/s.
-_TURNS_RAD, _ROLLS_MS = 0.8, 2.5
+_MIN_TURN_RAD, _HELD_UP_MS = 0.8, 2.5
 
 
 def turns_taken(
     passages: Sequence[Passage], begin_s: float, end_s: float
-) -> tuple[dict[_Way, list[float]], dict[_Way, list[float]]]:
+) -> tuple[dict[_Movement, list[float]], dict[_Movement, list[float]]]:
     """Return lateral accelerations and speeds of unhindered vehicles in turns, by movement.
 
     Args:
@@ -29,8 +29,8 @@ def turns_taken(
     Returns:
         80 % quantiles of lateral acceleration in a turn, m/s2; and 20 % quantiles of speed, m/s.
     """
-    accelerations: dict[_Way, list[float]] = defaultdict(list)
-    speeds: dict[_Way, list[float]] = defaultdict(list)
+    accelerations: dict[_Movement, list[float]] = defaultdict(list)
+    speeds: dict[_Movement, list[float]] = defaultdict(list)
     for passage in passages:
         turn = _in_a_turn(passage, begin_s, end_s)
         if turn is not None:
@@ -53,7 +53,7 @@ def _in_a_turn(one: Passage, begin_s: float, end_s: float) -> tuple[float, float
     yaw = np.interp(times_s, times, np.unwrap(seen.yaw[rows]))
     pace = np.interp(times_s, times, speed)[1:-1]
     rate = np.abs(yaw[2:] - yaw[:-2]) / (times_s[2:] - times_s[:-2])
-    turns = rate > _TURNS_RAD / 10
-    if np.ptp(yaw) < _TURNS_RAD or not turns.any() or pace[turns].min() < _ROLLS_MS:
+    turns = rate > _MIN_TURN_RAD / 10
+    if np.ptp(yaw) < _MIN_TURN_RAD or not turns.any() or pace[turns].min() < _HELD_UP_MS:
         return None
     return float(np.quantile((rate * pace)[turns], 0.8)), float(np.quantile(pace[turns], 0.2))

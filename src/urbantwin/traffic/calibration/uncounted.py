@@ -15,10 +15,10 @@ from urbantwin.traffic.calibration.passages import MOTORS, JunctionLinks
 __all__ = ["UncountedFlows", "ways_missed"]
 
 #: Share of the vehicles in view that may be uncounted without a note.
-_ELSEWHERE = 0.1
+_UNCOUNTED_SHARE = 0.1
 
 #: Maximum number of departures per actor in view: further ones have other routes.
-_MOST_FOR_ONE = 20.0
+_MAX_DEPARTURES_PER_ACTOR = 20.0
 
 
 class UncountedFlows:
@@ -51,7 +51,7 @@ class UncountedFlows:
             self._seen[name] += simulated.new.get(name, 0)
             if self._seen[name]:
                 share = self._seen[name] / max(self._planned[name], 1e-9)
-                self.per_hour[name] = round(wanted / max(share, 1 / _MOST_FOR_ONE), 1)
+                self.per_hour[name] = round(wanted / max(share, 1 / _MAX_DEPARTURES_PER_ACTOR), 1)
 
     def untold(self) -> list[str]:
         """Return notes on the observed classes without routes on the map."""
@@ -79,7 +79,7 @@ def ways_missed(recorded: Measured, links: JunctionLinks, beside: int = 0) -> li
     ]
     came = sum(recorded.new.get(name, 0) for name in MOTORS)
     missed = came - sum(recorded.turns.values()) - beside
-    if missed > _ELSEWHERE * came:
+    if missed > _UNCOUNTED_SHARE * came:
         notes.append(
             f"{missed} of {came} motor vehicles that come into view pass no junction or road "
             "where they could be counted: nobody is simulated in their place, and shares and "

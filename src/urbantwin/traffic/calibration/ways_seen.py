@@ -20,7 +20,7 @@ from urbantwin.traffic.calibration.passages import Passage
 __all__ = ["ways_seen"]
 
 #: Least number, and share, of the vehicles that were seen.
-_FEWEST, _SHARE = 5, 0.5
+_MIN_VEHICLES, _MIN_SHARE = 5, 0.5
 
 _Passed = tuple[Passage, tuple[str, ...]]
 
@@ -64,9 +64,9 @@ def ways_seen(
         left[passage.leaving].append((passage, tuple(after)))
     counts: dict[Spot, list[Passage]] = {}
     for road, those in sorted(came.items()):
-        counts |= _told(road, those, before, after_exit, backwards=True)
+        counts |= _turns_beyond(road, those, before, after_exit, backwards=True)
     for road, those in sorted(left.items()):
-        counts |= _told(road, those, after_exit, before, backwards=False)
+        counts |= _turns_beyond(road, those, after_exit, before, backwards=False)
     ends_at = {road.id: road.to_junction for road in roads.roads}
     done = {ends_at[name] for spot in counted for field, name in spot if field == "approach"}
     return {
@@ -74,7 +74,7 @@ def ways_seen(
     }
 
 
-def _told(
+def _turns_beyond(
     road: str,
     those: Sequence[_Passed],
     onward: Mapping[str, set[str]],
@@ -96,7 +96,7 @@ def _told(
         roads_ahead[0] for _, roads_ahead in those if roads_ahead and roads_ahead[0] in beyond
     )
     total = sum(seen.values())
-    if total < max(_FEWEST, _SHARE * len(those)):
+    if total < max(_MIN_VEHICLES, _MIN_SHARE * len(those)):
         return {}
     assigned: Counter[str] = Counter()
     through: dict[str, list[_Passed]] = {name: [] for name in beyond}
@@ -116,7 +116,7 @@ def _told(
             first, last = (name, road) if backwards else (road, name)
             turns[("approach", first), ("turn", last)] = [passage for passage, _ in passages]
         if back[name] == {road}:  # no other traffic on it
-            turns |= _told(name, passages, onward, back, backwards=backwards)
+            turns |= _turns_beyond(name, passages, onward, back, backwards=backwards)
     return turns
 
 
