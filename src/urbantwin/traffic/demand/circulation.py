@@ -54,13 +54,13 @@ AT_ONCE = 0.7
 RESERVE_S = 240.0
 _ON_FOOT, _BUS, _TRAM = "pedestrian", "bus", "tram"
 #: Vehicles do not depart on streets shorter than this, where a queue leaves no room, metres.
-_ROOM_M = 25.0
+_MIN_DEPARTURE_STREET_M = 25.0
 #: Least length of footway per pedestrian, metres: 5.6 m2 (60 square feet) at the 2 m width of
 #: SUMO's sidewalks, the limit of level of service A of a walkway (Highway Capacity Manual 2010,
 #: chapter 23).
-_FOOTWAY_M = 2.8
+_FOOTWAY_PER_PERSON_M = 2.8
 #: Factor by which the fastest actors exceed the usual speed.
-_FASTEST = 1.25
+_FASTEST_FACTOR = 1.25
 
 
 class Circulation:
@@ -167,7 +167,9 @@ class Circulation:
             wanted = max(1, int(np.floor(rate * share * seconds / PACE[name] / 3600.0 + 0.5)))
             count = wanted
             if name == _ON_FOOT:
-                count = max(1, min(wanted, int(self._circuits[name].room_m / _FOOTWAY_M)))
+                count = max(
+                    1, min(wanted, int(self._circuits[name].room_m / _FOOTWAY_PER_PERSON_M))
+                )
             counts.append(Population(name, rate, count, seconds, metres, wanted - count))
         return counts
 
@@ -204,7 +206,7 @@ class Circulation:
             if group.without_room
         ]
         come_in_s = min(COMING_IN_S, warmup_s / 2)
-        needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
+        needed_s = (warmup_s + duration_s) * _FASTEST_FACTOR + 120.0
         for group in populations:
             number = ACTOR_CLASSES.index(group.actor_class)
             random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
@@ -345,7 +347,11 @@ class Circulation:
         total = np.cumsum([float(graph.seconds[pair]) for pair in itertools.pairwise(first)])
         skipped = int(np.searchsorted(total, random.random() * total[-1], side="right"))
         skipped = min(skipped, len(first) - 2) if anywhere else 0
-        while anywhere and skipped < len(first) - 2 and graph.length_m[first[skipped]] < _ROOM_M:
+        while (
+            anywhere
+            and skipped < len(first) - 2
+            and graph.length_m[first[skipped]] < _MIN_DEPARTURE_STREET_M
+        ):
             skipped += 1
         share = float(random.random())
         passages, left_s = [first[skipped:]], needed_s - float(total[-1] - total[skipped])
@@ -367,11 +373,11 @@ class Circulation:
         # time.
         walks = []
         for passage in passages:
-            parts = _unfolded(passage, graph.edges)
+            parts = _split_at_reversals(passage, graph.edges)
             for number, (part, state) in enumerate(parts):
                 along = 0.5 if number == len(parts) - 1 else float(state % 2 == 0)
-                walks.append((part, _place(graph.length_m[state] * along)))
-        begin_m = _place(graph.length_m[passages[0][0]] * share)
+                walks.append((part, _rounded_position(graph.length_m[state] * along)))
+        begin_m = _rounded_position(graph.length_m[passages[0][0]] * share)
         return Trip(
             actor_class, asset, depart_s, walks[0][0], begin_m, walks[0][1], then=tuple(walks[1:])
         )
@@ -391,7 +397,9 @@ def _parts(arcs: Iterable[tuple[str, str]]) -> dict[str, int]:
     return {edge: int(part[k]) for edge, k in index.items()}
 
 
-def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:
+def _split_at_reversals(
+    states: list[int], edges: tuple[str, ...]
+) -> list[tuple[tuple[str, ...], int]]:
     """Return the edges and last state of a walk, split where it turns back on an edge.
 
     Even states are edges in their own direction, odd ones in the opposite direction
@@ -406,6 +414,6 @@ def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str
     return [(tuple(edges[state] for state in part), part[-1]) for part in parts]
 
 
-def _place(metres: float) -> float:
+def _rounded_position(metres: float) -> float:
     """Round a position on an edge down to centimetres, since SUMO rejects any beyond its end."""
     return float(np.floor(metres * 100) / 100)

@@ -26,8 +26,8 @@ __all__ = [
 _ARMS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 _TURNS = ("left", "through", "right", "u-turn")
 #: Changes of direction below the first are through, above the second u-turns, degrees.
-_THROUGH_DEG, _BACK_DEG = 35.0, 150.0
-_TOLD = 20  # maximum number of names in an error
+_MAX_THROUGH_DEG, _MIN_U_TURN_DEG = 35.0, 150.0
+_MAX_NAMES = 20  # maximum number of names in an error
 _DIRECTION_M = 20.0  # length of a road from which its direction is taken
 
 
@@ -44,9 +44,9 @@ def turn_of(roads: RoadNetwork, approach: Road, leaving: Road) -> str:
     into = _direction(roads, approach, at_end=True)
     away = _direction(roads, leaving, at_end=False)
     turned = float(np.degrees(np.angle(np.exp(1j * (away - into)))))
-    if abs(turned) < _THROUGH_DEG:
+    if abs(turned) < _MAX_THROUGH_DEG:
         return "through"
-    if abs(turned) > _BACK_DEG:
+    if abs(turned) > _MIN_U_TURN_DEG:
         return "u-turn"
     return "left" if turned > 0 else "right"
 
@@ -69,7 +69,7 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
     approaches = [road for road in driven if road.to_junction == junction]
     approach = by_id.get(name)
     if approach is None:
-        approach = _one(name, approaches, roads, at_end=True, place=place, what="approach")
+        approach = _road_by_name(name, approaches, roads, at_end=True, place=place, what="approach")
     exits = [road for road in driven if road.from_junction == approach.to_junction]
     leaving = by_id.get(turn)
     if leaving is None and turn in _TURNS:
@@ -80,13 +80,13 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
                 f"nobody can go {turn} from {name}", place=place, expected=f"one of {turns}"
             )
         # Among several, the one nearest to a right angle, or to straight on.
-        leaving = min(turned, key=lambda road: _off(roads, approach, road, turn))
+        leaving = min(turned, key=lambda road: _turn_deviation(roads, approach, road, turn))
     if leaving is None:
-        leaving = _one(turn, exits, roads, at_end=False, place=place, what="turn")
+        leaving = _road_by_name(turn, exits, roads, at_end=False, place=place, what="turn")
     return Way(approach, leaving)
 
 
-def _one(
+def _road_by_name(
     name: str, among: list[Road], roads: RoadNetwork, *, at_end: bool, place: str, what: str
 ) -> Road:
     """Return the road of a junction with a given name or compass direction."""
@@ -152,7 +152,7 @@ def _is_arm(name: str, arm: str) -> bool:
     return name.lower().replace("-", "") == arm.replace("-", "")
 
 
-def _off(roads: RoadNetwork, approach: Road, leaving: Road, turn: str) -> float:
+def _turn_deviation(roads: RoadNetwork, approach: Road, leaving: Road, turn: str) -> float:
     into = _direction(roads, approach, at_end=True)
     away = _direction(roads, leaving, at_end=False)
     turned = abs(float(np.degrees(np.angle(np.exp(1j * (away - into))))))
@@ -173,7 +173,7 @@ def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
         return matches[0]
     candidates = matches or roads.roads
     listed = ", ".join(
-        f"{one.id} ({one.name})" if one.name else one.id for one in candidates[:_TOLD]
+        f"{one.id} ({one.name})" if one.name else one.id for one in candidates[:_MAX_NAMES]
     )
     problem = f"means {len(matches)} roads" if matches else "is not there"
     raise InputError(f"the road {name[:60]!r} {problem}", place=place, expected=f"one of {listed}")
@@ -302,5 +302,5 @@ def _junction(name: str, roads: RoadNetwork, place: str) -> str:
     raise InputError(
         f"the junction {name[:60]!r} {problem}",
         place=place,
-        expected="one of " + ", ".join(listed[:_TOLD]),
+        expected="one of " + ", ".join(listed[:_MAX_NAMES]),
     )

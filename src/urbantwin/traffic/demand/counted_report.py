@@ -51,9 +51,9 @@ def counted_report(
         requested = sum(
             count for quarters in rates for _, _, count in wanted_of(quarters, 0.0, duration_s)
         )
-        came = _came(simulated, np.flatnonzero(edge_of_lane == planned.leaving), planned)
+        came = _first_steps(simulated, np.flatnonzero(edge_of_lane == planned.leaving), planned)
         driven = int(((came >= 0) & (came < steps)).sum())
-        where = {name: row[name] for name in _WHERE if row.get(name)}
+        where = {name: row[name] for name in _PLACE_FIELDS if row.get(name)}
         kind = "pedestrian" if row.get("crossing") else "motor traffic"
         entry = {
             **where,
@@ -63,13 +63,13 @@ def counted_report(
             "driven_per_hour": round(driven * 3600 / duration_s, 1),
         }
         if planned.trips and driven < (1 - SHORT) * requested:
-            entry["held_up"] = _held_up(planned, simulated, roads)
+            entry["held_up"] = _queue_cause(planned, simulated, roads)
         rows.append(entry)
     return rows
 
 
 #: Fields that give the place of a count.
-_WHERE = ("junction", "approach", "turn", "road", "crossing")
+_PLACE_FIELDS = ("junction", "approach", "turn", "road", "crossing")
 
 
 def arrivals(simulated: Simulated, demand: Demand) -> Simulated:
@@ -83,7 +83,7 @@ def arrivals(simulated: Simulated, demand: Demand) -> Simulated:
     return simulated.only(np.sort(rows[new]))
 
 
-def _came(
+def _first_steps(
     simulated: Simulated, lanes: NDArray[np.integer], planned: CountedRow
 ) -> NDArray[np.int32]:
     """Return the first step of each planned trip on some lanes."""
@@ -94,7 +94,7 @@ def _came(
     return np.asarray(simulated.step[is_counted][order][first])
 
 
-def _held_up(planned: CountedRow, simulated: Simulated, roads: RoadNetwork) -> str:
+def _queue_cause(planned: CountedRow, simulated: Simulated, roads: RoadNetwork) -> str:
     """Return where the queue of an approach begins, and why."""
     minutes = max(len(simulated.observed.samples), 1)
     standing = {lane: sum_s / (60 * minutes) for lane, sum_s in simulated.observed.queued.items()}

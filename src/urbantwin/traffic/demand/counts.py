@@ -119,12 +119,13 @@ def departures_of(
 
 #: Rounds of scaling volumes, after which sums of independent counts agree to a thousandth.
 _ROUNDS = 400
-_LITTLE = 1e-9
+_TINY = 1e-9
 #: Routes with a lower volume per hour are dropped.
-_SELDOM = 1e-3
-_STREAM, _CLASS = 2_000_000, 100_000  # offsets of random streams: each route of a class has its own
-_MOST_OF_A_WAY = 100_000
-_ON_FOOT = "pedestrian"
+_MIN_ROUTE_VOLUME = 1e-3
+#: Offsets of random streams: each route of a class has its own.
+_STREAM, _CLASS_STREAM = 2_000_000, 100_000
+_ASSETS_PER_ROUTE = 100_000
+_PEDESTRIAN = "pedestrian"
 _CROSSING = re.compile(r"_c\d+$")
 #: Detour equivalent of the 20 s that SUMO's pedestrians accept to avoid a red light.
 _DETOUR_M = 20.0 * WALKING_MS
@@ -150,7 +151,7 @@ class _Place:
 
 
 @dataclass(frozen=True)
-class _Ways:
+class _Routes:
     """The routes of a class: edges, rows of counts that each passes, and relative volumes."""
 
     edges: list[tuple[str, ...]]
@@ -200,15 +201,15 @@ def fitted_demand(  # noqa: PLR0913 - all inputs of counts
         volumes = _volumes(name, ways, rows, per_hour)
         # Sorted so that fractions of vehicles add up among routes that pass the same places.
         for route in sorted(range(len(ways.edges)), key=lambda route: ways.passed[route]):
-            if volumes[route].max() < _SELDOM:
+            if volumes[route].max() < _MIN_ROUTE_VOLUME:
                 continue
-            key = _STREAM + kind * _CLASS + route
+            key = _STREAM + kind * _CLASS_STREAM + route
             random = np.random.Generator(np.random.Philox(key=[seed, key]))
             flow = wanted_of(volumes[route].tolist(), warmup_s, duration_s)
             departures_s = departures_of(flow, owed, random, evenly=evenly)
             owed = (owed + sum(count for _, _, count in flow)) % 1.0
             for k, time_s in enumerate(np.round(departures_s, 2).tolist()):
-                body_class = body(name, route * _MOST_OF_A_WAY + k)
+                body_class = body(name, route * _ASSETS_PER_ROUTE + k)
                 trip = _trip(name, body_class, time_s, ways, route, warmup_s, random)
                 trips.append((trip, ways.passed[route]))
     trips.sort(
@@ -221,8 +222,8 @@ def fitted_demand(  # noqa: PLR0913 - all inputs of counts
     numbers: list[list[int]] = [[] for _ in counts]
     for number, (trip, passed_places) in enumerate(trips):
         # SUMO's pedestrians cross where it is shortest: any of them may be counted there.
-        on_foot = trip.actor_class == _ON_FOOT
-        for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else passed_places:
+        on_foot = trip.actor_class == _PEDESTRIAN
+        for where in by_class[_PEDESTRIAN].keys() - nowhere if on_foot else passed_places:
             numbers[where].append(number)
     counted = (
         CountedRow(place.first, place.last, tuple(row))
@@ -253,8 +254,8 @@ def fitted_volumes(
     for _ in range(_ROUNDS):
         fitted_counts = volumes @ passes
         ratio = np.where(
-            (fitted_counts > _LITTLE) & (counted > 0),
-            counted / np.maximum(fitted_counts, _LITTLE),
+            (fitted_counts > _TINY) & (counted > 0),
+            counted / np.maximum(fitted_counts, _TINY),
             1,
         )
         volumes[touched] *= np.exp(passes[touched] @ np.log(ratio) / most)
@@ -277,7 +278,7 @@ def _place(row: Mapping[str, Any], roads: RoadNetwork, spot: str) -> _Place:
 
 
 def _volumes(
-    name: str, ways: _Ways, rows: Mapping[int, Sequence[float]], per_hour: Mapping[str, float]
+    name: str, ways: _Routes, rows: Mapping[int, Sequence[float]], per_hour: Mapping[str, float]
 ) -> NDArray[np.float64]:
     """Return the volumes of routes by quarter of an hour (W, Q), actors per hour.
 
@@ -290,8 +291,8 @@ def _volumes(
     passes = np.array([[number in passed for number in rows] for passed in ways.passed], bool)
     passes = passes.reshape(len(ways.edges), len(rows))
     usual = ways.weight.copy()
-    if name == _ON_FOOT:  # pedestrians that pass no counted place keep their usual volume
-        usual *= per_hour.get(name, 0.0) / max(usual.sum(), _LITTLE)
+    if name == _PEDESTRIAN:  # pedestrians that pass no counted place keep their usual volume
+        usual *= per_hour.get(name, 0.0) / max(usual.sum(), _TINY)
     else:
         usual[~passes.any(axis=1)] = 0.0
     quarters = max(len(rates) for rates in rows.values())
@@ -299,13 +300,13 @@ def _volumes(
     return np.array([fitted_volumes(usual, passes, np.array(counted)) for counted in wanted]).T
 
 
-def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _Ways:
+def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _Routes:
     """Return the routes from gate to gate, plus one for each place that none of them passes."""
-    on_foot = name == _ON_FOOT
+    on_foot = name == _PEDESTRIAN
     streets = network.walked() if on_foot else network.driven_by(ACTOR_KINDS[name].vclass)
     routes = None if streets is None else Routes.between_gates(streets)
     if streets is None or routes is None:
-        return _Ways([], [], np.zeros(0), None)
+        return _Routes([], [], np.zeros(0), None)
     edges = [routes.drive(number) for number in range(len(routes.pairs))]
     weight = routes.weight.astype(np.float64)
     for place in places.values() if not on_foot else ():
@@ -314,7 +315,7 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
         through = way_through(streets, place.first, place.last)
         if through is not None:
             edges.append(through)
-            weight = np.append(weight, max(float(weight.max()), _LITTLE))
+            weight = np.append(weight, max(float(weight.max()), _TINY))
     if on_foot:
         sure = np.array([not _may_cross_elsewhere(streets, route) for route in edges])
         for place in places.values():  # If no certain route crosses there, uncertain ones are used.
@@ -332,7 +333,7 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
         ):
             weight[number] = 0.0
     passed = [tuple(k for k, place in places.items() if place.passed_by(route)) for route in edges]
-    return _Ways(edges, passed, weight, routes)
+    return _Routes(edges, passed, weight, routes)
 
 
 def _may_cross_elsewhere(streets: Streets, way: tuple[str, ...]) -> bool:
@@ -361,12 +362,12 @@ def _trip(
     name: str,
     body: str,
     depart_s: float,
-    ways: _Ways,
+    ways: _Routes,
     way: int,
     warmup_s: float,
     random: np.random.Generator,
 ) -> Trip:
-    if name != _ON_FOOT:
+    if name != _PEDESTRIAN:
         return Trip(name, body, depart_s, ways.edges[way])
     assert ways.routes is not None
     lead_m = max(WALKING_MS * (warmup_s - depart_s), 0.0)
@@ -413,7 +414,7 @@ def _nearest(graph: Any, start: int, ends: NDArray[np.int64]) -> list[int] | Non
     return _path(graph, start, best) if np.isfinite(seconds[best]) else None
 
 
-_MOST_OF_A_ROW = 100_000  # numbers of assets reserved for a row
+_ASSETS_PER_ROW = 100_000  # numbers of assets reserved for a row
 _ROW_STREAM = 1000  # offset of random streams of rows, after those of the classes
 
 
@@ -445,7 +446,7 @@ def counted_demand(  # noqa: PLR0913 - all inputs of counts
     Raises:
         InputError: an approach or a turn does not exist; the message names the row.
     """
-    if _overlap(counts, roads):
+    if _may_count_twice(counts, roads):
         return fitted_demand(
             counts,
             roads,
@@ -491,7 +492,7 @@ def counted_demand(  # noqa: PLR0913 - all inputs of counts
                 (
                     Trip(
                         name,
-                        body(name, number * _MOST_OF_A_ROW + k),
+                        body(name, number * _ASSETS_PER_ROW + k),
                         round(float(time_s), 2),
                         edges,
                     ),
@@ -509,7 +510,7 @@ def counted_demand(  # noqa: PLR0913 - all inputs of counts
     return Demand(tuple(trip for trip, _ in trips), tuple(left_out), counted=counted)
 
 
-def _overlap(counts: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> bool:
+def _may_count_twice(counts: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> bool:
     """Return whether rows may count the same vehicle, or count roads or crossings."""
     places = [row.get("row") or f"traffic.counts[{number}]" for number, row in enumerate(counts)]
     if any(row.get("road") or row.get("crossing") for row in counts):

@@ -24,10 +24,16 @@ _SUMO_FILES = (
     "(edgeRelation)"
 )
 #: Elements of detectors in SUMO's additional files, of old and new versions.
-_LOOPS = ("inductionLoop", "e1Detector", "instantInductionLoop", "detectorDefinition", "detector")
-_LARGEST = 64 << 20
+_DETECTOR_ELEMENTS = (
+    "inductionLoop",
+    "e1Detector",
+    "instantInductionLoop",
+    "detectorDefinition",
+    "detector",
+)
+_MAX_FILE_BYTES = 64 << 20
 #: Columns of DFROUTER's tables -> classes; their times are minutes.
-_FLOWS = {"qpkw": "car", "qlkw": "truck"}
+_DFROUTER_COLUMNS = {"qpkw": "car", "qlkw": "truck"}
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ def read_detectors(path: Path) -> dict[str, str]:
     root = _parsed(path, expected)
     lane_of = {
         str(element.get("id")): str(element.get("lane"))
-        for name in _LOOPS
+        for name in _DETECTOR_ELEMENTS
         for element in root.iter(name)
         if element.get("id") and element.get("lane")
     }
@@ -160,7 +166,7 @@ def _of_dfrouter(path: Path) -> Iterator[Counted]:
     plain = {name.strip().lower(): name for name in table.column_names}
     detector = texts_of(table, plain["detector"])
     minute = numbers_of(table, plain["time"], path)
-    for flow, kind in _FLOWS.items():
+    for flow, kind in _DFROUTER_COLUMNS.items():
         if flow not in plain:
             continue
         for k, count in enumerate(numbers_of(table, plain[flow], path).tolist()):
@@ -170,7 +176,7 @@ def _of_dfrouter(path: Path) -> Iterator[Counted]:
 
 def _parsed(path: Path, expected: str) -> etree._Element:
     try:
-        if path.stat().st_size > _LARGEST:
+        if path.stat().st_size > _MAX_FILE_BYTES:
             raise InputError("is too large", file=path, expected="64 MB at most")
         parser = etree.XMLParser(resolve_entities=False, no_network=True)
         return etree.fromstring(path.read_bytes(), parser)
@@ -204,7 +210,7 @@ _EXPECTED = (
     "a table of counts: approach and turn, or road, or crossing; begin; count, and class if there "
     "are several, or a column for each class"
 )
-_NAMES = {
+_COLUMN_NAMES = {
     "junction": ("junction", "intersection", "node"),
     "approach": ("approach", "origin", "from"),
     "turn": ("turn", "destination", "to", "exit"),
@@ -216,11 +222,11 @@ _NAMES = {
     "begin": ("begin", "start", "time"),
     "count": ("count", "vehicles", "number"),
 }
-_ALONE = ("road", "lane", "detector", "crossing")
-_WHERE = ("junction", "approach", "turn", *_ALONE)
+_SINGLE_PLACE_FIELDS = ("road", "lane", "detector", "crossing")
+_PLACE_FIELDS = ("junction", "approach", "turn", *_SINGLE_PLACE_FIELDS)
 _QUARTER_S, _DAY_S = 900, 86400
 #: Least length of intervals, seconds; they divide a quarter of an hour or are multiples of it.
-_SHORTEST_S = 60
+_MIN_INTERVAL_S = 60
 
 
 def read_counts(path: Path, detectors: Path | None = None) -> list[dict[str, Any]]:
@@ -254,12 +260,12 @@ def _rows(path: Path) -> Iterator[Counted]:
     plain = {name.strip().lower(): name for name in table.column_names}
     column = {
         what: next((plain[name] for name in names if name in plain), None)
-        for what, names in _NAMES.items()
+        for what, names in _COLUMN_NAMES.items()
     }
     by_class = {name: plain[name] for name in ACTOR_CLASSES if name in plain}
     if column["count"] is not None:
         by_class = {"": column["count"]}
-    missing = [] if any(column[what] for what in _ALONE) else ["approach", "turn"]
+    missing = [] if any(column[what] for what in _SINGLE_PLACE_FIELDS) else ["approach", "turn"]
     missing = [what for what in missing if column[what] is None] + ([] if by_class else ["count"])
     if missing:
         problem = f"has no column {missing[0]}"
@@ -267,7 +273,7 @@ def _rows(path: Path) -> Iterator[Counted]:
     nothing = np.full(table.num_rows, "", object)
     texts = {
         what: nothing if (name := column[what]) is None else texts_of(table, name)
-        for what in (*_WHERE, "class", "begin")
+        for what in (*_PLACE_FIELDS, "class", "begin")
     }
     for kind, name in by_class.items():
         count = numbers_of(table, name, path)
@@ -276,9 +282,12 @@ def _rows(path: Path) -> Iterator[Counted]:
             raise InputError("counts less than none", file=path, place=place, expected="0 or more")
         for k, number in enumerate(count.tolist()):
             line = f"line {k + 2}"
-            where = {what: str(texts[what][k]) for what in _WHERE}
+            where = {what: str(texts[what][k]) for what in _PLACE_FIELDS}
             where = {what: value for what, value in where.items() if value}
-            if not where.keys() & set(_ALONE) and not {"approach", "turn"} <= where.keys():
+            if (
+                not where.keys() & set(_SINGLE_PLACE_FIELDS)
+                and not {"approach", "turn"} <= where.keys()
+            ):
                 problem = "names no approach or turn"
                 raise InputError(problem, file=path, place=line, expected=_EXPECTED)
             begin = _seconds(texts["begin"][k], path, line)
@@ -297,7 +306,7 @@ def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
     lengths_s = {row.length_s for row in counted if row.length_s}
     length = int(np.diff(begins).min()) if len(begins) > 1 else 4 * _QUARTER_S
     length = int(min(lengths_s)) if lengths_s else length
-    fits = length % _QUARTER_S == 0 or (length >= _SHORTEST_S and _QUARTER_S % length == 0)
+    fits = length % _QUARTER_S == 0 or (length >= _MIN_INTERVAL_S and _QUARTER_S % length == 0)
     if not fits or ((begins - begins[0]) % length).any() or len(lengths_s) > 1:
         raise InputError(
             f"has intervals of {length} s, and not all of them",

@@ -68,7 +68,7 @@ def party_places(count: int, in_groups: float, seed: int) -> list[int]:
 
 
 WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
-_WORTHWHILE_M = 60.0  # shorter routes are no through routes, if there are longer ones
+_MIN_THROUGH_ROUTE_M = 60.0  # shorter routes are no through routes, if there are longer ones
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ class Routes:
         weight = weight * (np.clip(straight / length, 0.1, 1.0) ** 2)
         # Of edges outside junctions alone; the straight line counts where wide junctions make it
         # longer.
-        for unwanted in (returns, np.maximum(length, straight) < _WORTHWHILE_M):
+        for unwanted in (returns, np.maximum(length, straight) < _MIN_THROUGH_ROUTE_M):
             if np.any(weight[~unwanted] > 0):
                 weight = np.where(unwanted, 0.0, weight)
         return cls(streets, routes.pairs, weight, previous, row)
@@ -439,7 +439,7 @@ class Routes:
         corner = [] if last else [whole[whole.index(path[first]) + 1]]
         named = (path[first], *corner, *path[first + 1 :])
         names = tuple(self.streets.edges[edge] for edge in named)
-        return names, _inside(begin, length[first]), _inside(end, length[-1])
+        return names, _rounded_down(begin, length[first]), _rounded_down(end, length[-1])
 
     def _near_end(self, edge: int, other: int) -> float:
         """Return the end of an edge (0 start, 1 end) that is nearer to another edge."""
@@ -472,6 +472,6 @@ def systematic(
     return np.asarray(random.permutation(drawn), np.int64)
 
 
-def _inside(share: float, length_m: float) -> float:
+def _rounded_down(share: float, length_m: float) -> float:
     """Return a position on an edge rounded down to centimetres: SUMO rejects any beyond its end."""
     return float(np.floor(share * length_m * 100) / 100)

@@ -47,7 +47,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
     for _ in range(ROUNDS):
         flows = circulation.flows()
         cuts: dict[tuple[str, str], float] = {}
-        for lane in _full(junctions, flows):
+        for lane in _overloaded_lanes(junctions, flows):
             full.setdefault(lane.lane, lane)
             for link, flow in lane.links.items():
                 if flow > LITTLE * lane.flow:
@@ -56,7 +56,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
         if not cuts:
             break
         circulation = circulation.lowered(cuts, IN_CARS.keys())
-    return circulation, Bound(share_of_motor(circulation, guessed), _reason(full.values()))
+    return circulation, Bound(share_of_motor(circulation, guessed), _worst_lane(full.values()))
 
 
 def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
@@ -67,7 +67,7 @@ def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
     return come / all_of_them if all_of_them else 1.0
 
 
-def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
+def _overloaded_lanes(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
     """Return the lanes with a load beyond ``FULL`` even with the longest actuated greens."""
     full = []
     for junction in junctions:
@@ -80,7 +80,7 @@ def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
     return full
 
 
-def _reason(full: Iterable[LaneLoad]) -> str:
+def _worst_lane(full: Iterable[LaneLoad]) -> str:
     """Return a description of the lane with the largest excess of the guess."""
     lanes = sorted(full, key=lambda lane: (-lane.flow * (1.0 - FULL / lane.load), lane.lane))
     if not lanes:

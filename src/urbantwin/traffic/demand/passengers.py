@@ -24,10 +24,10 @@ from urbantwin.traffic.demand.stop_places import StopPlace, stop_place
 __all__ = ["boarding_job", "with_passengers"]
 
 #: Boarding passengers per halt of a tram relative to a bus. Assumed.
-_TRAM_TIMES = 2.0
+_TRAM_FACTOR = 2.0
 #: Number of passengers that are away at first, in multiples of the mean number alighting at a halt.
-_AWAY_TIMES = 4.0
-_ON_FOOT, _STREAM, _OF_A_STOP = "pedestrian", 7_200_000, 10_000
+_AWAY_FACTOR = 4.0
+_ON_FOOT, _STREAM, _NUMBERS_PER_STOP = "pedestrian", 7_200_000, 10_000
 
 
 def with_passengers(
@@ -68,7 +68,7 @@ def with_passengers(
         if place is None or ways is None:
             continue
         random = np.random.Generator(np.random.Philox(key=[seed, _STREAM + number]))
-        mean = per_halt * (_TRAM_TIMES if place.kind == "tram" else 1.0)
+        mean = per_halt * (_TRAM_FACTOR if place.kind == "tram" else 1.0)
         # Trips are planned for somewhat longer than they last.
         rate = mean * halts[number] / (1.25 * seconds + 120.0)
         expected = int(halts[number]) + 20
@@ -77,12 +77,12 @@ def with_passengers(
             # Mean number of arrivals since the last halt, at a random time.
             "waits": int(random.poisson(mean / 2)),
             "walks": int(rate * ways.mean_s + random.random()),
-            "rides": int(np.ceil(_AWAY_TIMES * mean)),
+            "rides": int(np.ceil(_AWAY_FACTOR * mean)),
         }
         places.append(place)
         kinds = [kind for kind, count in groups.items() for _ in range(count)]
         for k, kind in enumerate(kinds):
-            own_seed = _STREAM * 2 + number * _OF_A_STOP + k
+            own_seed = _STREAM * 2 + number * _NUMBERS_PER_STOP + k
             own = np.random.Generator(np.random.Philox(key=[seed, own_seed]))
             asset = body(_ON_FOOT, own_seed)
             begins[len(trips)], stop_of[len(trips)] = kind, number

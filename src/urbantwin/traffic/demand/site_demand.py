@@ -80,7 +80,7 @@ def demand_of(
             warmup_s=warmup_s,
             duration_s=duration_s,
             body=body,
-            room=_room(twin) if metered else None,
+            room=_road_capacity(twin) if metered else None,
         )
         walks = circulation.walks
         if walks is not None and asked.get("passengers_per_halt"):
@@ -156,7 +156,7 @@ def outer_roads(twin: Twin) -> frozenset[str]:
     return rails | frozenset(road.id for road in roads if not road.ways)
 
 
-def _room(twin: Twin) -> dict[str, float]:
+def _road_capacity(twin: Twin) -> dict[str, float]:
     """Return the number of cars that fit onto each road of the region bumper to bumper."""
     outer = outer_roads(twin)
     room: dict[str, float] = defaultdict(float)

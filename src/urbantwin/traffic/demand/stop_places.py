@@ -16,11 +16,11 @@ __all__ = ["DOORS_M", "WALKING_MS", "StopPlace", "stop_place"]
 #: Positions of two doors behind the vehicle's nose, metres.
 DOORS_M = {"bus": (1.5, 6.0), "tram": (6.0, 10.0)}
 #: Half width of the vehicle, and gap between door and footway, metres.
-_HALF_M, _GAP_M = {"bus": 1.27, "tram": 1.2}, 0.1
+_HALF_WIDTH_M, _DOOR_GAP_M = {"bus": 1.27, "tram": 1.2}, 0.1
 #: Walking speed to and from the doors, m/s.
 WALKING_MS = 1.2
 #: Maximum distance of the stop's footway from the middle of the lane, metres.
-_REACH_M = 8.0
+_MAX_FOOTWAY_DISTANCE_M = 8.0
 #: Length of kerb per waiting person and distance between rows, metres, and number of rows. 0.8 m2
 #: per person is level of service B to C of a waiting area (Highway Capacity Manual 2010, chapter
 #: 23: 7 to 13 square feet).
@@ -84,8 +84,8 @@ def stop_place(
     if track is None and stop.lane not in roads.lane_by_id:
         return None
     line = shapely.LineString((track.line if track else roads.lane_by_id[stop.lane].centre)[:, :2])
-    door = _at(line, stop.end_m - DOORS_M[kind][1])
-    ahead = _at(line, stop.end_m) - _at(line, stop.end_m - 4.0)
+    door = _point_at(line, stop.end_m - DOORS_M[kind][1])
+    ahead = _point_at(line, stop.end_m) - _point_at(line, stop.end_m - 4.0)
     ahead /= max(float(np.hypot(*ahead)), 1e-9)
     to_kerb = np.array([ahead[1], -ahead[0]]) * (1.0 if roads.driving_side == "right" else -1.0)
     candidates = []
@@ -94,9 +94,9 @@ def stop_place(
             continue
         middle = shapely.LineString(lane.centre[:, :2])
         along = float(middle.project(shapely.Point(door)))
-        point = _at(middle, along)
+        point = _point_at(middle, along)
         away = point - door
-        if np.hypot(*away) <= _REACH_M and away @ to_kerb > 0.7 * np.hypot(*away):
+        if np.hypot(*away) <= _MAX_FOOTWAY_DISTANCE_M and away @ to_kerb > 0.7 * np.hypot(*away):
             candidates.append(
                 (lane.road != edge, float(np.hypot(*away)), lane.id, along, point, lane)
             )
@@ -106,8 +106,8 @@ def stop_place(
     slots = _slots(roads, line, stop, kind, ahead, to_kerb, seed + 1000 * number)
     if not len(slots):
         return None
-    outside = to_kerb * (_HALF_M[kind] + _GAP_M)
-    doors = np.array([_at(line, stop.end_m - back) + outside for back in DOORS_M[kind]])
+    outside = to_kerb * (_HALF_WIDTH_M[kind] + _DOOR_GAP_M)
+    doors = np.array([_point_at(line, stop.end_m - back) + outside for back in DOORS_M[kind]])
     return StopPlace(
         number,
         kind,
@@ -133,14 +133,14 @@ def _slots(
     seed: int,
 ) -> NDArray[np.float64]:
     """Return waiting positions (S, 2) on the footway beside a stop."""
-    room = roads.footway(0).intersection(shapely.Point(_at(line, stop.end_m)).buffer(40.0))
+    room = roads.footway(0).intersection(shapely.Point(_point_at(line, stop.end_m)).buffer(40.0))
     room = room.buffer(-_BODY_M)
     shapely.prepare(room)
     random = np.random.Generator(np.random.Philox(key=[seed, 7_300_000]))
-    deep = np.arange(_HALF_M[kind] + 0.2, _REACH_M, 0.1)
+    deep = np.arange(_HALF_WIDTH_M[kind] + 0.2, _MAX_FOOTWAY_DISTANCE_M, 0.1)
     slots = []
     for along in np.arange(stop.end_m - 0.5, max(stop.start_m, stop.end_m - 14.0), -_SPACING_M):
-        kerb = _at(line, float(along))
+        kerb = _point_at(line, float(along))
         inside = shapely.contains_xy(room, kerb + deep[:, None] * aside)
         if not inside.any():
             continue
@@ -154,6 +154,6 @@ def _slots(
     return np.array(sorted(slots)).reshape(-1, 3)[:, 1:]
 
 
-def _at(line: shapely.LineString, along_m: float) -> NDArray[np.float64]:
+def _point_at(line: shapely.LineString, along_m: float) -> NDArray[np.float64]:
     point = line.interpolate(max(along_m, 0.0))
     return np.array([point.x, point.y])

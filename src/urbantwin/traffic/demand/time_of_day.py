@@ -22,7 +22,7 @@ _TRUCKS_NIGHT, _TRUCKS_DAY = (0.3, 0.4, 0.4, 0.6, 0.8, 2.0), (4.8, 7.5, 9.0, 8.7
 _TRUCKS_NOON, _TRUCKS_EVENING = (7.5, 8.4, 7.8, 6.9, 5.4, 4.0), (2.7, 1.8, 1.2, 0.9, 0.6, 0.3)
 TRUCKS: tuple[float, ...] = (*_TRUCKS_NIGHT, *_TRUCKS_DAY, *_TRUCKS_NOON, *_TRUCKS_EVENING)
 #: Hours that guesses refer to.
-_MIDDAY = slice(10, 15)
+_GUESSED_HOURS = slice(10, 15)
 
 
 def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
 def hour_factor(time: str, actor_class: str = "car") -> float:
     """Return the traffic of a class at a time (``08:00``) relative to midday."""
     day = TRUCKS if actor_class == "truck" else CARS
-    midday = day[_MIDDAY]
+    midday = day[_GUESSED_HOURS]
     return day[int(time[:2])] * len(midday) / sum(midday)
 
 

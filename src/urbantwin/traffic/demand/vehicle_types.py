@@ -122,9 +122,9 @@ _ATTRIBUTES = {
     "queue_headway_s": IN_QUEUES,
     "lane_offset_m": "latAlignment",
 }
-_FADES_MS, _LEAST_MS2 = (0.0, 10.0, 20.0, 30.0), 0.3
+_ACCELERATION_SPEEDS_MS, _MIN_ACCELERATION_MS2 = (0.0, 10.0, 20.0, 30.0), 0.3
 #: Cut of desired speeds, standard deviations from their mean.
-_CUT = 2.5
+_MAX_SPEED_SIGMAS = 2.5
 
 
 def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, str]]:
@@ -144,14 +144,20 @@ def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, 
             mean, spread = _usual(name)
             mean = mean if driver.get("speed_factor") is None else driver["speed_factor"]
             spread = spread if driver.get("speed_spread") is None else driver["speed_spread"]
-            low, high = max(mean - _CUT * spread, 0.1), mean + _CUT * spread
+            low, high = (
+                max(mean - _MAX_SPEED_SIGMAS * spread, 0.1),
+                mean + _MAX_SPEED_SIGMAS * spread,
+            )
             values["speedFactor"] = f"normc({mean:.3f},{spread:.3f},{low:.3f},{high:.3f})"
         if driver.get("acceleration_at_10") is not None:
             most = driver.get("acceleration")
             most = float(_parameter(name, "accel", _ACCELERATION)) if most is None else most
             fall = (most - min(driver["acceleration_at_10"], most)) / 10.0
-            left = [f"{max(most - fall * speed, _LEAST_MS2):.3f}" for speed in _FADES_MS]
-            values["speedTable"] = " ".join(f"{speed:g}" for speed in _FADES_MS)
+            left = [
+                f"{max(most - fall * speed, _MIN_ACCELERATION_MS2):.3f}"
+                for speed in _ACCELERATION_SPEEDS_MS
+            ]
+            values["speedTable"] = " ".join(f"{speed:g}" for speed in _ACCELERATION_SPEEDS_MS)
             values["maxAccelProfile"] = " ".join(left)
         if driver.get("sideways_acceleration") is not None:
             values[IN_BENDS] = f"{(driver['sideways_acceleration'] / SIDEWAYS_MS2) ** 0.5:.3f}"

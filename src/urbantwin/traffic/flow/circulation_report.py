@@ -19,7 +19,7 @@ __all__ = ["circulation_report"]
 
 _SLICE_MIN = 10
 #: Below this share of the motor traffic requested the report says where the longest queue begins.
-_ENOUGH = 0.95
+_MIN_CARRIED_SHARE = 0.95
 
 
 def circulation_report(
@@ -89,7 +89,9 @@ def circulation_report(
         "counted_for_s": round(counted_s),
         "motor_traffic_per_hour": {"asked": round(requested, 1), "driven": round(driven, 1)},
         "carried_share_of_motor_traffic": None if share is None else round(share, 3),
-        "held_up": "" if share is None or share >= _ENOUGH else bottleneck(roads, inside).because,
+        "held_up": ""
+        if share is None or share >= _MIN_CARRIED_SHARE
+        else bottleneck(roads, inside).because,
         "share_of_guess": None if demand.bound.share is None else round(demand.bound.share, 3),
         "guess_lowered_because": demand.bound.because,
         "mean_speed_of_vehicles": speeds,
