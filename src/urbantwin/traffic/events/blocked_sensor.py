@@ -20,14 +20,14 @@ from urbantwin.traffic.prescribed import PrescribedPath
 __all__ = ["blocked_sensor"]
 
 #: Least and largest distance of the truck from the sensor, metres.
-_NEAREST_M, _FARTHEST_M = 2.0, 18.0
+_MIN_DISTANCE_M, _MAX_DISTANCE_M = 2.0, 18.0
 #: A lane whose edge is within this distance of the kerb is the outermost, metres.
-_BESIDE_M = 1.0
+_OUTERMOST_LANE_M = 1.0
 #: Streets within this distance of the anchor are the junction that the sensor shall see, metres.
 _JUNCTION_M = 35.0
 #: Least share of the requested duration that is accepted if no place is free for all of it, and
 #: spacing of the times that are tried, seconds.
-_SHORTEST, _EVERY_S = 0.25, 5.0
+_MIN_SHARE, _TIME_SPACING_S = 0.25, 5.0
 
 
 def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
@@ -57,12 +57,12 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
         if asset(truck).bodies:
             continue  # a single rigid truck suffices
         scene = RayScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
-        for xy, yaw in _stands(setting, truck, eye):
-            hidden = _hidden(scene, eye, seen, xy, yaw)
+        for xy, yaw in _truck_places(setting, truck, eye):
+            hidden = _hidden_share(scene, eye, seen, xy, yaw)
             tried.append((-round(hidden, 6), truck, tuple(xy[:2].tolist()), yaw))
     if not tried:
         raise StageError(
-            f"blocked_sensor at {event.at_s:g} s cannot be staged: within {_FARTHEST_M:g} m of "
+            f"blocked_sensor at {event.at_s:g} s cannot be staged: within {_MAX_DISTANCE_M:g} m of "
             f"{name} is no lane that trucks use, nor a kerb beside one: name another sensor"
         )
     hiding = [place for place in sorted(tried) if -place[0] >= event.least_share]
@@ -91,18 +91,18 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     raise StageError(
         f"{prefix}none of the {len(hiding)} places beside {name} where a truck hides "
         f"{event.least_share:.1%} of the junction or more ({most:.1%} at the most) is free for "
-        f"{event.lasts_s * _SHORTEST:g} s within {event.within_s:g} s of it: a longer within_s, a "
+        f"{event.lasts_s * _MIN_SHARE:g} s within {event.within_s:g} s of it: a longer within_s, a "
         "shorter lasts_s, or another at_s"
     )
 
 
 def _spans(event: BlockedSensor, until_s: float) -> Iterator[tuple[float, float]]:
     """Yield the intervals in which the truck may stand, those of the full duration first."""
-    later = np.arange(0.0, event.within_s + 1e-6, _EVERY_S)
+    later = np.arange(0.0, event.within_s + 1e-6, _TIME_SPACING_S)
     times = event.at_s + np.unique([*-later, *later])
-    long_enough = times + _SHORTEST * event.lasts_s <= until_s
+    long_enough = times + _MIN_SHARE * event.lasts_s <= until_s
     times = times[(times >= 0) & (long_enough | (times == event.at_s))]
-    for part in (1.0, 0.5, _SHORTEST):
+    for part in (1.0, 0.5, _MIN_SHARE):
         for from_s in sorted(times.tolist(), key=lambda at_s: abs(at_s - event.at_s)):
             yield from_s, min(from_s + part * event.lasts_s, until_s)
 
@@ -125,7 +125,7 @@ def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float
     return np.asarray(places[hit.range_m > reach - 0.3])
 
 
-def _stands(
+def _truck_places(
     setting: Setting, truck: str, eye: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Return possible positions (3,), metres, and headings of a truck around a sensor.
@@ -148,23 +148,23 @@ def _stands(
                 shapely.get_coordinates(line.interpolate(along + offset_m))[0]
                 for offset_m in (-1.0, 0, 1.0)
             ]
-            if np.hypot(*(ends[1] - eye[:2])) > _FARTHEST_M + _BESIDE_M:
+            if np.hypot(*(ends[1] - eye[:2])) > _MAX_DISTANCE_M + _OUTERMOST_LANE_M:
                 continue
             ahead = (ends[2] - ends[0]) / np.hypot(*(ends[2] - ends[0]))
             out = side * np.array([-ahead[1], ahead[0]])
             places = [] if turns else [ends[1]]  # no standing within a junction
             across = shapely.LineString([ends[1], ends[1] + 2 * lane.width * out])
             paved = shapely.get_parts(shapely.intersection(across, kerb))
-            paved = paved[shapely.distance(paved, shapely.Point(ends[1])) < _BESIDE_M / 2]
+            paved = paved[shapely.distance(paved, shapely.Point(ends[1])) < _OUTERMOST_LANE_M / 2]
             kerb_m = float(shapely.length(paved).max(initial=0.0)) or np.inf
-            if kerb_m < lane.width / 2 + _BESIDE_M:
+            if kerb_m < lane.width / 2 + _OUTERMOST_LANE_M:
                 shares = (0, 1) if turns else (-1, 0, 1)
                 places += [ends[1] + (kerb_m + k * body.width / 2) * out for k in shares]
             points += places
             yaws += [float(np.arctan2(*ahead[::-1]))] * len(places)
     xy, yaw = np.array(points).reshape(-1, 2), np.array(yaws)
     away = np.hypot(*(xy - eye[:2]).T)
-    is_near = (away > _NEAREST_M) & (away < _FARTHEST_M)
+    is_near = (away > _MIN_DISTANCE_M) & (away < _MAX_DISTANCE_M)
     xy, yaw = xy[is_near], yaw[is_near]
     z = setting.solid.ground(xy)
     size = body.length, body.width, body.height
@@ -172,7 +172,7 @@ def _stands(
     return list(zip(np.column_stack([xy, z])[free], yaw[free].tolist(), strict=True))
 
 
-def _hidden(
+def _hidden_share(
     scene: RayScene,
     eye: NDArray[np.float64],
     seen: NDArray[np.float64],

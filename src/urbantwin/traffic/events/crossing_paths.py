@@ -34,25 +34,25 @@ _VEHICLES = ("car", "van", "truck", "bus", "motorcycle")
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
 _BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
 #: Spacing of the points of a path that are checked for obstacles, metres.
-_LOOKED_AT_M = 0.5
+_CHECK_SPACING_M = 0.5
 #: Shares of that length that are tried if there are obstacles.
-_SHARES = {"pedestrian": (1.0,), "bicycle": (1.0, 0.5, 0.3)}
-_FAR_M = 45.0
+_LENGTH_SHARES = {"pedestrian": (1.0,), "bicycle": (1.0, 0.5, 0.3)}
+_LANE_PATH_M = 45.0
 #: Range of decelerations, m/s2; the highest is that on dry asphalt.
-_HARDEST, _GENTLEST = 9.0, 0.5
+_MAX_DECELERATION_MS2, _MIN_DECELERATION_MS2 = 9.0, 0.5
 #: Least duration of the motion after the encounter, seconds.
-_AFTER_S = 4.0
+_MIN_AFTER_S = 4.0
 #: Maximum number of vehicles tried, by distance in time.
-_VEHICLES_TRIED = 12
+_MAX_VEHICLES_TRIED = 12
 #: Gap between the braking actor and the other's path, metres.
 _MARGIN_M = 0.5
 #: Tolerance of the requested times, seconds.
-_EXACT_S = 0.06
+_TIME_TOLERANCE_S = 0.06
 #: Distance of parked cars from the kerb, and gap between them, metres.
-_KERB_M, _BETWEEN_M = 0.3, 1.6
+_KERB_DISTANCE_M, _PARKED_GAP_M = 0.3, 1.6
 #: Time before and after the encounter for which cars stand that cannot be parked throughout,
 #: seconds.
-_STAND_S = 8.0
+_PARKED_AROUND_S = 8.0
 #: Offsets along the street of the places tried for parked cars, metres.
 _SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
 
@@ -60,18 +60,18 @@ _SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
 def near_miss(event: NearMiss, setting: Setting) -> Scripted:
     """Cross the path of the vehicle that passes the place nearest to the requested time."""
     spot = find_spot(event.place, setting.twin, event.users)
-    return _with_who_passes(
+    return _with_passing_vehicle(
         event,
         setting,
         spot,
-        lambda track, meets_s: _near(event, setting, track, meets_s),
+        lambda track, meets_s: _near_miss(event, setting, track, meets_s),
         # Coordinates give a place, not a lane of a junction.
         yaw=None if event.place.lane is None and event.place.street is None else spot.yaw,
         near_m=2.5 if event.place.lane is not None else 6.0,
     )
 
 
-def _with_who_passes(
+def _with_passing_vehicle(
     event: NearMiss | ChildBetweenParkedCars,
     setting: Setting,
     spot: Spot,
@@ -91,19 +91,19 @@ def _with_who_passes(
         event.within_s,
         classes=_VEHICLES,
         yaw=yaw,
-        until_s=setting.until_s - _AFTER_S,
+        until_s=setting.until_s - _MIN_AFTER_S,
         near_m=near_m,
     )
     refused = ""
-    for track, meets_s in passing[:_VEHICLES_TRIED]:
+    for track, meets_s in passing[:_MAX_VEHICLES_TRIED]:
         try:
             return stage(track, meets_s)
         except StageError as error:
             refused = refused or str(error)
-    raise StageError(refused or _nobody(event, spot.lane.id))
+    raise StageError(refused or _no_vehicle_text(event, spot.lane.id))
 
 
-def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scripted:
+def _near_miss(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scripted:
     """Cross the path of a track with the requested margin.
 
     Raises:
@@ -149,7 +149,7 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
 def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -> Scripted:
     """Park two cars at the kerb, and let a child run out from between them."""
     spot = find_spot(event.place, setting.twin, event.users)
-    return _with_who_passes(
+    return _with_passing_vehicle(
         event,
         setting,
         spot,
@@ -185,7 +185,10 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
         parked: list[PrescribedPath] = []
         # Parked throughout, at the kerb, or half or fully on the sidewalk; else only around the
         # encounter.
-        around = max(meets_s - _STAND_S, 0.0), min(meets_s + _STAND_S, setting.until_s)
+        around = (
+            max(meets_s - _PARKED_AROUND_S, 0.0),
+            min(meets_s + _PARKED_AROUND_S, setting.until_s),
+        )
         parking_options = [
             (further, span)
             for span in ((0.0, setting.until_s), around)
@@ -266,10 +269,10 @@ def _parked(
     names = [usual_asset("car", 3 * setting.number + k) for k in (1, 2)]
     widest = max(asset(name).width for name in names)
     # Without room beside the lane they stand half on the sidewalk.
-    out_m = max(kerb_m - _KERB_M - widest / 2, 2.0 + widest / 2) + further_m
+    out_m = max(kerb_m - _KERB_DISTANCE_M - widest / 2, 2.0 + widest / 2) + further_m
     cars = []
     for name, sign in zip(names, (1.0, -1.0), strict=True):
-        middle = station + sign * (_BETWEEN_M / 2 + asset(name).length / 2)
+        middle = station + sign * (_PARKED_GAP_M / 2 + asset(name).length / 2)
         heading = way.heading(middle)
         out = side * out_m * np.array([-np.sin(heading), np.cos(heading)])
         place = way.at(np.array([middle]))[0] + out
@@ -288,7 +291,7 @@ def _parked(
 
 def _is_blocked(way: Way, mesh: str, setting: Setting) -> bool:
     """Return whether a body that moves along a path overlaps a static obstacle."""
-    stations = np.linspace(0.0, way.length, int(way.length / _LOOKED_AT_M) + 2)
+    stations = np.linspace(0.0, way.length, int(way.length / _CHECK_SPACING_M) + 2)
     yaw = np.array([way.heading(float(station_m)) for station_m in stations])
     body = asset(mesh)
     size = body.length, body.width, body.height
@@ -303,7 +306,7 @@ def _ways_across(
         return _lanes_across(event.actor, setting, at, yaw)
     kerb = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
     ways = []
-    for share, side in product(_SHARES[event.actor], (kerb, -kerb)):
+    for share, side in product(_LENGTH_SHARES[event.actor], (kerb, -kerb)):
         across = share * side * np.array([-np.sin(yaw), np.cos(yaw)])
         ends = at + across * _BEFORE_M[event.actor], at - across * _BEYOND_M[event.actor]
         ways.append(Way(np.linspace(*ends, 60)))
@@ -323,7 +326,9 @@ def _lanes_across(
         if line.distance(shapely.Point(at)) > 6.0:
             continue
         along = float(shapely.line_locate_point(line, shapely.Point(at)))
-        route, station = lane_way(roads, lane, along, actor_class, back_m=_FAR_M, ahead_m=_FAR_M)
+        route, station = lane_way(
+            roads, lane, along, actor_class, back_m=_LANE_PATH_M, ahead_m=_LANE_PATH_M
+        )
         angle = abs(float(np.sin(route.heading(station) - yaw)))
         off = at - route.at(np.array([station]))[0]
         if angle > 0.6:
@@ -367,7 +372,7 @@ def _passing(
         if abs(pet_s - wanted) <= 0.015:
             break
         over_s += (pet_s - wanted) if before else (wanted - pet_s)
-    if pet_s is None or abs(pet_s - wanted) > _EXACT_S:
+    if pet_s is None or abs(pet_s - wanted) > _TIME_TOLERANCE_S:
         raise StageError(
             f"{event.event} at {event.at_s:g} s cannot be staged: "
             f"a post-encroachment time of {wanted:g} s to track {track} is not reached"
@@ -389,10 +394,10 @@ def _braking(
     wanted = event.ttc_s
     assert wanted is not None
     target = setting.others.passage(track).between(meets_s - 12.0, meets_s + 12.0)
-    stands_m = _before_the_way(setting, way, place_m, mesh, target)
+    stands_m = _stopping_station(setting, way, place_m, mesh, target)
     path: PrescribedPath | None = None
     # Late braking gives a short time to collision; the deceleration determines how late.
-    low, high = _GENTLEST, _HARDEST
+    low, high = _MIN_DECELERATION_MS2, _MAX_DECELERATION_MS2
     reached = np.inf
     for _ in range(18):
         middle = (low + high) / 2
@@ -407,7 +412,7 @@ def _braking(
             low = middle
         else:
             high = middle
-    if path is None or abs(reached - wanted) > _EXACT_S:
+    if path is None or abs(reached - wanted) > _TIME_TOLERANCE_S:
         raise StageError(
             f"near_miss at {event.at_s:g} s cannot be staged: a {event.actor} at {speed:g} m/s "
             f"that can stop does not come to a time to collision of {wanted:g} s with track {track}"
@@ -415,7 +420,7 @@ def _braking(
     return path
 
 
-def _before_the_way(
+def _stopping_station(
     setting: Setting,
     way: Way,
     place_m: float,
@@ -473,7 +478,7 @@ def _stopping(
     return PrescribedPath(event.actor, mesh, times, way.at(station), yaw=heading)
 
 
-def _nobody(event: NearMiss | ChildBetweenParkedCars, lane: str) -> str:
+def _no_vehicle_text(event: NearMiss | ChildBetweenParkedCars, lane: str) -> str:
     return (
         f"{event.event} at {event.at_s:g} s cannot be staged: nobody drives past "
         f"the place on lane {lane} within {event.within_s:g} s of it"

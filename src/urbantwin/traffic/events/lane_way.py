@@ -16,7 +16,7 @@ from urbantwin.roads import Lane, RoadNetwork
 __all__ = ["Way", "lane_way"]
 
 #: Spacing of a path's points, and length over which its corners are rounded, metres.
-_EVERY_M, _ROUNDED_M = 0.5, 5.0
+_POINT_SPACING_M, _ROUNDING_LENGTH_M = 0.5, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def lane_way(
         back_m: length of the path before the place, if the lanes reach so far, metres.
         ahead_m: length of the path beyond the place, metres.
     """
-    before = _before(roads)
+    before = _predecessors_of(roads)
     chain, have = [lane], along_m
     while have < back_m:
         options = [
@@ -122,13 +122,13 @@ def lane_way(
     whole = Way(points, tuple(part.id for part in chain))
     start = max(start_to_place - back_m, 0.0)
     end = min(start_to_place + ahead_m, whole.length)
-    count = max(int((end - start) / _EVERY_M), 2)
+    count = max(int((end - start) / _POINT_SPACING_M), 2)
     even = _rounded(whole.at(np.linspace(start, end, count + 1)))
     path = Way(even, whole.lanes)
     return path, path.station_of(whole.at(np.array([start_to_place]))[0])
 
 
-def _before(roads: RoadNetwork) -> Mapping[str, list[Lane]]:
+def _predecessors_of(roads: RoadNetwork) -> Mapping[str, list[Lane]]:
     predecessors: dict[str, list[Lane]] = {}
     for lane in roads.lanes:
         for name in lane.successors:
@@ -158,7 +158,7 @@ def _straightest(
 
 def _rounded(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points (N, 2) with rounded corners; the ends stay."""
-    half = int(_ROUNDED_M / _EVERY_M / 2)
+    half = int(_ROUNDING_LENGTH_M / _POINT_SPACING_M / 2)
     if len(points) <= 2 * half + 1:
         return points
     for _ in range(2):

@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 #: Time resolution for post-encroachment times, finer than the motion's steps, seconds.
-_FINE_S = 0.01
+_RESOLUTION_S = 0.01
 #: Least size of an area that both pass over, square metres; less is a touch of corners.
-_AREA_M2 = 0.01
+_MIN_CONFLICT_AREA_M2 = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,15 +197,15 @@ def post_encroachment(a: Passage, b: Passage) -> float | None:
 
     If several areas are passed by both, the least time; ``None`` if there is none.
     """
-    fine_a, fine_b = _fine(a), _fine(b)
+    fine_a, fine_b = _resampled(a), _resampled(b)
     swept_a, swept_b = _swept(fine_a), _swept(fine_b)
     common = shapely.intersection(shapely.union_all(swept_a), shapely.union_all(swept_b))
     least: float | None = None
     for part in shapely.get_parts(common):
-        if part.area < _AREA_M2:
+        if part.area < _MIN_CONFLICT_AREA_M2:
             continue
         shapely.prepare(part)
-        stays = [_stay(passage, part) for passage in (fine_a, fine_b)]
+        stays = [_occupancy_times(passage, part) for passage in (fine_a, fine_b)]
         if stays[0] is None or stays[1] is None:
             continue
         (in_a, out_a), (in_b, out_b) = stays[0], stays[1]
@@ -215,7 +215,7 @@ def post_encroachment(a: Passage, b: Passage) -> float | None:
     return least
 
 
-def _stay(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | None:
+def _occupancy_times(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | None:
     """Return the times at which a box enters an area and leaves it; ``None`` if it never does."""
     # A box that only touches the border covers no part of the area.
     inside = np.flatnonzero(shapely.area(shapely.intersection(passage.boxes(), area)) > 1e-4)
@@ -224,10 +224,10 @@ def _stay(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | Non
     return float(passage.time_s[inside[0]]), float(passage.time_s[inside[-1]])
 
 
-def _fine(passage: Passage) -> Passage:
-    """Return the passage resampled to steps of ``_FINE_S``."""
+def _resampled(passage: Passage) -> Passage:
+    """Return the passage resampled to steps of ``_RESOLUTION_S``."""
     start, stop = passage.time_s[0], passage.time_s[-1]
-    times = np.linspace(start, stop, max(round(float(stop - start) / _FINE_S), 0) + 1)
+    times = np.linspace(start, stop, max(round(float(stop - start) / _RESOLUTION_S), 0) + 1)
     columns = (*passage.xy.T, np.unwrap(passage.yaw), *passage.velocity.T)
     x, y, yaw, vx, vy = (np.interp(times, passage.time_s, column) for column in columns)
     moving = np.column_stack([vx, vy])

@@ -19,9 +19,9 @@ from urbantwin.twin import Twin
 __all__ = ["Place", "Spot", "find_spot", "lanes_for", "nearest_to_anchor", "spot_on"]
 
 #: Maximum distance of a lane from given coordinates, metres.
-_NEAR_M = 15.0
-_DRIVEN = ("driving", "bus", "bicycle", "connection")
-_WALKED = ("sidewalk", "crossing", "walkingarea")
+_LANE_RANGE_M = 15.0
+_VEHICLE_LANE_KINDS = ("driving", "bus", "bicycle", "connection")
+_PEDESTRIAN_LANE_KINDS = ("sidewalk", "crossing", "walkingarea")
 
 
 class Place(Strict):
@@ -107,12 +107,12 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
             lane_ids = [
                 known_lane.id
                 for known_lane in roads.lanes
-                if known_lane.kind in _DRIVEN and known_lane.road
+                if known_lane.kind in _VEHICLE_LANE_KINDS and known_lane.road
             ]
             raise InputError(
                 f"there is no lane {place.lane!r:.60}",
                 place="place.lane",
-                expected=_some(place.lane, lane_ids),
+                expected=_suggestions(place.lane, lane_ids),
             )
         along = lane.length / 2 if place.offset_m is None else place.offset_m
         return spot_on(lane, along, "place.offset_m")
@@ -126,9 +126,9 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
         degrees = np.array([[place.longitude, place.latitude]], np.float64)
         xy = twin.frame.site_from_lonlat(degrees)[0]
     nearby = _lanes_near(twin, xy, actor_class)
-    if not nearby or min(nearby)[0] > _NEAR_M:
+    if not nearby or min(nearby)[0] > _LANE_RANGE_M:
         raise InputError(
-            f"no lane for a {actor_class} within {_NEAR_M:g} m of {xy[0]:.1f}, {xy[1]:.1f}",
+            f"no lane for a {actor_class} within {_LANE_RANGE_M:g} m of {xy[0]:.1f}, {xy[1]:.1f}",
             place="place",
             expected="a place on the streets of the twin",
         )
@@ -162,11 +162,12 @@ def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[t
 
 def lanes_for(twin: Twin, actor_class: str) -> list[Lane]:
     """Return the lanes that a class of actors may use."""
-    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
+    kinds = _PEDESTRIAN_LANE_KINDS if actor_class == "pedestrian" else _VEHICLE_LANE_KINDS
     return [
         lane
         for lane in twin.roads.lanes
-        if lane.kind in kinds and (actor_class in lane.allowed or lane.kind in _WALKED)
+        if lane.kind in kinds
+        and (actor_class in lane.allowed or lane.kind in _PEDESTRIAN_LANE_KINDS)
     ]
 
 
@@ -211,7 +212,7 @@ def _on_street(place: Place, twin: Twin, actor_class: str) -> Spot:
     for road in street_roads:
         for name in road.lanes:
             lane = roads.lane_by_id[name]
-            if actor_class not in lane.allowed or lane.kind not in _DRIVEN:
+            if actor_class not in lane.allowed or lane.kind not in _VEHICLE_LANE_KINDS:
                 continue
             end, other = (0, -1) if away else (-1, 0)
             distance_m = float(np.linalg.norm(lane.centre[end, :2]))
@@ -238,7 +239,7 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     crossings = {lane.id: lane for lane in roads.lanes if lane.kind == "crossing"}
     lane = crossings.get(name)
     if lane is None:
-        crossed = _crossed(crossings, roads)
+        crossed = _crossed_streets(crossings, roads)
         over = [
             (float(np.linalg.norm(crossing.centre[:, :2].mean(axis=0))), crossing.id)
             for crossing in crossings.values()
@@ -249,7 +250,7 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
             raise InputError(
                 f"there is no crossing {name!r:.60}",
                 place="place.crossing",
-                expected=_some(name, [*crossings, *sorted(names - {""})])
+                expected=_suggestions(name, [*crossings, *sorted(names - {""})])
                 if crossings
                 else "another place: this twin has no crossings",
             )
@@ -257,7 +258,7 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     return spot_on(lane, lane.length / 2, "place.crossing")
 
 
-def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set[str]]:
+def _crossed_streets(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set[str]]:
     """Return the names of the streets that each crossing crosses."""
     strips = [
         (road.name, shapely.LineString(roads.lane_by_id[lane_id].centre[[0, -1], :2]).buffer(12.0))
@@ -270,7 +271,7 @@ def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set
     }
 
 
-def _some(name: str, known: list[str]) -> str:
+def _suggestions(name: str, known: list[str]) -> str:
     """Return the most similar name, or a few of the existing ones."""
     suggestion = nearest(name, known)
     if not suggestion.startswith("one of"):

@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 #: Replaced materials: none is retroreflective or shiny, and clothes are as dark as rubber.
-_BECOMES = {
+_REPLACED_MATERIALS = {
     **dict.fromkeys(
         ("retroreflector", "reflex-reflector", "lamp-lens", "paint-white"), "metal-dark"
     ),
@@ -71,7 +71,7 @@ def unlit(motion: Motion, track: int) -> Motion:
             if asset != usual.unsized:
                 continue
             material = mesh.material.copy()
-            for before, after in _BECOMES.items():
+            for before, after in _REPLACED_MATERIALS.items():
                 material[mesh.material == material_id(before)] = material_id(after)
             meshes[dark.unsized, phase] = replace(mesh, material=material)
     names[of_track] = [renamed[name] for name in names[of_track]]
@@ -87,7 +87,7 @@ def unlit(motion: Motion, track: int) -> Motion:
 
 
 #: Maximum distance of another actor that is reported as nearest, metres.
-_NEAR_M = 30.0
+_MAX_NEAREST_M = 30.0
 
 
 def event_row(
@@ -150,7 +150,7 @@ def conflict_with(
         return None, None
     if with_track is None:
         nearest = others.nearest(own, ignoring | {main})
-        if nearest is None or nearest.gap_m > _NEAR_M:
+        if nearest is None or nearest.gap_m > _MAX_NEAREST_M:
             return None, None
         with_track = nearest.track
     # The other may pass the place before or after the event.

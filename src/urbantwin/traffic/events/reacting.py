@@ -56,12 +56,12 @@ REACTING = {
     "debris": "the lane was never free there",
 }
 #: Length of the route of vehicles that enter for an event, before and beyond the place, metres.
-_COMES_M, _GOES_M = 150.0, 200.0
+_ROUTE_BEFORE_M, _ROUTE_BEYOND_M = 150.0, 200.0
 #: Duration over which differences fade out where the motion changes into the one with events,
 #: seconds.
-_FADES_S = 2.0
+_FADE_S = 2.0
 #: Maximum width of a work zone, metres.
-_ZONE_M = 2.0
+_MAX_WORK_ZONE_WIDTH_M = 2.0
 
 
 class NotStagedError(StageError):
@@ -143,7 +143,7 @@ def plan_events(
             "at_s": round(start_s + event.at_s, 6),
             "within_s": event.within_s,
             "lane": spot.lane.id,
-            "lanes": _lanes_that_do(event, spot, twin),
+            "lanes": _usable_lanes(event, spot, twin),
             "along_m": round(spot.along_m, 3),
         }
         if isinstance(event, HardBrake):
@@ -158,7 +158,7 @@ def plan_events(
             arrivals = _arrivals(event, number, spot, twin, row["at_s"])
             first = len(demand.trips) + len(added)
             names = [str(first + k) for k in range(len(arrivals))]
-            row |= _coming(event, arrivals, names)
+            row |= _entering_vehicles(event, arrivals, names)
             added += arrivals
         rows.append(row)
     return Plan(tuple(rows), tuple(added), spots)
@@ -237,7 +237,7 @@ def spliced(
     """
     before = without.filter(pc.less(without["time_s"], from_s - 1e-6))
     after = with_them.filter(pc.greater_equal(with_them["time_s"], from_s - 1e-6))
-    apart = _apart(without, with_them, from_s)
+    apart = _displacements_before(without, with_them, from_s)
     after = _faded(after, apart, from_s)
     usual = np.unique(without["track"].to_numpy())
     both = pa.concat_tables([before, after]).combine_chunks()
@@ -252,7 +252,9 @@ def spliced(
     return both.take(order).combine_chunks(), numbers, seam
 
 
-def _apart(without: pa.Table, with_them: pa.Table, from_s: float) -> dict[int, NDArray[np.float64]]:
+def _displacements_before(
+    without: pa.Table, with_them: pa.Table, from_s: float
+) -> dict[int, NDArray[np.float64]]:
     """Return each track's displacement (2,) by events in the last step before a time, metres."""
     times = without["time_s"].to_numpy()
     earlier = times[times < from_s - 1e-6]
@@ -269,7 +271,7 @@ def _apart(without: pa.Table, with_them: pa.Table, from_s: float) -> dict[int, N
 def _faded(table: pa.Table, apart: dict[int, NDArray[np.float64]], from_s: float) -> pa.Table:
     """Return rows shifted by their tracks' displacements, which fade out after a time."""
     times = table["time_s"].to_numpy()
-    share = np.clip(1.0 - (times - from_s) / _FADES_S, 0.0, 1.0)
+    share = np.clip(1.0 - (times - from_s) / _FADE_S, 0.0, 1.0)
     none = np.zeros(2)
     moved = np.array([apart.get(track, none) for track in table["track"].to_pylist()])
     for column, name in enumerate(("x", "y")):
@@ -284,7 +286,7 @@ def everybody(demand: Demand, plan: Plan) -> Demand:
     return replace(demand, trips=(*demand.trips, *plan.added))
 
 
-def _lanes_that_do(event: PlacedEvent, spot: Spot, twin: Twin) -> list[str]:
+def _usable_lanes(event: PlacedEvent, spot: Spot, twin: Twin) -> list[str]:
     """Return the place's lane, and parallel ones unless that lane was requested by id."""
     if event.place.lane is not None:
         return [spot.lane.id]
@@ -300,7 +302,7 @@ def _lanes_that_do(event: PlacedEvent, spot: Spot, twin: Twin) -> list[str]:
 def _obstacle(event: WorkZone | Debris, spot: Spot) -> dict[str, Any]:
     vclass = "passenger" if "car" in spot.lane.allowed else "bicycle"
     if isinstance(event, WorkZone):
-        length, width = event.length_m, min(_ZONE_M, spot.lane.width)
+        length, width = event.length_m, min(_MAX_WORK_ZONE_WIDTH_M, spot.lane.width)
     else:
         lost = asset(DEBRIS)
         length, width = round(lost.length, 3), round(lost.width, 3)
@@ -312,7 +314,12 @@ def _arrivals(
 ) -> list[Trip]:
     """Return the trips of vehicles that enter for an event."""
     path, _ = lane_way(
-        twin.roads, spot.lane, spot.along_m, event.users, back_m=_COMES_M, ahead_m=_GOES_M
+        twin.roads,
+        spot.lane,
+        spot.along_m,
+        event.users,
+        back_m=_ROUTE_BEFORE_M,
+        ahead_m=_ROUTE_BEYOND_M,
     )
     lanes = [twin.roads.lane_by_id[name] for name in path.lanes]
     edges = tuple(dict.fromkeys(lane.road for lane in lanes if lane.road))
@@ -333,7 +340,7 @@ def _emergency_mesh() -> tuple[str, str]:
     return "truck", "truck-luton-3t5"
 
 
-def _coming(
+def _entering_vehicles(
     event: EmergencyVehicle | Convoy, arrivals: Sequence[Trip], names: Sequence[str]
 ) -> dict[str, Any]:
     """Return SUMO's input about the vehicles that enter."""

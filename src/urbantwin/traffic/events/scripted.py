@@ -91,9 +91,9 @@ USUAL_SPEED_MS = {
 #: Least gap of inserted actors to all others, metres.
 CLEAR_M = 0.25
 #: Spacing of the times that are tried, seconds.
-_TRIED_EVERY_S = 0.5
+_TIME_SPACING_S = 0.5
 #: Every n-th step is checked first, before all of them.
-_SOME_STEPS = 8
+_COARSE_STEPS = 8
 #: Spacing of the times of a path, seconds.
 MOMENT_S = 0.1
 #: Length of paths before and beyond the place, metres; shorter ones are tried if others are in the
@@ -177,7 +177,7 @@ def first_free(
             if in_the_way:
                 # Most times are rejected because of an actor that is in the way for a second or
                 # more.
-                some = np.arange(0, len(passage.time_s), _SOME_STEPS)
+                some = np.arange(0, len(passage.time_s), _COARSE_STEPS)
                 closest = setting.others.nearest(passage.of_rows(some))
             if closest is None or closest.gap_m >= CLEAR_M:
                 closest = setting.others.nearest(passage)
@@ -199,9 +199,9 @@ def first_free(
 def _times(event: Event, until_s: float) -> Iterator[float]:
     """Yield the times to try, the nearest first."""
     yield event.at_s
-    for number in range(1, int(event.within_s / _TRIED_EVERY_S) + 1):
+    for number in range(1, int(event.within_s / _TIME_SPACING_S) + 1):
         for sign in (1, -1):
-            at_s = round(event.at_s + sign * number * _TRIED_EVERY_S, 6)
+            at_s = round(event.at_s + sign * number * _TIME_SPACING_S, 6)
             if 0 <= at_s < until_s:
                 yield at_s
 

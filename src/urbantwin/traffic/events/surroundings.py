@@ -17,7 +17,7 @@ from urbantwin.traffic.prescribed import PrescribedPath
 __all__ = ["Surroundings", "passage_of_path"]
 
 #: Boxes whose centres are farther apart than this are ignored, metres.
-_FAR_M = 25.0
+_MAX_CENTRE_DISTANCE_M = 25.0
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Surroundings:
         count = np.where(np.abs(self._steps[step] - passage.time_s) < 1e-6, last - first, 0)
         number = np.repeat(np.arange(len(step)), count)
         row = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
-        is_near = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _FAR_M
+        is_near = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _MAX_CENTRE_DISTANCE_M
         is_near &= ~np.isin(self.track[row], list(ignoring))
         row, number = row[is_near], number[is_near]
         moving = _Others(
@@ -144,7 +144,7 @@ class Surroundings:
         parked = self._parked
         xy = np.column_stack([parked["x"], parked["y"]])
         away = np.linalg.norm(xy[:, None] - passage.xy, axis=2)
-        which, number = np.nonzero(away < _FAR_M)
+        which, number = np.nonzero(away < _MAX_CENTRE_DISTANCE_M)
         sides = (parked[name][which] for name in ("yaw", "length", "width"))
         return _Others(number, parked["track"][which].astype(np.int64), xy[which], *sides)
 

@@ -14,9 +14,9 @@ __all__ = ["DEBRIS", "debris", "work_zone"]
 #: Asset of the lost object.
 DEBRIS = "pallet"
 #: Maximum spacing of cones, metres (German rules, RSA 21: 5 m across in towns).
-_CONES_APART_M = 3.0
+_CONE_SPACING_M = 3.0
 #: Half of the extent of a cone and of a barrier, metres.
-_CONE_M, _BARRIER_M = 0.2, 0.25
+_HALF_CONE_M, _HALF_BARRIER_M = 0.2, 0.25
 
 
 def work_zone(
@@ -32,15 +32,18 @@ def work_zone(
         times: begin and end of the event, seconds.
     """
     bodies = [
-        _standing(lane, along_m, 0.0, "barrier", times, turned)
-        for along_m, turned in ((from_m + _BARRIER_M, np.pi), (to_m - _BARRIER_M, 0.0))
+        _static_object(lane, along_m, 0.0, "barrier", times, turned)
+        for along_m, turned in ((from_m + _HALF_BARRIER_M, np.pi), (to_m - _HALF_BARRIER_M, 0.0))
     ]
-    first, last = from_m + 2 * _BARRIER_M + _CONE_M, to_m - 2 * _BARRIER_M - _CONE_M
-    count = int(np.ceil(max(last - first, 0.0) / _CONES_APART_M)) + 1
+    first, last = (
+        from_m + 2 * _HALF_BARRIER_M + _HALF_CONE_M,
+        to_m - 2 * _HALF_BARRIER_M - _HALF_CONE_M,
+    )
+    count = int(np.ceil(max(last - first, 0.0) / _CONE_SPACING_M)) + 1
     for along_m in np.linspace(first, last, count):
         for side in (1.0, -1.0):
-            beside_m = side * (width_m / 2 - _CONE_M)
-            bodies.append(_standing(lane, float(along_m), beside_m, "cone", times))
+            beside_m = side * (width_m / 2 - _HALF_CONE_M)
+            bodies.append(_static_object(lane, float(along_m), beside_m, "cone", times))
     return bodies
 
 
@@ -52,10 +55,10 @@ def debris(lane: Lane, along_m: float, times: tuple[float, float]) -> list[Presc
         along_m: its centre, metres from the lane's start.
         times: begin and end of the event, seconds.
     """
-    return [_standing(lane, along_m, 0.0, DEBRIS, times)]
+    return [_static_object(lane, along_m, 0.0, DEBRIS, times)]
 
 
-def _standing(
+def _static_object(
     lane: Lane,
     along_m: float,
     left_m: float,

@@ -29,10 +29,10 @@ from urbantwin.twin import Twin
 __all__ = ["TurnInThree", "turn_in_three", "u_turn"]
 
 #: Heading change of the first move of a three-point turn, rad.
-_FIRST = np.radians(75.0)
+_FIRST_MOVE_RAD = np.radians(75.0)
 #: Mean speed within a move, m/s; pause after each, s; braking before and acceleration after, m/s2.
-_PACE_MS, _PAUSE_S, _GENTLE_MS2 = 1.5, 0.8, 2.0
-_EVERY_M, _EVERY_S = 0.1, 0.1
+_MOVE_SPEED_MS, _PAUSE_S, _GENTLE_ACCELERATION_MS2 = 1.5, 0.8, 2.0
+_POINT_SPACING_M, _TIME_SPACING_S = 0.1, 0.1
 
 
 class TurnInThree(NamedTuple):
@@ -71,18 +71,18 @@ def turn_in_three(
     left = np.array([-ahead[1], ahead[0]])
     across = float((back.xy - spot.xy) @ left)
     side, apart = np.sign(across), abs(across)
-    cosine = np.cos(_FIRST) - 1.0 + apart / (2 * radius)
-    if not -0.95 < cosine < np.cos(_FIRST):
+    cosine = np.cos(_FIRST_MOVE_RAD) - 1.0 + apart / (2 * radius)
+    if not -0.95 < cosine < np.cos(_FIRST_MOVE_RAD):
         return None
     second = float(np.arccos(cosine))
     pieces: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     x = y = 0.0
     for first, last, direction in (
-        (0.0, _FIRST, 1.0),
-        (_FIRST, second, -1.0),
+        (0.0, _FIRST_MOVE_RAD, 1.0),
+        (_FIRST_MOVE_RAD, second, -1.0),
         (second, np.pi, 1.0),
     ):
-        count = max(int((last - first) * radius / _EVERY_M), 4)
+        count = max(int((last - first) * radius / _POINT_SPACING_M), 4)
         turned = np.linspace(first, last, count + 1)
         local = np.column_stack(
             [
@@ -97,12 +97,12 @@ def turn_in_three(
     onwards = away.points[(away.points - pieces[-1][0][-1]) @ facing > 0.4]
     if len(onwards) < 2:
         return None
-    times, places, yaws = _line(before, speed, stops=True)
+    times, places, yaws = _stopping_profile(before, speed, stops=True)
     clock = float(times[-1]) + _PAUSE_S
     middle_s = clock
     for number, (xy, yaw) in enumerate(pieces):
-        lasts = len(xy) * _EVERY_M / _PACE_MS
-        share = np.linspace(0.0, 1.0, max(int(lasts / _EVERY_S), 4) + 1)
+        lasts = len(xy) * _POINT_SPACING_M / _MOVE_SPEED_MS
+        share = np.linspace(0.0, 1.0, max(int(lasts / _TIME_SPACING_S), 4) + 1)
         done = (1 - np.cos(np.pi * share)) / 2 * (len(xy) - 1)
         rows = np.arange(len(xy))
         times = np.append(times, clock + share * lasts)
@@ -113,7 +113,7 @@ def turn_in_three(
         if number == 1:
             middle_s = clock + lasts / 2
         clock += lasts + _PAUSE_S
-    last_times, last_places, last_yaws = _line(Way(onwards), speed, stops=False)
+    last_times, last_places, last_yaws = _stopping_profile(Way(onwards), speed, stops=False)
     times = np.append(times, clock + last_times)
     places = np.vstack([places, last_places])
     yaws = np.unwrap(np.append(yaws, last_yaws))
@@ -121,21 +121,23 @@ def turn_in_three(
     return TurnInThree(times - middle_s, places, yaws, moves)
 
 
-def _line(
+def _stopping_profile(
     way: Way, speed: float, *, stops: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return times (N,), positions and headings along a path with a stop at its end or its begin.
 
     Times begin at 0.
     """
-    gentle_m = min(speed * speed / (2 * _GENTLE_MS2), way.length)
-    gentle_s = np.sqrt(2 * gentle_m / _GENTLE_MS2)
+    gentle_m = min(speed * speed / (2 * _GENTLE_ACCELERATION_MS2), way.length)
+    gentle_s = np.sqrt(2 * gentle_m / _GENTLE_ACCELERATION_MS2)
     even_s = (way.length - gentle_m) / speed
-    times = np.linspace(0.0, even_s + gentle_s, max(int((even_s + gentle_s) / _EVERY_S), 2) + 1)
+    times = np.linspace(
+        0.0, even_s + gentle_s, max(int((even_s + gentle_s) / _TIME_SPACING_S), 2) + 1
+    )
     off = times if not stops else times[-1] - times
     gone = np.where(
         off < gentle_s,
-        _GENTLE_MS2 * off**2 / 2,
+        _GENTLE_ACCELERATION_MS2 * off**2 / 2,
         gentle_m + np.maximum(off - gentle_s, 0.0) * speed,
     )
     station = way.length - gone if stops else gone
@@ -150,10 +152,10 @@ _RADII_M = {"car": (5.5, 5.0, 4.5), "bicycle": (3.0, 2.0), "motorcycle": (4.0, 3
 _LARGE_RADII_M = (9.0, 8.0)
 #: Maximum distance to a junction that is used if the street has no room, places beyond the stop
 #: line, and maximum distance of the lane back, metres.
-_TO_JUNCTION_M, _BEYOND_M, _WIDE_M = 60.0, (2.0, 5.0, 8.0, 12.0), 30.0
-_PARALLEL = -0.95
+_TO_JUNCTION_M, _BEYOND_M, _MAX_BACK_DISTANCE_M = 60.0, (2.0, 5.0, 8.0, 12.0), 30.0
+_MAX_PARALLEL_COS = -0.95
 #: Share of a U-turn that may lie beside the carriageway.
-_BESIDE = 0.03
+_MAX_OFF_ROAD_SHARE = 0.03
 
 
 def u_turn(event: UTurn, setting: Setting) -> Scripted:
@@ -165,20 +167,20 @@ def u_turn(event: UTurn, setting: Setting) -> Scripted:
         if not (0 <= along_m <= requested.lane.length):
             continue
         try:
-            return _turned_round(event, setting, spot_on(requested.lane, along_m), shift_m)
+            return _u_turn_at(event, setting, spot_on(requested.lane, along_m), shift_m)
         except StageError as error:
             refused = refused or error
     for spot, back in _in_junction(event, requested, setting.twin):
         try:
             shift_m = round(requested.lane.length - requested.along_m, 1)
-            return _turned_round(event, setting, spot, shift_m, back)
+            return _u_turn_at(event, setting, spot, shift_m, back)
         except StageError as error:
             refused = refused or error
     assert refused is not None
     raise refused
 
 
-def _turned_round(
+def _u_turn_at(
     event: UTurn, setting: Setting, spot: Spot, shift_m: float, back: Spot | None = None
 ) -> Scripted:
     """Make a U-turn at a spot, to a place on the lane back.
@@ -198,10 +200,10 @@ def _turned_round(
         turn = _omega(spot, back, radius)
         line = shapely.LineString(turn)
         beside = shapely.difference(line, area).length / line.length
-        if beside <= _BESIDE:
+        if beside <= _MAX_OFF_ROAD_SHARE:
             break
     else:
-        in_three = _in_three(event, setting, spot, back, approach, place_m, away, begin_m)
+        in_three = _three_point_turn(event, setting, spot, back, approach, place_m, away, begin_m)
         if in_three is not None:
             return in_three
         raise StageError(
@@ -235,7 +237,7 @@ def _turned_round(
     raise refused
 
 
-def _in_three(
+def _three_point_turn(
     event: UTurn,
     setting: Setting,
     spot: Spot,
@@ -262,7 +264,9 @@ def _in_three(
         if turn is None:
             continue
         moves = shapely.MultiPoint(turn.moves)
-        if len(shapely.get_parts(shapely.difference(moves, area))) > _BESIDE * len(turn.moves):
+        if len(shapely.get_parts(shapely.difference(moves, area))) > _MAX_OFF_ROAD_SHARE * len(
+            turn.moves
+        ):
             continue
 
         def build(at_s: float, turn: TurnInThree = turn) -> list[PrescribedPath]:
@@ -329,7 +333,10 @@ def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, 
         start, onwards = _place(other, 0.0), _place(other, 2.0)
         back_yaw = float(np.arctan2(*(onwards - start)[::-1]))
         apart = abs(float((start - end) @ left))
-        if np.cos(back_yaw - yaw) < _PARALLEL and abs((start - end) @ ahead) < _WIDE_M > apart:
+        if (
+            np.cos(back_yaw - yaw) < _MAX_PARALLEL_COS
+            and abs((start - end) @ ahead) < _MAX_BACK_DISTANCE_M > apart
+        ):
             candidates.append((apart, other.id, Spot(other, 0.0, start, back_yaw)))
     for _, _, back in sorted(candidates, key=lambda candidate: candidate[:2]):
         for beyond_m in _BEYOND_M:
