@@ -153,11 +153,13 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
         beside = between_x * left_x + between_y * left_y
         side = -1.0 if beside < 0.02 else 1.0
         reach = GAP_M - side * beside
-        reach += _reach(boxes[own], left_x, left_y) + _reach(boxes[its], left_x, left_y)
+        reach += _extent_along(boxes[own], left_x, left_y) + _extent_along(
+            boxes[its], left_x, left_y
+        )
         if reach > ROOM_M or reach <= 0:
             return
-        gives = _gives(i, now, joined, step_s)
-        share = gives / (gives + _gives(j, now, joined, step_s)) if walks else 1.0
+        gives = _yielding_share(i, now, joined, step_s)
+        share = gives / (gives + _yielding_share(j, now, joined, step_s)) if walks else 1.0
         push = side * reach * 1.5 / (ahead + 1)
         off[a, 0] += push * left_x * share
         off[a, 1] += push * left_y * share
@@ -211,12 +213,12 @@ def part(i, j, off, a, b, now, joined, step_s):
         if k % 2:
             ax, ay = -box[3], box[2]
         reach = GAP_M - abs(x * ax + y * ay)
-        reach += _reach(now[i], ax, ay) + _reach(now[j], ax, ay)
+        reach += _extent_along(now[i], ax, ay) + _extent_along(now[j], ax, ay)
         if reach < best:
             side = -1.0 if x * ax + y * ay < 0 else 1.0
             best, way_x, way_y = reach, side * ax, side * ay
-    own = _gives(i, now, joined, step_s)
-    share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+    own = _yielding_share(i, now, joined, step_s)
+    share = own / (own + _yielding_share(j, now, joined, step_s)) if walks else 1.0
     off[a, 0] += best * way_x * share
     off[a, 1] += best * way_y * share
     if walks:
@@ -226,7 +228,7 @@ def part(i, j, off, a, b, now, joined, step_s):
 
 
 @per_actor
-def _gives(r, now, joined, step_s):
+def _yielding_share(r, now, joined, step_s):
     """Return how far a pedestrian gives way, by its speed; standing ones hardly."""
     if not joined[r]:
         return STANDING
@@ -241,7 +243,7 @@ def close_to(x, y, reach):
 
 
 @per_actor
-def _reach(box, x, y):
+def _extent_along(box, x, y):
     """Return the extent of a box from its centre along a direction."""
     along, across = abs(box[2] * x + box[3] * y), abs(box[2] * y - box[3] * x)
     return along * box[4] + across * box[5]

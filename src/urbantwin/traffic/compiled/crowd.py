@@ -126,7 +126,7 @@ def walked(
             if b < 0 and j < count and not waits[a]:
                 waits[a] = lets_by(walkers[a], j, off, a, looks, boxes, now, come, joined, last)
                 if waits[a]:
-                    _keep(walkers[a], off[a], now, place, come, at)
+                    _keep_position(walkers[a], off[a], now, place, come, at)
         whose_room = -1
         for p in range(len(pairs)):
             a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
@@ -147,18 +147,18 @@ def walked(
             if parted:
                 break
         for a in range(len(walkers)):
-            _hold(
+            _limit_motion(
                 walkers[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at,
                 held, blocked, corner, step_s,
             )  # fmt: skip
-        _stay(walkers, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
+        _undo_overlaps(walkers, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
         for a in range(len(walkers)):
             if not joined[walkers[a]]:
                 _come_in(walkers, a, pairs, boxes, now, joined, place, blocked, corner)
 
 
 @per_actor
-def _point(r, at, begin, far, boxes):
+def _row_and_share(r, at, begin, far, boxes):
     """Return the row before position ``at`` on the path, and the share of the way to the next."""
     u = begin
     while u < r and far[u + 1] <= at:
@@ -192,9 +192,9 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
         goes = min(goes, max(most_far - at[q], 0.0))
         if goes < gap:
             at[r] = at[q] + goes
-            u, share = _point(r, at[r], int(come[q]), far, boxes)
+            u, share = _row_and_share(r, at[r], int(come[q]), far, boxes)
             come[r] = u + share
-        beside_x, beside_y = _beside(q, boxes, now, come)
+        beside_x, beside_y = _displacement(q, boxes, now, come)
         back = max(1.0 - goes / BACK_M, 0.0)
         strays = math.hypot(beside_x, beside_y)
         if goes == 0.0 and strays > STRAYS_M:
@@ -210,7 +210,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
         now[r, 0] += share * (boxes[u + 1, 0] - boxes[u, 0])
         now[r, 1] += share * (boxes[u + 1, 1] - boxes[u, 1])
     place[r, 2] = turn
-    _face(r, boxes, now, come, turn)
+    _rotate_box(r, boxes, now, come, turn)
 
 
 @per_actor
@@ -220,12 +220,12 @@ def _step_back(r, off, now, whose, place, come, at, held, step_s):
     stuck_s = held[q] * step_s - PATIENCE_S
     if stuck_s <= 0 or (int(stuck_s / BACK_S) + whose[r]) % TURNS:
         return
-    _keep(r, off, now, place, come, at)
+    _keep_position(r, off, now, place, come, at)
     off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
 
 
 @per_actor
-def _keep(r, off, now, place, come, at):
+def _keep_position(r, off, now, place, come, at):
     """Stay at the position of the previous step."""
     q = r - 1
     come[r], at[r] = come[q], at[q]
@@ -235,7 +235,7 @@ def _keep(r, off, now, place, come, at):
 
 
 @per_actor
-def _beside(q, boxes, now, come):
+def _displacement(q, boxes, now, come):
     """Return the displacement from the path in a finished row."""
     u = int(come[q])
     share = come[q] - u
@@ -247,7 +247,7 @@ def _beside(q, boxes, now, come):
 
 
 @per_actor
-def _face(r, boxes, now, come, turn):
+def _rotate_box(r, boxes, now, come, turn):
     """Rotate the box of a row by an angle relative to the path."""
     u = int(come[r])
     c, s = math.cos(turn), math.sin(turn)
@@ -256,7 +256,7 @@ def _face(r, boxes, now, come, turn):
 
 
 @per_actor
-def _hold(
+def _limit_motion(
     r, off, cars, level, last, boxes, now, far, joined, place, come, at, held, blocked, corner,
     step_s,
 ):  # fmt: skip
@@ -273,7 +273,7 @@ def _hold(
             place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)
             if abs(place[r, 2]) < 1e-3:
                 place[r, 2] = 0.0
-            _face(r, boxes, now, come, place[r, 2])
+            _rotate_box(r, boxes, now, come, place[r, 2])
         return
     q, u = r - 1, int(come[r])
     base_x, base_y = boxes[u, 0], boxes[u, 1]
@@ -339,7 +339,7 @@ def _hold(
     if lags > 0 and at[r] > at[q]:
         at[r] = max(at[r] - lags, at[q])
         begin = int(come[q])
-        u, share = _point(r, at[r], begin, far, boxes)
+        u, share = _row_and_share(r, at[r], begin, far, boxes)
         come[r] = u + share
         base_x, base_y = boxes[u, 0], boxes[u, 1]
         if share > 0:
@@ -364,7 +364,7 @@ def _hold(
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
     elif come[r] < r and held[q] and pace > SHIFTS_MS:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to its direction
-    _face(r, boxes, now, come, place[r, 2])
+    _rotate_box(r, boxes, now, come, place[r, 2])
 
 
 @per_actor
@@ -375,7 +375,7 @@ def _strays(x, y, was_x, was_y, base_x, base_y):
 
 
 @njit(cache=True, nogil=True)
-def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s):
+def _undo_overlaps(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s):
     """Restore the previous heading, then position, of pedestrians that would overlap."""
     back = np.zeros(len(mine), np.int64)
     for a in range(len(mine)):
@@ -395,7 +395,7 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
                 continue
             if b < 0:
                 if depth(now[i - 1], now[j]) < deep - 1e-9:
-                    _back(i, boxes, now, place, come, at, back[a])
+                    _undo_step(i, boxes, now, place, come, at, back[a])
                     back[a] += 1
                     again = True
                 continue
@@ -409,10 +409,10 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
             if back[a] != back[b] and can and could:
                 first = back[a] < back[b]
             if can and (first or not could):
-                _back(i, boxes, now, place, come, at, back[a])
+                _undo_step(i, boxes, now, place, come, at, back[a])
                 back[a] += 1
             else:
-                _back(j, boxes, now, place, come, at, back[b])
+                _undo_step(j, boxes, now, place, come, at, back[b])
                 back[b] += 1
             again = True
     for a in range(len(mine)):
@@ -425,7 +425,7 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
 
 
 @per_actor
-def _back(r, boxes, now, place, come, at, place_too):
+def _undo_step(r, boxes, now, place, come, at, place_too):
     """Restore the heading of the previous step, then also the position."""
     q = r - 1
     now[r, 2], now[r, 3] = now[q, 2], now[q, 3]

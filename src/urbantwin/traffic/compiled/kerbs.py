@@ -55,10 +55,10 @@ def to_kerb(
     if at[q] > kerb + BEGUN_M:
         return np.inf, False
     is_near = kerb - at[q] <= stride
-    if light >= 0 and not _lets_begin(light, s, far[begins] - kerb, green, step_s):
+    if light >= 0 and not _is_green_for_crossing(light, s, far[begins] - kerb, green, step_s):
         closed = kerb - at[q] <= QUEUE_M
     elif is_near and let[q] < patience[1 if light >= 0 else 0]:
-        closed = _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s)
+        closed = _is_vehicle_coming(begins, r, cars, boxes, level, far, last, kerbs, step_s)
         let[r] = let[q] + closed
     else:
         closed = False
@@ -67,7 +67,7 @@ def to_kerb(
 
 
 @per_actor
-def _lets_begin(light, s, way, green, step_s):
+def _is_green_for_crossing(light, s, way, green, step_s):
     """Return whether a signal is green now, and when the crossing is reached."""
     comes = min(s + int(way / CROSSES_MS / step_s), green.shape[1] - 1)
     return green[light, s] and green[light, comes]
@@ -94,7 +94,7 @@ def _drives_into(x, y, box, boxes, now, then):
 
 
 @per_actor
-def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
+def _is_vehicle_coming(begins, r, cars, boxes, level, far, last, kerbs, step_s):
     """Return whether a vehicle comes over the crossing while the pedestrian is on it."""
     end, waiting_row = kerbs[begins, 1], kerbs[begins, 3]
     start = far[waiting_row]

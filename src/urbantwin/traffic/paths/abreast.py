@@ -28,13 +28,13 @@ __all__ = ["with_parties"]
 #: fitted), and of two behind each other, a stride with clearance, metres.
 BESIDE_M, BEHIND_M = 0.8, 1.3
 #: Tolerance of the footway's or crossing's border, metres.
-_OVER_M = 0.1
+_BORDER_TOLERANCE_M = 0.1
 #: Distance before and after a constriction over which the formation changes, metres.
-_CHANGE_M = 2.0
+_FORMATION_CHANGE_M = 2.0
 _GRID_M = 0.1
 #: Places in a group, in units of the distances above: to the side and behind, by size of the group
 #: and member.
-_PLACES = {
+_FORMATIONS = {
     2: ((0, 0), (1, 0)),
     3: ((0, 0), (1, 0), (-1, 0)),
     4: ((0, 0), (1, 0), (0, 1), (1, 1)),
@@ -73,7 +73,7 @@ def _followers(
         breaks = np.flatnonzero(np.diff(simulated.step[rows]) != 1) + 1
         for part in np.split(rows, breaks):
             if len(part):
-                new += _beside(simulated, part, followers, walkable, step_s)
+                new += _member_rows(simulated, part, followers, walkable, step_s)
     return new
 
 
@@ -86,7 +86,7 @@ def _parties(demand: Demand) -> dict[int, list[int]]:
     return members
 
 
-def _beside(
+def _member_rows(
     simulated: Simulated,
     rows: NDArray[np.int64],
     followers: list[int],
@@ -106,7 +106,7 @@ def _beside(
     )
     leader_path = _Way(path.distance_m, path.xy, path.yaw)
     station_m = path.distance_m
-    places = _PLACES[len(followers) + 1][1:]
+    places = _FORMATIONS[len(followers) + 1][1:]
     lane = simulated.lane[rows]
     #: Available width at each point of the path, on the left and on the right.
     room = {
@@ -174,7 +174,7 @@ class _Way:
 
     def smooth(self, fits: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the degree of the formation (0..1), smoothed along the path."""
-        width = 2 * round(_CHANGE_M / _GRID_M) + 1
+        width = 2 * round(_FORMATION_CHANGE_M / _GRID_M) + 1
         narrow = minimum_filter1d(fits.astype(float), width, mode="nearest")
         return np.asarray(uniform_filter1d(narrow, width, mode="nearest"))
 
@@ -190,14 +190,16 @@ class _Walkable:
     def __init__(self, network: RoadNetwork, names: Sequence[str]) -> None:
         self._footways = Footways(network, names)
         self._crossings = {
-            number: lane.polygon.buffer(_OVER_M)
+            number: lane.polygon.buffer(_BORDER_TOLERANCE_M)
             for number, name in enumerate(names)
             if (lane := network.lane_by_id.get(name)) is not None and lane.kind == "crossing"
         }
 
     def fits(self, lane: NDArray[np.integer], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (N, 2) beside lanes (N,) are on footways or the lane's crossing."""
-        is_walkable = np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _OVER_M
+        is_walkable = (
+            np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _BORDER_TOLERANCE_M
+        )
         for number in set(np.unique(lane).tolist()) & self._crossings.keys():
             rows = np.flatnonzero(lane == number)
             is_walkable[rows] = shapely.contains_xy(self._crossings[number], xy[rows])

@@ -26,13 +26,13 @@ __all__ = ["NOBODY", "Absent", "Bystanders", "absent_from"]
 
 #: Distance from the region within which an actor that enters it is on the same visit, metres: about
 #: the length of long vehicles.
-_BESIDE_M = 20.0
+_NEAR_REGION_M = 20.0
 #: Cost of leaving out an actor; 1 for other classes.
-_COSTS = {"car": 2, "van": 2, "truck": 3, "trailer": 3, "bus": 4, "tram": 5}
+_COST_OF_ABSENCE = {"car": 2, "van": 2, "truck": 3, "trailer": 3, "bus": 4, "tram": 5}
 #: Maximum number of visits listed individually.
-_TOLD = 20
+_MAX_LISTED = 20
 #: Conflicts within this distance are at one place, metres.
-_PLACE_M = 5.0
+_SAME_PLACE_M = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def absent_from(
         step_s: time between steps, seconds.
         beside: constraints of an event.
     """
-    step, inside, is_near = _where(actors, region, step_s)
+    step, inside, is_near = _steps_and_region(actors, region, step_s)
     visit, begins, poses = _visits(whose, step, inside, is_near)
     overlapping = rows_that_overlap(actors, parked, step_s, obstacles, visit)
     pairs, hits = overlapping.pairs, overlapping.hits
@@ -113,19 +113,19 @@ def absent_from(
     stays = staged | (begins < beside.until)
     gone = np.zeros(count, np.bool_)
     early = np.flatnonzero(step < beside.until)
-    gone[visit[early[_among(whose[early], step[early], beside.absent)]]] = True
+    gone[visit[early[_are_among(whose[early], step[early], beside.absent)]]] = True
     gone &= ~staged
     # Overlaps with static objects, or with own bodies, do not depend on other actors.
     alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[np.maximum(pairs[:, 1], 0)])
     meets = visit[np.concatenate([hits, pairs[alone, 0]])]
     gone[meets] |= ~stays[meets]
     met = visit[pairs[~alone]]
-    cost = np.array([_COSTS.get(kind, 1) for kind in kinds])
-    _choose(met, gone, stays, cost, poses)
+    cost = np.array([_COST_OF_ABSENCE.get(kind, 1) for kind in kinds])
+    _choose_absent(met, gone, stays, cost, poses)
     away = gone[visit]
     steps = np.unique(np.column_stack([whose[away], step[away]]).astype(np.int64), axis=0)
     led = np.flatnonzero(whose != leads)
-    away[led] |= _among(leads[led], step[led], steps)
+    away[led] |= _are_among(leads[led], step[led], steps)
     why = _reasons(rows, values, overlapping, visit, gone)
     ends = np.zeros(count, np.int64)
     np.maximum.at(ends, visit, step)
@@ -145,13 +145,13 @@ def absent_from(
         "with": dict(
             sorted(Counter(f"{x['class']} and {x['with']}" for x in each if "with" in x).items())
         ),
-        "most_at": _where_most(each),
-        "each": each[:_TOLD],
+        "most_at": _place_of_most(each),
+        "each": each[:_MAX_LISTED],
     }
     return Absent(away, steps, counts, overlapping.among(~away))
 
 
-def _where(
+def _steps_and_region(
     actors: Iterable[pa.Table], region: shapely.Geometry, step_s: float
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the step of each row (N,), and whether it is in the region, or near it."""
@@ -164,7 +164,7 @@ def _where(
         steps.append(np.round(part["time_s"].to_numpy() / step_s).astype(np.int32))
         xy = np.column_stack([part["x"].to_numpy(), part["y"].to_numpy()])
         inside.append(_inside(xy, region))
-        is_near.append(_inside(xy, region, _BESIDE_M))
+        is_near.append(_inside(xy, region, _NEAR_REGION_M))
     return np.concatenate(steps), np.concatenate(inside), np.concatenate(is_near)
 
 
@@ -226,7 +226,7 @@ def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:
     return first_row
 
 
-def _among(
+def _are_among(
     who: NDArray[np.integer], step: NDArray[np.integer], some: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return which actors (N,) at steps (N,) are among some (K, 2)."""
@@ -234,7 +234,7 @@ def _among(
     return np.isin(who * wide + step, some[:, 0] * wide + some[:, 1])
 
 
-def _choose(
+def _choose_absent(
     met: NDArray[np.int64],
     gone: NDArray[np.bool_],
     stays: NDArray[np.bool_],
@@ -258,12 +258,12 @@ def _choose(
         gone[visit] = any(visit in pair and not gone[sum(pair) - visit] for pair in every)
 
 
-def _where_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def _place_of_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Return the place of most conflicts, x and y, and their number."""
     xy = np.array([(row["x"], row["y"]) for row in each if "x" in row]).reshape(-1, 2)
     if not len(xy):
         return {}
-    is_near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _PLACE_M
+    is_near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _SAME_PLACE_M
     best = int(is_near.sum(axis=1).argmax())
     x, y = xy[is_near[best]].mean(axis=0).round(1).tolist()
     return {"x": x, "y": y, "visits": int(is_near[best].sum())}

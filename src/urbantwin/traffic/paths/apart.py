@@ -29,8 +29,8 @@ __all__ = ["STANDING_MS", "Parted", "rear_of"]
 #: Speed below which an actor stands, m/s.
 STANDING_MS = 0.15
 #: Progress of a turn after which pedestrians are done, and lateral offsets of vehicles.
-_WALKED, _ASIDE = 0.35, 0.65
-_TURNS = 2  # number of times that vehicles avoid pedestrians, who avoid waiting vehicles
+_AFTER_PEDESTRIANS, _AFTER_OFFSETS = 0.35, 0.65
+_ROUNDS = 2  # number of times that vehicles avoid pedestrians, who avoid waiting vehicles
 #: Time for which delayed pedestrians let vehicles pass at a crossing without a signal, and at
 #: green, before vehicles wait for them, seconds.
 _PATIENCE_S = (15.0, 4.0)
@@ -113,23 +113,23 @@ class Parted:
         afoot = {name: values[on_foot] for name, values in columns.items()}
         begun = stretch.begin if left else None
         if left is not None:
-            before = _gone_on(left, before)
+            before = _with_earlier_traffic(left, before)
         delays = []
-        for turn in range(_TURNS + 1):
-            telling = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
+        for turn in range(_ROUNDS + 1):
+            telling = between(tell, turn / (_ROUNDS + 1), (turn + 1) / (_ROUNDS + 1))
             # Pedestrians start each turn from their original paths, since conflicts of one turn may
             # be gone in the next.
             for name, values in afoot.items():
                 columns[name][on_foot] = values
             columns = crowd_walked(
                 columns, moving, half, self.step_s, self.ground, crossings=crossings,
-                patience_s=_PATIENCE_S, left=left, tell=between(telling, 0.0, _WALKED),
+                patience_s=_PATIENCE_S, left=left, tell=between(telling, 0.0, _AFTER_PEDESTRIANS),
             )  # fmt: skip
-            if turn < _TURNS:
-                separating = between(telling, _WALKED, _ASIDE)
+            if turn < _ROUNDS:
+                separating = between(telling, _AFTER_PEDESTRIANS, _AFTER_OFFSETS)
                 columns = self._round_others(columns, moving, size / 2, begun, separating)
             was = before.turn(turn) if before else None
-            waiting = between(telling, _ASIDE, 1.0)
+            waiting = between(telling, _AFTER_OFFSETS, 1.0)
             columns = yielded(columns, moving, half, self.step_s, was, waiting)
             delays.append(columns.pop("behind"))
         return {**columns, "behind": np.column_stack(delays)}
@@ -162,12 +162,12 @@ class Parted:
         return {**columns, "yaw": yaw}
 
 
-def _gone_on(left: LeftOff, before: Before | None) -> Before:
+def _with_earlier_traffic(left: LeftOff, before: Before | None) -> Before:
     """Return the earlier traffic up to the begin of a stretch, or up to an event within it."""
     gone = {name: left.columns[name] for name in ("trip", "step")}
     if before is None or before.until <= left.step:
         own, rigid = (before.own, before.rigid) if before else (frozenset[int](), frozenset[int]())
-        nothing = np.zeros((len(gone["trip"]), _TURNS + 1))
+        nothing = np.zeros((len(gone["trip"]), _ROUNDS + 1))
         return Before(({**gone, "behind": nothing},), left.step, own, rigid, left.step)
     return replace(before, begin=left.step)
 

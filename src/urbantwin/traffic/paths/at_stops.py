@@ -22,12 +22,12 @@ from urbantwin.traffic.sumo.simulation import Simulated, with_rows
 __all__ = ["with_passengers_at_stops"]
 
 #: Least distance of the centre of a waiting passenger from obstacles, metres.
-_CLEAR_M = 0.5
+_OBSTACLE_DISTANCE_M = 0.5
 #: Distance from the side of a vehicle to a boarding or alighting passenger, metres.
-_DOOR_M = 0.15
+_DOOR_DISTANCE_M = 0.15
 
 #: Maximum duration of the walk to the door, seconds.
-_BOARDED_S = 30.0
+_MAX_BOARDING_WALK_S = 30.0
 
 _Floats = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def _at_stops(
         beside = steps[0] - 1 if stay.slot is not None else steps[-1] + 1
         walked = rows[simulated.step[rows] == beside]
         footway = simulated.front[walked[0]] if len(walked) else stay.place.point
-        xy, speed, yaw = _drawn(
+        xy, speed, yaw = _passenger_poses(
             stay, footway, np.asarray(steps * step_s), walks_on=bool(len(walked))
         )
         is_drawn = np.isfinite(speed)
@@ -126,7 +126,7 @@ def _stays(
 ) -> Iterator[_Stay]:
     """Yield all stays at stops."""
     for place in places:
-        slots = _free(place.slots, blocks)
+        slots = _free_slots(place.slots, blocks)
         taken: dict[int, int] = {}  # slot -> passenger
         since: dict[int, tuple[float, int]] = {}
         for at_s, what, trip, stop, vehicle, _ in sorted(simulated.boarded):
@@ -155,7 +155,11 @@ def _steps_between_walks(
         before = walked_s[walked_s <= stay.from_s + 0.5 * step_s]
         if len(before):
             begin = round(before[-1] / step_s) + 1
-        end = last if np.isinf(stay.boards_s) else int((stay.boards_s + _BOARDED_S) / step_s)
+        end = (
+            last
+            if np.isinf(stay.boards_s)
+            else int((stay.boards_s + _MAX_BOARDING_WALK_S) / step_s)
+        )
     else:
         begin = int(np.ceil(stay.from_s / step_s))
         after = walked_s[walked_s > stay.from_s]
@@ -165,7 +169,7 @@ def _steps_between_walks(
     return np.arange(max(begin, first), min(end, last) + 1)
 
 
-def _drawn(
+def _passenger_poses(
     stay: _Stay, footway: _Floats, time_s: _Floats, *, walks_on: bool
 ) -> tuple[_Floats, _Floats, _Floats]:
     """Return a passenger's positions (N, 2), speeds (N,), nan once boarded, and headings.
@@ -178,21 +182,21 @@ def _drawn(
         assert stay.door is not None
         # Arrives when SUMO's next walk starts.
         took = max(time_s[-1] - stay.from_s, 0.1) if walks_on else place.leaves_s
-        xy, speed = _between(stay.door, footway, time_s, stay.from_s, took)
+        xy, speed = _straight_walk(stay.door, footway, time_s, stay.from_s, took)
         return xy, speed, yaw + np.pi
     far = float(np.hypot(*(stay.slot - footway)))
     # Passengers from before the recorded time have long arrived.
-    xy, speed = _between(footway, stay.slot, time_s, stay.from_s, far / WALKING_MS)
+    xy, speed = _straight_walk(footway, stay.slot, time_s, stay.from_s, far / WALKING_MS)
     if stay.door is not None:
         far = float(np.hypot(*(stay.door - stay.slot)))
         goes = time_s >= stay.boards_s
-        to_door = _between(stay.slot, stay.door, time_s, stay.boards_s, far / WALKING_MS)
+        to_door = _straight_walk(stay.slot, stay.door, time_s, stay.boards_s, far / WALKING_MS)
         xy[goes], speed[goes] = to_door[0][goes], to_door[1][goes]
         speed[time_s > stay.boards_s + far / WALKING_MS] = np.nan
     return xy, speed, yaw
 
 
-def _between(
+def _straight_walk(
     start: _Floats, end: _Floats, time_s: _Floats, from_s: float, took_s: float
 ) -> tuple[_Floats, _Floats]:
     """Return positions (N, 2) and speeds (N,) on a straight walk of a given duration."""
@@ -202,10 +206,12 @@ def _between(
     return start + share[:, None] * (end - start), np.where(goes, pace, 0.0)
 
 
-def _free(slots: _Floats, blocks: PlanBoxes) -> _Floats:
+def _free_slots(slots: _Floats, blocks: PlanBoxes) -> _Floats:
     """Return the positions (S, 2) without obstacles; all of them if none is free."""
     tree = shapely.STRtree(blocks.polygons)
-    rows_nearby = tree.query(shapely.points(slots), predicate="dwithin", distance=_CLEAR_M)[0]
+    rows_nearby = tree.query(
+        shapely.points(slots), predicate="dwithin", distance=_OBSTACLE_DISTANCE_M
+    )[0]
     free = np.delete(slots, rows_nearby, axis=0)
     return free if len(free) else slots
 
@@ -246,4 +252,4 @@ class _Doors:
         side = np.sign((place.point - seen.front[row]) @ left) or 1.0
         half = self._asset(self._demand.trips[vehicle].asset).width / 2
         back = DOORS_M[place.kind][which]
-        return np.asarray(seen.front[row] - back * ahead + side * (half + _DOOR_M) * left)
+        return np.asarray(seen.front[row] - back * ahead + side * (half + _DOOR_DISTANCE_M) * left)

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 #: Overlap up to which boxes only touch, metres.
-_TOUCH_M = 0.05
+_TOUCH_TOLERANCE_M = 0.05
 #: Classes whose further bodies are not towed.
 _NOT_TOWED = ("tram", "animal")
 
@@ -76,11 +76,11 @@ def corner_cutters(
     involved = (row_towed[first] | row_towed[second]) & (vehicle[first] != vehicle[second])
     pairs = pairs[involved & (level[first] == level[second])]
     deep, _ = meetings(boxes, pairs)
-    hit = pairs[deep > _TOUCH_M].ravel()
+    hit = pairs[deep > _TOUCH_TOLERANCE_M].ravel()
     row, block = Outlines(blocks.polygons).beside(boxes.take(rows))
     both = PlanBoxes.joined([boxes.take(rows), blocks])
     deep, _ = meetings(both, np.column_stack([row, block + len(rows)]))
-    hit = np.concatenate([hit, rows[row[deep > _TOUCH_M]]])
+    hit = np.concatenate([hit, rows[row[deep > _TOUCH_TOLERANCE_M]]])
     return frozenset(vehicle[hit[row_towed[hit]]].tolist())
 
 
@@ -119,7 +119,9 @@ def on_rails(
         For each body the centre (N, 2) and the heading (N,), rad, continuous.
     """
     return [
-        _between(body, *(_along(track, nose_m - guide) for guide in body.guides_m))
+        _pose_between_guides(
+            body, *(_points_on_track(track, nose_m - guide) for guide in body.guides_m)
+        )
         for body in bodies
     ]
 
@@ -149,12 +151,12 @@ def towed(
     for body in bodies[1:]:
         joint = ahead[0] + _unit(ahead[1]) * (ahead_m - body.guides_m[0])
         axle = _tractrix(joint, float(ahead[1][0]), body.guides_m[1] - body.guides_m[0])
-        ahead_m, ahead = body.middle_m, _between(body, joint, axle)
+        ahead_m, ahead = body.middle_m, _pose_between_guides(body, joint, axle)
         poses.append(ahead)
     return poses
 
 
-def _between(
+def _pose_between_guides(
     body: Body, front: NDArray[np.float64], rear: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the centre and heading of a body from its guides, each (N, 2)."""
@@ -164,7 +166,7 @@ def _between(
     return guides + _unit(yaw) * (sum(body.guides_m) / 2 - body.middle_m), yaw
 
 
-def _along(track: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points_on_track(track: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points (N, 2) of a track at stations, extrapolated straight beyond its ends."""
     along = stations_of_points(track)
     points = np.column_stack([np.interp(at_m, along, track[:, k]) for k in (0, 1)])
@@ -205,7 +207,7 @@ Columns = dict[str, NDArray[Any]]
 _LEAD_STEPS = 11
 
 #: Offset of identities of further bodies; larger than the number of trips.
-_FURTHER = 10_000_000
+_BODY_ID_OFFSET = 10_000_000
 
 
 def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
@@ -222,7 +224,7 @@ def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
 
 def vehicles(who: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the number of the vehicle (T,) of each body, see `with_bodies`."""
-    return who % _FURTHER
+    return who % _BODY_ID_OFFSET
 
 
 def with_bodies(
@@ -288,7 +290,7 @@ def with_bodies(
             else:
                 own["trip"] = np.full_like(own["trip"], len(trips))
                 trips.append(part)
-                actor_ids.append(number + k * _FURTHER)
+                actor_ids.append(number + k * _BODY_ID_OFFSET)
             bent.append(own)
     if not bent:
         return columns, demand.trips, np.array(actor_ids, np.int64)

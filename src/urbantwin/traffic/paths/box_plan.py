@@ -14,7 +14,7 @@ from urbantwin.traffic.compiled.near import close_pairs
 __all__ = ["PlanBoxes", "meetings", "near_pairs", "shared_areas"]
 
 #: Number of pairs that are compared at a time.
-_PAIRS = 200_000
+_PAIRS_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +97,8 @@ def meetings(
         pairs: (P, 2) rows of boxes.
     """
     deep, out = np.empty(len(pairs)), np.empty((len(pairs), 2))
-    for first in range(0, len(pairs), _PAIRS):
-        part = slice(first, first + _PAIRS)
+    for first in range(0, len(pairs), _PAIRS_AT_ONCE):
+        part = slice(first, first + _PAIRS_AT_ONCE)
         deep[part], out[part] = _meetings(boxes, pairs[part])
     return deep, out
 

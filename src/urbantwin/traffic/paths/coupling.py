@@ -27,7 +27,7 @@ def are_coupled(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -
         columns: columns of actors: ``asset``, ``x``, ``y``, ``yaw``.
         pairs: rows of the same step each.
     """
-    return _hangs(columns, pairs) | _hangs(columns, pairs[:, ::-1])
+    return _are_coupled_rows(columns, pairs) | _are_coupled_rows(columns, pairs[:, ::-1])
 
 
 def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
@@ -57,12 +57,14 @@ def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
         row_pairs = np.array(pairs, np.int64).reshape(-1, 2)
         ahead_of.update(
             (int(track[b]), int(track[a]))
-            for a, b in row_pairs[_hangs(columns, row_pairs)].tolist()
+            for a, b in row_pairs[_are_coupled_rows(columns, row_pairs)].tolist()
         )
     return dict(sorted(ahead_of.items()))
 
 
-def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _are_coupled_rows(
+    columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """Return, for pairs (P, 2) of rows, whether the second is coupled behind the first."""
     is_coupled = np.zeros(len(pairs), np.bool_)
     if not len(pairs):
@@ -78,12 +80,14 @@ def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDA
         for back_m, front_m in _joints().get(
             (bodies[pair_kind // len(names)], bodies[pair_kind % len(names)]), ()
         ):
-            apart = _along(columns, first[rows], -back_m) - _along(columns, second[rows], front_m)
+            apart = _points_ahead(columns, first[rows], -back_m) - _points_ahead(
+                columns, second[rows], front_m
+            )
             is_coupled[rows] |= np.hypot(*apart.T) < _JOINT_M
     return is_coupled
 
 
-def _along(
+def _points_ahead(
     columns: Mapping[str, NDArray[Any]], rows: NDArray[np.int64], ahead_m: float
 ) -> NDArray[np.float64]:
     """Return the points (R, 2) at a distance ahead of the centres of rows."""

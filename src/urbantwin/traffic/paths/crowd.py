@@ -32,9 +32,9 @@ from urbantwin.traffic.paths.walked_ground import WalkedGround, box_rows
 __all__ = ["NO_CROSSINGS", "Crossings", "crowd_walked"]
 
 #: States of a link at which pedestrians start to cross.
-_BEGIN = frozenset("Ggo")
+_START_STATES = frozenset("Ggo")
 #: Number of earlier rows that are searched for a waiting position.
-_BACK = 80
+_ROWS_SEARCHED_BACK = 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Crossings:
             crossing_links = [link for link in links[name] if states[link[0]]]
             if crossing_links:
                 light[number] = len(rows)
-                rows.append(_green(crossing_links, states, first, count))
+                rows.append(_start_steps(crossing_links, states, first, count))
         return cls(light, np.array(rows, np.uint8).reshape(len(rows), count))
 
     def kerbs(
@@ -125,7 +125,7 @@ class Crossings:
         begun = np.maximum(runs[np.searchsorted(runs, begins) - 1], first)
         next_crossing[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
         waits = np.zeros(len(begins), np.bool_)
-        for back in range(1, _BACK + 1):
+        for back in range(1, _ROWS_SEARCHED_BACK + 1):
             looks = np.flatnonzero(~waits & (begins - back >= first))
             looks = looks[on_footway(begins[looks] - back)]
             next_crossing[begins[looks], 3] = begins[looks] - back
@@ -140,7 +140,7 @@ class Crossings:
 NO_CROSSINGS = Crossings(np.full(1, -2, np.int64), np.zeros((0, 1), np.uint8))
 
 
-def _green(
+def _start_steps(
     links: Sequence[tuple[str, int]],
     states: dict[str, list[tuple[int, str]]],
     first: int,
@@ -152,13 +152,13 @@ def _green(
         every = states[program]
         begins = [max(step - first, 0) for step, _ in every]
         for begin, end, (_, state) in zip(begins, [*begins[1:], count], every, strict=True):
-            if link < len(state) and state[link] in _BEGIN:
+            if link < len(state) and state[link] in _START_STATES:
                 green[begin:end] = 1
     return green
 
 
 #: Time before and after over which walking speeds are taken, seconds.
-_PACE_S = 5.0
+_SPEED_WINDOW_S = 5.0
 #: Number of steps between two reports of progress.
 _AT_ONCE = 50
 
@@ -224,7 +224,7 @@ def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
     )
     own_ends, other_ends = (np.searchsorted(step[rows], steps) for rows in (own_rows, other_rows))
     actor, level = moving.actor.astype(np.int64), moving.level.astype(np.int64)
-    pace = _pace(went / step_s, first, round(_PACE_S / step_s))
+    pace = _speed_around(went / step_s, first, round(_SPEED_WINDOW_S / step_s))
     kerbs = crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some]))
     patience = np.round(np.array(patience_s) / step_s).astype(np.int64)
     for some in each(range(0, len(steps) - 1, _AT_ONCE), tell, "past each other"):
@@ -262,7 +262,9 @@ def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.i
     return rows[np.argsort(step[rows], kind="stable")]
 
 
-def _pace(speed: NDArray[np.float64], first: NDArray[np.int64], reach: int) -> NDArray[np.float64]:
+def _speed_around(
+    speed: NDArray[np.float64], first: NDArray[np.int64], reach: int
+) -> NDArray[np.float64]:
     """Return the highest speed of each path around every row (N,), m/s."""
     parts = np.split(np.minimum(speed, FASTEST_MS), first[1:])
     return np.concatenate([maximum_filter1d(part, 2 * reach + 1, mode="nearest") for part in parts])

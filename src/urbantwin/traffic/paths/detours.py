@@ -19,7 +19,7 @@ __all__ = ["round_blocks"]
 
 #: Duration over which corners of outlines are rounded, seconds; displacement per step below which
 #: the heading stays, metres.
-_ROUNDED_S, _MOVED_M = 0.7, 0.02
+_SMOOTHING_S, _MIN_MOTION_M = 0.7, 0.02
 #: Maximum number of consecutive obstacles avoided by one detour.
 _AT_ONCE = 4
 
@@ -46,17 +46,17 @@ def round_blocks(
         if len(rows) < 2 or not walks[rows].any():
             continue
         xy = changed_columns["xy"][rows]
-        detour = _round(xy, cells)
+        detour = _around_obstacles(xy, cells)
         if detour is None:
             continue
         changed = walks[rows] & (detour != xy).any(axis=1)
         detour = np.where(walks[rows, None], detour, xy)
-        wide = round(_ROUNDED_S / step_s)
+        wide = round(_SMOOTHING_S / step_s)
         is_near = uniform_filter1d(changed.astype(float), 2 * wide + 1, mode="nearest") > 0
         detour[is_near] = uniform_filter1d(detour, wide, axis=0, mode="nearest")[is_near]
         moved = np.diff(detour, axis=0, prepend=detour[:1])
         went = np.hypot(*moved.T)
-        turns = np.flatnonzero(is_near & (went > _MOVED_M))
+        turns = np.flatnonzero(is_near & (went > _MIN_MOTION_M))
         last = np.searchsorted(turns, np.arange(len(rows)), side="right") - 1
         course = np.arctan2(moved[turns, 1], moved[turns, 0])
         turned = is_near & (last >= 0)
@@ -67,7 +67,7 @@ def round_blocks(
     return {**columns, **changed_columns}
 
 
-def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] | None:
+def _around_obstacles(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] | None:
     """Return a path (N, 2) around obstacles; ``None`` if it has none."""
     inside = cells.at(way) == SOLID
     if not inside.any():
@@ -84,13 +84,15 @@ def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] 
             low, high = max(start - 1, 0), min(stop, len(way) - 1)
             arc = cells.way(way[low], way[high])
             if arc is not None:
-                way[start:stop] = _along(arc, way[low : high + 1])[start - low :][: stop - start]
+                way[start:stop] = _points_on_detour(arc, way[low : high + 1])[start - low :][
+                    : stop - start
+                ]
                 k = n
                 break
     return way
 
 
-def _along(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points_on_detour(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points on a detour (K, 2) in proportion to progress on the replaced path (N, 2)."""
     went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])

@@ -26,7 +26,7 @@ BODY_M = 0.3
 #: does not reach one, and pedestrians would slide.
 FARTHEST_M = 1.2
 #: Number of rows processed together.
-_ROWS = 1 << 18
+_ROWS_AT_ONCE = 1 << 18
 
 
 class Footways:
@@ -93,7 +93,7 @@ def on_footways(simulated: Simulated, demand: Demand, network: RoadNetwork) -> S
     rows = np.flatnonzero(on_foot[simulated.trip])
     front = simulated.front.copy()
     footways = Footways(network, simulated.lanes)
-    for some in (rows[k : k + _ROWS] for k in range(0, len(rows), _ROWS)):
+    for some in (rows[k : k + _ROWS_AT_ONCE] for k in range(0, len(rows), _ROWS_AT_ONCE)):
         displacement = footways.way_in(simulated.lane[some], front[some])
         is_near = np.linalg.norm(displacement, axis=1) <= FARTHEST_M
         front[some[is_near]] += displacement[is_near]

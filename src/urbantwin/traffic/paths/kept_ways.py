@@ -15,7 +15,7 @@ from urbantwin.traffic.demand.demand import Trip
 __all__ = ["KeptColumns", "KeptWays", "some_actors"]
 
 #: Number of rows processed together.
-_ROWS = 500_000
+_ROWS_AT_ONCE = 500_000
 
 Columns = dict[str, NDArray[Any]]
 
@@ -123,7 +123,7 @@ def some_actors(actor: NDArray[np.integer]) -> Iterator[NDArray[np.int64]]:
     ends = np.append(np.flatnonzero(np.diff(actor[order])) + 1, len(order))
     first = 0
     while first < len(order):
-        fit = ends[(ends > first) & (ends <= first + _ROWS)]
+        fit = ends[(ends > first) & (ends <= first + _ROWS_AT_ONCE)]
         last = int(fit[-1] if len(fit) else ends[ends > first][0])
         yield order[first:last]
         first = last

@@ -14,11 +14,11 @@ from urbantwin.taxonomy import road_user
 __all__ = ["LanesBelow"]
 
 #: Cost of a lane that the actor may not use, relative to radians of turn and metres off its middle.
-_FORBIDDEN = 4.0
+_FORBIDDEN_COST = 4.0
 _OFF_MIDDLE_PER_M = 0.3
 _LEVEL_PER_M = 1.0
-_WALKED = ("sidewalk", "crossing", "walkingarea")
-_NOT_USED = ("curb", "median", "island")
+_PEDESTRIAN_LANE_KINDS = ("sidewalk", "crossing", "walkingarea")
+_UNUSED_KINDS = ("curb", "median", "island")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class LanesBelow:
     _tree: shapely.STRtree = field(init=False)
 
     def __post_init__(self) -> None:
-        lanes = [lane for lane in self.roads.lanes if lane.kind not in _NOT_USED]
+        lanes = [lane for lane in self.roads.lanes if lane.kind not in _UNUSED_KINDS]
         object.__setattr__(self, "_lanes", lanes)
         object.__setattr__(self, "_tree", shapely.STRtree([lane.polygon for lane in lanes]))
 
@@ -64,10 +64,10 @@ class LanesBelow:
             lane = self._lanes[lane_number]
             pose = point[candidates]
             # Walking areas have no line of their own: they are used if there is no other lane.
-            allowed = user in lane.allowed and (lane.kind in _WALKED) == walks
-            cost[candidates] = 0.0 if allowed else _FORBIDDEN
+            allowed = user in lane.allowed and (lane.kind in _PEDESTRIAN_LANE_KINDS) == walks
+            cost[candidates] = 0.0 if allowed else _FORBIDDEN_COST
             if lane.kind != "walkingarea" and len(lane.centre) > 1:
-                away, turned = _beside(lane.centre[:, :2], xy[pose], yaw[pose])
+                away, turned = _distances_from(lane.centre[:, :2], xy[pose], yaw[pose])
                 cost[candidates] += _OFF_MIDDLE_PER_M * away + (0.0 if walks else turned)
             else:
                 cost[candidates] += 1.0
@@ -82,7 +82,7 @@ class LanesBelow:
         return lane_ids
 
 
-def _beside(
+def _distances_from(
     line: NDArray[np.float64], xy: NDArray[np.float64], yaw: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return distances of points from a line, metres, and heading differences from it."""

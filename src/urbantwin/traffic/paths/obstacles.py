@@ -74,14 +74,22 @@ class Outlines:
 
 
 #: Classes that are solid for actors; leaves are not.
-_SOLID = ("building", "fence", "other-structure", "trunk", "pole", "traffic-sign", "other-object")
+_SOLID_CLASSES = (
+    "building",
+    "fence",
+    "other-structure",
+    "trunk",
+    "pole",
+    "traffic-sign",
+    "other-object",
+)
 #: Height above the ground up to which curbs, steps and plinths are no obstacles, metres.
-_KNEE_M = 0.45
+_KNEE_HEIGHT_M = 0.45
 #: Height of the lower end from which an obstacle is above people's heads, and above all vehicles (4
 #: m: Council Directive 96/53/EC), metres.
 HEAD_M, TALL_M = 2.0, 4.0
 #: Size in plan below which an object is one obstacle, metres.
-_SMALL_M = 1.5
+_SMALL_OBJECT_M = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +137,7 @@ class Obstacles:
     """
 
     def __init__(self, scene: LabelledMesh) -> None:
-        self._name = {semantic_classes()[name].id: name for name in _SOLID}
+        self._name = {semantic_classes()[name].id: name for name in _SOLID_CLASSES}
         solid = np.flatnonzero(np.isin(scene.semantic, list(self._name)))
         corners = scene.vertices[scene.faces[solid]]
         self._low, self._high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
@@ -155,7 +163,9 @@ class Obstacles:
             height: (N,) metres.
         """
         row, shape = self._outlines.beside(boxes)
-        level = (self._high[shape] > z[row] + _KNEE_M) & (self._low[shape] < z[row] + height[row])
+        level = (self._high[shape] > z[row] + _KNEE_HEIGHT_M) & (
+            self._low[shape] < z[row] + height[row]
+        )
         return np.column_stack([row[level], shape[level]])
 
     def met(
@@ -177,7 +187,9 @@ class Obstacles:
         """
         middle = self._corners.mean(axis=1)
         ground = height(middle[:, :2])
-        rows = np.flatnonzero((self._high > ground + _KNEE_M) & (self._low < ground + TALL_M))
+        rows = np.flatnonzero(
+            (self._high > ground + _KNEE_HEIGHT_M) & (self._low < ground + TALL_M)
+        )
         begins = self._low[rows] - ground[rows]
         # Parts above heads are separate from what they hang from.
         key = np.column_stack([self._semantic[rows], self._part[rows], begins >= HEAD_M])
@@ -187,7 +199,7 @@ class Obstacles:
         starts = np.flatnonzero(np.diff(group[order], prepend=-1))
         parts = np.split(plan[order], starts[1:]) if len(rows) else []
         whole = _least_boxes(parts)
-        small = np.asarray((whole.half < _SMALL_M / 2).all(axis=1), np.bool_)
+        small = np.asarray((whole.half < _SMALL_OBJECT_M / 2).all(axis=1), np.bool_)
         least_begins = np.full(len(parts), np.inf)
         np.minimum.at(least_begins, group, begins)
         own = plan[~small[group]]

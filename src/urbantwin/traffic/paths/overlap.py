@@ -32,9 +32,9 @@ OVERLAP_M2, LEVEL_M = 0.05, 2.0
 #: Overlap with the scene up to which an actor only touches it, metres.
 TOUCH_M = 0.05
 #: Maximum number of overlaps listed individually.
-_TOLD = 20
+_MAX_LISTED = 20
 #: Number of rows processed together.
-_ROWS = 50_000
+_ROWS_AT_ONCE = 50_000
 _COLUMNS = ("time_s", "asset", "x", "y", "z", "yaw", "length", "width", "height")
 
 
@@ -140,8 +140,8 @@ def overlaps_told(
         "with": dict(
             sorted(Counter(f"{row['class']} and {row['with']}" for row in hits.values()).items())
         ),
-        "worst": worst[:_TOLD],
-        "hits": [hits[track] for track in sorted(hits)[:_TOLD]],
+        "worst": worst[:_MAX_LISTED],
+        "hits": [hits[track] for track in sorted(hits)[:_MAX_LISTED]],
     }
 
 
@@ -173,10 +173,12 @@ def rows_that_overlap(
             first = begin + number
             moving = _columns(part)
             boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-            met, area = _shared(moving, boxes, still, standing, outlines)
+            met, area = _overlapping_pairs(moving, boxes, still, standing, outlines)
             pairs.append(np.where(met < part.num_rows, met + first, part.num_rows - 1 - met))
             areas.append(area)
-            rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
+            rows, what = _static_overlaps(
+                moving, boxes, obstacles, who[first : first + part.num_rows]
+            )
             hits.append(rows + first)
             names.append(what)
         begin += whole.num_rows
@@ -213,7 +215,9 @@ def _parts(actors: pa.Table) -> Iterator[tuple[int, pa.Table]]:
     time_s = actors["time_s"].to_numpy()
     first = 0
     while first < len(time_s):
-        last = np.searchsorted(time_s, time_s[min(first + _ROWS, len(time_s)) - 1], side="right")
+        last = np.searchsorted(
+            time_s, time_s[min(first + _ROWS_AT_ONCE, len(time_s)) - 1], side="right"
+        )
         yield first, actors.slice(first, int(last) - first)
         first = int(last)
 
@@ -227,7 +231,7 @@ def _boxes(columns: Mapping[str, NDArray[Any]], step: NDArray[np.int64]) -> Plan
     return PlanBoxes(step, np.column_stack([columns["x"], columns["y"]]), columns["yaw"], half)
 
 
-def _shared(
+def _overlapping_pairs(
     moving: Mapping[str, NDArray[Any]],
     boxes: PlanBoxes,
     still: Mapping[str, NDArray[Any]],
@@ -251,7 +255,7 @@ def _shared(
     return pairs[apart], area[apart]
 
 
-def _hit(
+def _static_overlaps(
     columns: Mapping[str, NDArray[Any]],
     boxes: PlanBoxes,
     obstacles: Obstacles,

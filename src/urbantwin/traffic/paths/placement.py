@@ -19,7 +19,7 @@ from urbantwin.roads import RoadNetwork
 __all__ = ["Ground", "stand"]
 
 _CLEARANCE_M = 1.5  # start of rays above the lane: below the deck of any crossing road
-_STEEPEST = np.radians(17.0)  # a steeper fit means a wheel on top of a wall
+_MAX_TILT_RAD = np.radians(17.0)  # a steeper fit means a wheel on top of a wall
 _ROUNDS = 2  # the contacts' positions depend on the tilt; the second round is exact
 
 
@@ -102,7 +102,7 @@ def stand(
     pitches = bool(np.ptp(contacts[:, 0]) > 0.1)
     z = ground.height(xy, ceiling)
     for _ in range(_ROUNDS):
-        turned = _turned(contacts, yaw, pitch, roll)
+        turned = _rotated(contacts, yaw, pitch, roll)
         points = (xy[:, None] + turned[..., :2]).reshape(-1, 2)
         heights = ground.height(points, np.repeat(ceiling, len(contacts)))
         heights = heights.reshape(len(xy), len(contacts))
@@ -111,15 +111,15 @@ def stand(
         left = turned[..., 1] * c - turned[..., 0] * s
         beyond = np.isnan(heights).any(axis=1)
         z[beyond], heights[beyond] = np.nan, 0.0
-        slope_ahead, slope_left = _plane(ahead, left, heights, pitches=pitches, rolls=rolls)
-        pitch = np.clip(np.arctan(-slope_ahead) + 0.0, -_STEEPEST, _STEEPEST)
-        roll = np.clip(np.arctan(slope_left * np.cos(pitch)), -_STEEPEST, _STEEPEST)
-        lift = heights - _turned(contacts, yaw, pitch, roll)[..., 2]
+        slope_ahead, slope_left = _fitted_slopes(ahead, left, heights, pitches=pitches, rolls=rolls)
+        pitch = np.clip(np.arctan(-slope_ahead) + 0.0, -_MAX_TILT_RAD, _MAX_TILT_RAD)
+        roll = np.clip(np.arctan(slope_left * np.cos(pitch)), -_MAX_TILT_RAD, _MAX_TILT_RAD)
+        lift = heights - _rotated(contacts, yaw, pitch, roll)[..., 2]
         z = np.where(np.isnan(z), np.nan, lift.mean(axis=1))
     return z, pitch, roll
 
 
-def _turned(
+def _rotated(
     contacts: NDArray[np.float64],
     yaw: NDArray[np.float64],
     pitch: NDArray[np.float64],
@@ -129,7 +129,7 @@ def _turned(
     return np.asarray(contacts @ rotation_from_ypr(yaw, pitch, roll).transpose(0, 2, 1))
 
 
-def _plane(
+def _fitted_slopes(
     ahead: NDArray[np.float64],
     left: NDArray[np.float64],
     heights: NDArray[np.float64],

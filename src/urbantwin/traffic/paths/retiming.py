@@ -102,14 +102,14 @@ class Way:
 GRID_M = 0.2
 _CURVE_M = 1.6
 #: Maximum lateral acceleration, m/s2, and least speed limit by curves, m/s.
-_SIDEWAYS_MS2, _SLOWEST_MS = 3.2, 1.0
+_MAX_LATERAL_MS2, _MIN_CURVE_SPEED_MS = 3.2, 1.0
 #: Factor and increment, m/s, on the original speed within a distance, metres, for catching up.
-_FASTER, _FASTER_MS, _NEAR_M = 1.1, 0.5, 10.0
+_CATCH_UP_FACTOR, _CATCH_UP_MS, _CATCH_UP_RANGE_M = 1.1, 0.5, 10.0
 #: Delay below which an actor counts as on time, metres; factor on a class's acceleration that is
 #: tolerated.
-_SAME_M, _HARDER = 0.005, 1.3
+_ON_TIME_M, _TOLERATED_FACTOR = 0.005, 1.3
 #: Look-ahead time, seconds.
-_AHEAD_S = 10.0
+_LOOK_AHEAD_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -173,18 +173,18 @@ def curve_speeds(
     """
     grid = np.arange(0.0, at[-1] + GRID_M, GRID_M)
     went = np.gradient(at, step_s)
-    reach = round(_NEAR_M / GRID_M)
+    reach = round(_CATCH_UP_RANGE_M / GRID_M)
     cell = np.minimum((at / GRID_M).astype(int), len(grid) - 1)
     fastest = np.zeros(len(grid))
     np.maximum.at(fastest, cell, went)
-    fastest = _most(fastest, reach) * _FASTER + _FASTER_MS
+    fastest = _max_around(fastest, reach) * _CATCH_UP_FACTOR + _CATCH_UP_MS
     distinct, group = np.unique(np.round(at, 3), return_inverse=True)
     heading = np.interp(grid, distinct, np.bincount(group, yaw) / np.bincount(group))
     half = round(_CURVE_M / GRID_M / 2)
     padded = np.pad(heading, half, mode="edge")
     turn = np.abs(padded[2 * half :] - padded[: -2 * half]) / (2 * half * GRID_M)
-    allowed = np.sqrt(_SIDEWAYS_MS2 / np.maximum(_most(turn, half), 1e-6))
-    return np.minimum(fastest, np.maximum(allowed, _SLOWEST_MS))
+    allowed = np.sqrt(_MAX_LATERAL_MS2 / np.maximum(_max_around(turn, half), 1e-6))
+    return np.minimum(fastest, np.maximum(allowed, _MIN_CURVE_SPEED_MS))
 
 
 def retimed(
@@ -208,21 +208,21 @@ def retimed(
     most = np.minimum(bound, pace.at)
     was = pace.at if was is None else was
     until = len(most) if until is None else until
-    hard = _hard(pace, limits)
+    hard = _exceeds_limits(pace, limits)
     hard |= most < pace.at - 1e-9
-    ahead = round(_AHEAD_S / pace.step_s)
+    ahead = round(_LOOK_AHEAD_S / pace.step_s)
     for brake in limits.brakes:
         allowed = pace.allowed(brake)
         position, hardest = driven(
             pace.at, most, was, hard, allowed, since, until, ahead, pace.step_s, GRID_M,
-            limits.starts, brake, limits.brakes[-1], _SAME_M,
+            limits.starts, brake, limits.brakes[-1], _ON_TIME_M,
         )  # fmt: skip
         if hardest <= brake * 1.15:
             break
     return np.asarray(position)
 
 
-def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
+def _exceeds_limits(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
     """Return the steps (N,) in which the actor exceeds its class's limits."""
     if len(pace.at) < 2:
         return np.zeros(len(pace.at), np.bool_)
@@ -230,9 +230,11 @@ def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
     gain = np.gradient(speed, pace.step_s)
     cell = np.minimum((pace.at / GRID_M).astype(int), len(pace.speeds) - 1)
     fast = speed > pace.speeds[cell] + 1e-3
-    return np.asarray((gain < -limits.brakes[-1]) | (gain > limits.starts * _HARDER) | fast)
+    return np.asarray(
+        (gain < -limits.brakes[-1]) | (gain > limits.starts * _TOLERATED_FACTOR) | fast
+    )
 
 
-def _most(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+def _max_around(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """Return the greatest of the values (N,) within a number of steps to each side."""
     return np.asarray(maximum_filter1d(values, 2 * reach + 1, mode="nearest"))

@@ -48,25 +48,25 @@ NEAR_M = 0.3
 STANDING_MS = 0.15
 #: Relative speed above which actors pass each other on one side, m/s; slower ones are separated
 #: along the shortest direction.
-_PASSING_MS = 0.4
+_MIN_PASSING_MS = 0.4
 #: Lateral displacement above which the shortest direction is used, metres: for small actors, and
 #: beside longer ones; and half length above which an actor is long, metres.
-ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
+ASIDE_M, _LONG_ASIDE_M, _LONG_HALF_LENGTH_M = 1.2, 2.4, 1.2
 #: Maximum displacement ahead of a standing vehicle, metres: it may be at a stop line.
-_CREEP_M = 0.3
+_MAX_CREEP_M = 0.3
 #: Maximum overlap of two vehicles that is resolved laterally, metres, and maximum component of the
 #: direction along either of them.
-_BESIDE_M, _ALONG = 0.6, 0.5
+_BESIDE_M, _MAX_ALONG_COS = 0.6, 0.5
 #: Least square root of the lateral yielding share of vehicles that avoid pedestrians.
-_LIGHT = 0.05**0.5
+_MIN_AVOIDING_SCALE = 0.05**0.5
 #: Weight of the constraints relative to the paths, and number of rounds.
-_RHO, _ROUNDS = 8.0, 40
-_KEEP = 1e7  # weight of fixed actors
+_CONSTRAINT_WEIGHT, _ROUNDS = 8.0, 40
+_FIXED_WEIGHT = 1e7  # weight of fixed actors
 _STIFF_S = 100.0  # stiffness of standing actors
 
 
 @dataclass(frozen=True)
-class _Give:
+class _YieldLimits:
     """Readiness of a class to move.
 
     Attributes:
@@ -82,21 +82,21 @@ class _Give:
     most_m: tuple[float, float]
 
 
-_GIVES = {
+_LIMITS_OF_CLASS = {
     # Pedestrians are handled in `crowd`.
-    "pedestrian": _Give(1e-6, 1e-6, 1.0, (0.0, 0.0)),
+    "pedestrian": _YieldLimits(1e-6, 1e-6, 1.0, (0.0, 0.0)),
     # Vehicles move a little aside; delays are decided in `yielding`.
-    "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
-    "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
-    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
-    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
-    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
-    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
+    "bicycle": _YieldLimits(1e-6, 0.5, 1.0, (0.0, 1.0)),
+    "motorcycle": _YieldLimits(1e-6, 0.3, 1.2, (0.0, 1.0)),
+    "car": _YieldLimits(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "van": _YieldLimits(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "truck": _YieldLimits(1e-6, 0.02, 1.8, (0.0, 0.8)),
+    "bus": _YieldLimits(1e-6, 0.02, 1.8, (0.0, 0.8)),
     # Trams stay on their rails.
-    "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
+    "tram": _YieldLimits(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
 #: Bodies of an articulated vehicle are fixed by their joints.
-_JOINED = _Give(1e-6, 1e-6, 2.0, (0.0, 0.0))
+_LIMITS_OF_JOINED = _YieldLimits(1e-6, 1e-6, 2.0, (0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,9 @@ class PartingPaths:
         _, vehicle, bodies = np.unique(moving.vehicles, return_inverse=True, return_counts=True)
         joined = bodies[vehicle] > 1
         gives = [
-            _JOINED if one_of_many else _GIVES.get(name, _GIVES["car"])
+            _LIMITS_OF_JOINED
+            if one_of_many
+            else _LIMITS_OF_CLASS.get(name, _LIMITS_OF_CLASS["car"])
             for name, one_of_many in zip(moving.classes, joined.tolist(), strict=True)
         ]
         kind = np.array(
@@ -211,9 +213,9 @@ class PartingPaths:
         here = np.concatenate([moved, np.zeros((1, 2))])
         short = least + (slope * here[sides]).sum(axis=(1, 2))
         system = self._system()
-        system[2] += _RHO * np.bincount(sides.ravel(), minlength=count + 1)[:count]
+        system[2] += _CONSTRAINT_WEIGHT * np.bincount(sides.ravel(), minlength=count + 1)[:count]
         factor = cholesky_banded(system)
-        separated = displaced(moved, sides, slope, short, factor, _RHO, _ROUNDS)
+        separated = displaced(moved, sides, slope, short, factor, _CONSTRAINT_WEIGHT, _ROUNDS)
         low, high = (side * self.most - self.already for side in (-1.0, 1.0))
         return np.asarray(np.clip(separated, low / self.scale, high / self.scale))
 
@@ -253,9 +255,9 @@ class PartingPaths:
         deep, direction = meetings(boxes, pairs)
         ahead = boxes.axes[pairs, 0]
         along = np.abs((ahead * direction[:, None]).sum(axis=2)).max(axis=1)
-        beside = (deep < _BESIDE_M) & (along < _ALONG)
+        beside = (deep < _BESIDE_M) & (along < _MAX_ALONG_COS)
         with_pedestrian = self.on_foot[pairs].any(axis=1)
-        light = (self.scale[pairs, 1] >= _LIGHT).any(axis=1)
+        light = (self.scale[pairs, 1] >= _MIN_AVOIDING_SCALE).any(axis=1)
         return np.asarray(np.where(with_pedestrian, light, beside))
 
     def _over(
@@ -265,14 +267,14 @@ class PartingPaths:
         ahead = self.moving.boxes.axes[:, 0]
         by = ((place - self.moving.boxes.xy) * ahead).sum(axis=1)
         stopped = ~self.on_foot & (self.moving.speed < STANDING_MS)
-        rows = np.flatnonzero(stopped & (by > _CREEP_M))
-        return rows, -ahead[rows], by[rows] - _CREEP_M
+        rows = np.flatnonzero(stopped & (by > _MAX_CREEP_M))
+        return rows, -ahead[rows], by[rows] - _MAX_CREEP_M
 
     def _system(self) -> NDArray[np.float64]:
         """Return the paths' matrix (3, N) in upper banded form: position, change, bending."""
         joined, stopped = self.joined, self.moving.speed < STANDING_MS
         band = np.zeros((3, len(stopped)))
-        band[2] = np.where(self.kept, _KEEP, 1.0)
+        band[2] = np.where(self.kept, _FIXED_WEIGHT, 1.0)
         # First differences, if one of both stands.
         tie = np.where(joined & (stopped[1:] | stopped[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
         band[2, 1:] += tie
@@ -317,21 +319,25 @@ def _ways(
     offset = (lateral * between).sum(axis=1)
     key = actor[first].astype(np.int64) * (int(actor.max(initial=0)) + 1) + actor[second]
     _, met = np.unique(key, return_inverse=True)
-    weight = np.exp(-((between**2).sum(axis=1))) * (pace > _PASSING_MS)
+    weight = np.exp(-((between**2).sum(axis=1))) * (pace > _MIN_PASSING_MS)
     side = np.bincount(met, offset * weight)
     sign = np.where(side[met] < 0, -1.0, 1.0)
     lateral *= sign[:, None]
-    most = np.where(boxes.half[pairs].max(axis=(1, 2)) > _LONG_M, _ROUND_M, ASIDE_M)
-    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, lateral) - sign * offset < most)
+    most = np.where(
+        boxes.half[pairs].max(axis=(1, 2)) > _LONG_HALF_LENGTH_M, _LONG_ASIDE_M, ASIDE_M
+    )
+    passes = (pace > _MIN_PASSING_MS) & (
+        _extents_along(boxes, pairs, lateral) - sign * offset < most
+    )
     direction = np.where(passes[:, None], lateral, shortest)
-    least = _reach(boxes, pairs, direction) + GAP_M - (direction * between).sum(axis=1)
+    least = _extents_along(boxes, pairs, direction) + GAP_M - (direction * between).sum(axis=1)
     # The side does not matter before they are beside each other.
     onward = past / np.maximum(pace, 1e-9)[:, None]
-    ahead = np.abs((onward * between).sum(axis=1)) > _reach(boxes, pairs, onward) + GAP_M
+    ahead = np.abs((onward * between).sum(axis=1)) > _extents_along(boxes, pairs, onward) + GAP_M
     return direction, np.where(passes & ahead, -np.inf, least)
 
 
-def _reach(
+def _extents_along(
     boxes: PlanBoxes, pairs: NDArray[np.int64], way: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the sum of the extents of both boxes of a pair along a direction (P,)."""
@@ -342,10 +348,10 @@ def _reach(
 #: Time before and after an encounter in which paths are changed, seconds.
 _BEFORE_S = 5.0
 #: Maximum number of updates of the directions of separation.
-_OUTER = 6
+_MAX_UPDATES = 6
 #: Overlap above which a path bent into an obstacle is restored, metres, and the others solved
 #: again; maximum number of attempts.
-_TOUCH_M, _TRIES = 0.04, 3
+_MAX_OVERLAP_M, _MAX_ATTEMPTS = 0.04, 3
 
 
 def separated(
@@ -380,23 +386,23 @@ def separated(
     meeting[pairs[meetings(moving.boxes, pairs)[0] > -GAP_M]] = True
     rows = np.flatnonzero(drives)
     meeting[rows[blocks.beside(moving.boxes.take(rows), height[rows], 0.0)[0]]] = True
-    changed = _around(moving, meeting & drives, pairs, step_s) & drives
+    changed = _rows_to_change(moving, meeting & drives, pairs, step_s) & drives
     already = np.zeros(len(xy)) if aside is None else aside
     bent = xy, speed
-    for attempt in range(_TRIES):
+    for attempt in range(_MAX_ATTEMPTS):
         if not changed.any():
             return xy, speed
         # Later attempts are rare.
         telling = between(tell, 1 - 0.5**attempt, 1 - 0.5 ** (attempt + 1))
-        bent = _parted(moving, changed, blocks, height, step_s, already, telling)
-        into = _bent_into(moving, bent[0], changed, blocks, height)
+        bent = _separated_rows(moving, changed, blocks, height, step_s, already, telling)
+        into = _rows_into_obstacles(moving, bent[0], changed, blocks, height)
         if not into.any():
             break
         changed &= ~into
     return bent
 
 
-def _parted(
+def _separated_rows(
     moving: Moving,
     changed: NDArray[np.bool_],
     blocks: Blocks,
@@ -417,7 +423,7 @@ def _parted(
         moving.take(rows), changed[rows], blocks, height[rows], step_s, aside[rows]
     )
     moved = np.zeros((len(rows), 2))
-    for _ in each(range(_OUTER), tell, "past each other"):
+    for _ in each(range(_MAX_UPDATES), tell, "past each other"):
         before, moved = moved, paths.apart(moved)
         if np.abs(moved - before).max() < MOVED_M:
             break
@@ -426,7 +432,7 @@ def _parted(
     return xy, speed
 
 
-def _bent_into(
+def _rows_into_obstacles(
     moving: Moving,
     xy: NDArray[np.float64],
     changed: NDArray[np.bool_],
@@ -440,7 +446,7 @@ def _bent_into(
     rows = np.flatnonzero(changed & (xy != moving.boxes.xy).any(axis=1))
     own = moving.boxes.take(rows)
     was, now = (
-        np.unique(blocks.beside(boxes, height[rows], -_TOUCH_M)[0])
+        np.unique(blocks.beside(boxes, height[rows], -_MAX_OVERLAP_M)[0])
         for boxes in (own, replace(own, xy=xy[rows]))
     )
     stretch = np.cumsum(np.diff(changed, prepend=False) | (np.diff(moving.actor, prepend=-1) != 0))
@@ -450,7 +456,7 @@ def _bent_into(
     return np.asarray(into[stretch] & changed)
 
 
-def _around(
+def _rows_to_change(
     moving: Moving, meeting: NDArray[np.bool_], near: NDArray[np.int64], step_s: float
 ) -> NDArray[np.bool_]:
     """Return the rows (N,) to change because some rows have conflicts.

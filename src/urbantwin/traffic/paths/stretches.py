@@ -25,19 +25,19 @@ Columns = dict[str, NDArray[Any]]
 
 #: Duration of a stretch, and look-ahead beyond its end, seconds: vehicles wait up to half a minute
 #: before an encounter (`yielding`).
-_LONG_S, _BEYOND_S = 240.0, 30.0
+_STRETCH_S, _BEYOND_S = 240.0, 30.0
 #: States of pedestrians besides poses: delay in rows, difference of the heading from that of the
 #: path, number of steps held up, and number of steps of letting others pass.
 WALKS = ("lag", "turn", "held", "let")
 #: Number of rows of pedestrians' paths before their position that are included: back to the kerb.
-_BACK = 100
+_PEDESTRIAN_ROWS_BACK = 100
 #: Distance within which a vehicle returns to its path, metres.
-_BACK_M = 12.0
+_RETURN_M = 12.0
 #: Tolerances for equality, metres or rad, and rows.
-_SAME, _SAME_ROWS = 1e-6, 1e-6
+_TOLERANCE, _ROW_TOLERANCE = 1e-6, 1e-6
 #: Number of rows of a path before the position that are kept.
-_KEPT = 40
-_WIDE = np.int64(1) << 32
+_VEHICLE_ROWS_BACK = 40
+_KEY_FACTOR = np.int64(1) << 32
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def stretches(first: int, last: int, step_s: float) -> list[Stretch]:
         last: the step after the last.
         step_s: time between steps, seconds.
     """
-    long, beyond = round(_LONG_S / step_s), round(_BEYOND_S / step_s)
+    long, beyond = round(_STRETCH_S / step_s), round(_BEYOND_S / step_s)
     count = max(round((last - first) / long), 1)
     begins = [first + n * long for n in range(count)]
     ends = [*begins[1:], last]
@@ -107,8 +107,8 @@ class LeftOff:
     def _places(
         self, trip: NDArray[np.integer], step: NDArray[np.integer]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        own_keys = self.columns["trip"] * _WIDE + self.columns["step"]
-        keys = trip * _WIDE + step
+        own_keys = self.columns["trip"] * _KEY_FACTOR + self.columns["step"]
+        keys = trip * _KEY_FACTOR + step
         if not len(own_keys):
             return np.zeros(len(keys), np.int64), np.zeros(len(keys), np.bool_)
         place = np.minimum(np.searchsorted(own_keys, keys), len(own_keys) - 1)
@@ -207,7 +207,7 @@ class Ways:
                 continue
             lag = left.of_actor(visit.actor)["lag"]
             lag_rows = int(np.ceil(lag.max())) if len(lag) else 0
-            since = max(stretch.begin - lag_rows - _BACK, visit.begin)
+            since = max(stretch.begin - lag_rows - _PEDESTRIAN_ROWS_BACK, visit.begin)
             row_offset = visit.low - visit.begin
             rows.append(np.arange(row_offset + since, min(visit.high, row_offset + stretch.seen)))
         for group in self._driven:
@@ -237,9 +237,9 @@ class Ways:
         if not whole:
             return parts
         row, off, turned = self._where(group, stretch.begin - 1 - begin, done)
-        late = stretch.begin - 1 - begin - row > _SAME_ROWS
-        if late or np.abs(off).max() > _SAME or np.abs(turned).max() > _SAME:
-            low = max(int(row) - _KEPT, 0)
+        late = stretch.begin - 1 - begin - row > _ROW_TOLERANCE
+        if late or np.abs(off).max() > _TOLERANCE or np.abs(turned).max() > _TOLERANCE:
+            low = max(int(row) - _VEHICLE_ROWS_BACK, 0)
             back = [
                 self._back_on_its_way(
                     np.arange(visit.low + low, visit.low + until - begin), row - low, *how
@@ -287,13 +287,13 @@ class Ways:
         path = self._rows(rows)
         went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path["xy"], axis=0).T))])
         beyond = went - np.interp(row, np.arange(len(went)), went)
-        share = (1 + np.cos(np.pi * np.clip(beyond / _BACK_M, 0.0, 1.0))) / 2
+        share = (1 + np.cos(np.pi * np.clip(beyond / _RETURN_M, 0.0, 1.0))) / 2
         path["xy"] = path["xy"] + off * share[:, None]
         path["yaw"] = path["yaw"] + turned * share
         left = np.column_stack([-np.sin(path["yaw"]), np.cos(path["yaw"])])
         path["aside"] = (left * off).sum(axis=1) * share
         rear_m = self.rear_m[int(path["trip"][0])]
-        if rear_m > 0 and np.abs(off).max() > _SAME:
+        if rear_m > 0 and np.abs(off).max() > _TOLERANCE:
             here = int(np.ceil(row))
             path["yaw"][here:] = steered(path["xy"][here:], path["yaw"][here:], rear_m)
         return path
@@ -322,7 +322,7 @@ class Ways:
         for name in ("xy", "yaw", "distance", "aside"):
             columns[name] = at.between(way[name], 0, place)
         columns["lane"] = way["lane"][np.round(at.row_at(place)).astype(int)]
-        late = place < at.pace.at[since:] - _SAME
+        late = place < at.pace.at[since:] - _TOLERANCE
         columns["speed"][late] = np.gradient(at.at, self.step_s)[since:][late]
         return columns
 

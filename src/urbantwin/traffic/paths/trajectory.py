@@ -57,10 +57,10 @@ _GRID_M = 0.1
 _WINDOWS_M = {"vehicle": (6.0, 10.0, 14.0, 18.0), "person": (2.6,)}
 _STEERING_S = 1.0
 _DEGREE = {"vehicle": 2, "person": 1}
-_SHORT_M = 0.5  # a path with a smaller extent has no direction of travel
+_MIN_EXTENT_M = 0.5  # a path with a smaller extent has no direction of travel
 #: Jump along the road above which it is corrected, and distance before and after over which it is
 #: spread, metres.
-_LEAP_M, _MAKE_UP_M = 0.75, 15.0
+_MIN_LEAP_M, _LEAP_SPREAD_M = 0.75, 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def smoothed(
     yaw = np.unwrap(np.pi / 2 - np.radians(angle_deg))
     distance = np.concatenate([[0.0], np.cumsum(speed[1:]) * step_s])
     total = float(distance[-1])
-    if total < _SHORT_M:
+    if total < _MIN_EXTENT_M:
         point, heading = front.mean(axis=0), np.full(len(yaw), np.median(yaw))
         start = distance - distance.mean()
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
@@ -117,11 +117,13 @@ def smoothed(
     kind, spacing = "person" if walks else "vehicle", float(grid[1])
     steering_m = _STEERING_S * np.interp(grid, *_by_distance(distance, speed))
     x, y, heading = (
-        _level(np.interp(grid, *_by_distance(distance, values)), spacing, kind, steering_m)
+        _smoothed_twice(np.interp(grid, *_by_distance(distance, values)), spacing, kind, steering_m)
         for values in (front[:, 0], front[:, 1], yaw)
     )
     if walks:
-        course = (_level(np.gradient(values), spacing, kind, steering_m) for values in (y, x))
+        course = (
+            _smoothed_twice(np.gradient(values), spacing, kind, steering_m) for values in (y, x)
+        )
         heading = np.unwrap(np.arctan2(*course))
     at_x, at_y, at_yaw = (np.interp(distance, grid, values) for values in (x, y, heading))
     back = length_m / 2
@@ -146,7 +148,7 @@ def _without_leaps(
     """
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
     onward = (np.diff(front, axis=0) * ahead[:-1]).sum(axis=1)
-    leaps = np.abs(onward - np.diff(distance)) > _LEAP_M
+    leaps = np.abs(onward - np.diff(distance)) > _MIN_LEAP_M
     if not leaps.any():
         return front, yaw, speed
     # The path of forward motion, without steps back.
@@ -156,9 +158,9 @@ def _without_leaps(
             forward.append(row)
     station_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front[forward], axis=0).T))])
     # Smoothed lead over the simulated distance.
-    grid = np.arange(-_MAKE_UP_M, distance[-1] + _MAKE_UP_M, _GRID_M)
+    grid = np.arange(-_LEAP_SPREAD_M, distance[-1] + _LEAP_SPREAD_M, _GRID_M)
     gain = np.interp(grid, distance[forward], station_m - distance[forward])
-    width = 2 * round(_MAKE_UP_M / _GRID_M) + 1
+    width = 2 * round(_LEAP_SPREAD_M / _GRID_M) + 1
     padded = np.pad(gain, width // 2, mode="edge")
     gain = np.convolve(padded, np.full(width, 1 / width), "valid")
     place = np.maximum.accumulate(distance + np.interp(distance, grid, gain))
@@ -178,7 +180,7 @@ def _by_distance(
     return distinct, np.bincount(group, values) / np.bincount(group)
 
 
-def _level(
+def _smoothed_twice(
     values: NDArray[np.float64], spacing: float, kind: str, wanted_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Fit local polynomials twice, so that the result has no corners.

@@ -29,13 +29,13 @@ __all__ = [
 #: Distance of pedestrians' centres from obstacles, metres.
 ROOM_M = 0.4
 #: Distance from paths within which obstacles are considered, metres.
-_NEAR_M = 12.0
+_OBSTACLE_RANGE_M = 12.0
 #: Resolution of paths for that search, metres.
-_COARSE_M = 4.0
+_SEARCH_CELL_M = 4.0
 #: Number of points processed together.
-_POINTS = 1 << 17
+_POINTS_AT_ONCE = 1 << 17
 #: Share of footway below which a courtyard counts as solid.
-_COURT = 0.2
+_COURTYARD_SHARE = 0.2
 
 
 class Solids:
@@ -57,11 +57,11 @@ class Solids:
         if len(blocks.yaw) and len(points):
             shapes = blocks.polygons
             # In parts, to limit memory.
-            some = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
-            every = [np.unique(np.round(part / _COARSE_M), axis=0) for part in some]
-            cells = np.unique(np.concatenate(every), axis=0) * _COARSE_M
+            some = [points[k : k + _POINTS_AT_ONCE] for k in range(0, len(points), _POINTS_AT_ONCE)]
+            every = [np.unique(np.round(part / _SEARCH_CELL_M), axis=0) for part in some]
+            cells = np.unique(np.concatenate(every), axis=0) * _SEARCH_CELL_M
             tree = shapely.STRtree(shapely.points(cells))
-            near = tree.query(shapes, predicate="dwithin", distance=_NEAR_M)[0]
+            near = tree.query(shapes, predicate="dwithin", distance=_OBSTACLE_RANGE_M)[0]
             wide = shapely.buffer(shapes[np.unique(near)], ROOM_M, quad_segs=2)
             outlines = [
                 _filled(outline, footway) for outline in shapely.get_parts(shapely.union_all(wide))
@@ -77,7 +77,7 @@ def _filled(part: shapely.Polygon, footway: shapely.Geometry) -> shapely.Polygon
     courtyards = [
         court.exterior
         for court in courts
-        if shapely.intersection(court, footway).area > _COURT * court.area
+        if shapely.intersection(court, footway).area > _COURTYARD_SHARE * court.area
     ]
     return shapely.Polygon(part.exterior, courtyards)
 
@@ -87,12 +87,12 @@ SOLID, OFF = 1, 2
 #: Size of the cells, metres.
 _CELL_M = 0.2
 #: Cost of a metre off the footway, in metres on it.
-_OFF_COSTS = 4.0
+_OFF_FOOTWAY_COST = 4.0
 #: Search range of detours around their ends, and maximum length, metres: if it is longer, the scene
 #: lacks a passage.
-AROUND_M, _LONGEST_M = 10.0, 30.0
+AROUND_M, _MAX_DETOUR_M = 10.0, 30.0
 #: Number of cells over which a path is smoothed.
-_LEVELLED = 5
+_SMOOTHING_CELLS = 5
 
 
 class WalkedCells:
@@ -151,18 +151,18 @@ class WalkedCells:
             return None
         nearest = distance_transform_edt(part == SOLID, return_distances=False, return_indices=True)
         start, goal = (nearest[:, row, column] for row, column in (ends - low).tolist())
-        cost = np.array([1.0, np.inf, _OFF_COSTS])[part]
+        cost = np.array([1.0, np.inf, _OFF_FOOTWAY_COST])[part]
         cells = shortest_way(cost, start.astype(np.int64), goal.astype(np.int64))
-        if not len(cells) or len(cells) * _CELL_M > _LONGEST_M:
+        if not len(cells) or len(cells) * _CELL_M > _MAX_DETOUR_M:
             return None
         line = self.corner[:2] + ((cells + low)[:, ::-1] + 0.5) * _CELL_M
-        return np.asarray(uniform_filter1d(line, _LEVELLED, axis=0, mode="nearest"))
+        return np.asarray(uniform_filter1d(line, _SMOOTHING_CELLS, axis=0, mode="nearest"))
 
 
 #: Size of the cells for the look-up of obstacles, metres.
 _STILL_CELL_M = 2.0
 #: Least distance of centres from obstacles in narrow places, metres.
-_TIGHT_M = 0.1
+_MIN_OBSTACLE_DISTANCE_M = 0.1
 
 
 class WalkedGround:
@@ -192,7 +192,7 @@ class WalkedGround:
         self.boxes = box_rows(blocks.xy, blocks.yaw, blocks.half)
         points = xy if len(xy) else np.zeros((1, 2))
         self.still, self.numbers, self.within = _still_cells(points, blocks)
-        inner = shapely.buffer(solids, _TIGHT_M - ROOM_M)
+        inner = shapely.buffer(solids, _MIN_OBSTACLE_DISTANCE_M - ROOM_M)
         self.cells = WalkedCells(points, inner, footway, MOST_M + 1.0)
         self._beside_road = shapely.buffer(footway, -BODY_M)
         shapely.prepare(self._beside_road)

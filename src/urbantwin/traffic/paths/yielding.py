@@ -35,26 +35,26 @@ __all__ = ["Before", "yielded"]
 #: Shared area in plan above which pairs overlap, square metres.
 _OVERLAP_M2 = 0.02
 #: Gap ahead of the yielding vehicle, and lateral gap, metres.
-_AHEAD_M, _BESIDE_M = 0.7, 0.02
+_GAP_AHEAD_M, _LATERAL_GAP_M = 0.7, 0.02
 #: Weight of overlap (depth times time) relative to delay (distance times time).
-_THROUGH = 1e3
+_OVERLAP_WEIGHT = 1e3
 _ROUNDS = 12
 #: Yielding is accepted if it leaves less than this share of the overlap.
-_HELPS = 0.5
+_MAX_OVERLAP_LEFT = 0.5
 #: Number of steps processed together, to limit memory.
-_STEPS = 300
+_STEPS_AT_ONCE = 300
 #: Time before and after the first overlap in which two vehicles interact, seconds; distance that
 #: ends the encounter, metres; and time after which another overlap is a new encounter, seconds.
-_BEFORE_S, _AFTER_S, _PARTED_M, _AGAIN_S = 30.0, 120.0, 60.0, 10.0
+_BEFORE_S, _AFTER_S, _ENCOUNTER_END_M, _NEW_ENCOUNTER_S = 30.0, 120.0, 60.0, 10.0
 #: Look-back time before a change, seconds: drivers look no farther ahead.
-_LOOKS_S = 12.0
+_LOOK_BACK_S = 12.0
 #: Time over which accelerations are averaged, seconds; maximum lateral acceleration, m/s2; and
 #: factor on a class's acceleration that is tolerated.
-_OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
+_OVER_S, _SIDEWAYS_MS2, _ACCELERATION_FACTOR = 0.5, 3.8, 1.3
 #: Delay below which a vehicle counts as on time, metres.
-_SAME_M = 0.005
+_ON_TIME_M = 0.005
 #: Delay above which the reported speed is the derivative of the position, not SUMO's, metres.
-_BLENDS_M = 0.5
+_SUMO_SPEED_DELAY_M = 0.5
 
 Columns = dict[str, NDArray[Any]]
 
@@ -223,7 +223,7 @@ class _Yielding:
             sideways = np.abs(uniform_filter1d(turn, over) * speed)
             if (
                 gain.min() < -limits.brakes[-1]
-                or gain.max() > limits.starts * _STARTS
+                or gain.max() > limits.starts * _ACCELERATION_FACTOR
                 or sideways.max() > _SIDEWAYS_MS2
             ):
                 return True
@@ -235,14 +235,14 @@ class _Yielding:
         steps = np.unique(step[self.changed])
         self.changed[:] = False
         when: dict[tuple[int, int], list[int]] = {}
-        parts = np.split(steps, np.arange(_STEPS, len(steps), _STEPS))
+        parts = np.split(steps, np.arange(_STEPS_AT_ONCE, len(steps), _STEPS_AT_ONCE))
         for some in each(parts, tell, "waiting for each other"):
             for pair, overlap_step in self._pairs(np.flatnonzero(np.isin(step, some))):
                 when.setdefault(pair, []).append(overlap_step)
         meetings = []
         for (first, other), every in when.items():
             ordered = np.unique(every)
-            apart = np.flatnonzero(np.diff(ordered) > self._steps(_AGAIN_S)) + 1
+            apart = np.flatnonzero(np.diff(ordered) > self._steps(_NEW_ENCOUNTER_S)) + 1
             meetings += [(first, other, int(part[0])) for part in np.split(ordered, apart)]
         return sorted(meetings, key=lambda meeting: (meeting[2], meeting[:2]))
 
@@ -269,7 +269,7 @@ class _Yielding:
                 continue
             path = self._way(path_id)
             constraint = self._let(path, first, step - path.start)
-            again = self._steps(_AGAIN_S)
+            again = self._steps(_NEW_ENCOUNTER_S)
             same = [
                 earlier.first == first and abs(earlier.since - constraint.since) <= again
                 for earlier in path.lets
@@ -284,13 +284,13 @@ class _Yielding:
             station_m = self._solved(path, constraints, *span)
             lost = float((path.at - station_m).sum()) * self.step_s
             left = self._through(path_id, first, step, station_m)
-            cost = lost + _THROUGH * left
+            cost = lost + _OVERLAP_WEIGHT * left
             if best is None or cost < best[0]:
                 best = cost, left, path, station_m, constraints
         if best is None:
             return False
         _, left, path, station_m, constraints = best
-        if left > before * _HELPS:
+        if left > before * _MAX_OVERLAP_LEFT:
             return False
         path.lets = constraints
         self.followers.setdefault(constraints[-1].first, set()).add(path.number)
@@ -325,7 +325,7 @@ class _Yielding:
         delay_m = self._begun(way.number)
         was = way.at.copy()
         was[: len(delay_m)] = way.pace.at[: len(delay_m)] - delay_m
-        since = max(begin - self._steps(_LOOKS_S), len(delay_m), 1)
+        since = max(begin - self._steps(_LOOK_BACK_S), len(delay_m), 1)
         return retimed(way.pace, bound, LIMITS[way.kind], was, since, until)
 
     def _let(self, way: Way, first: int, since: int) -> Let:
@@ -341,14 +341,14 @@ class _Yielding:
         top = np.ceil(way.pace.at[begin:until] / GRID_M).astype(int) - low
         top = np.minimum(top, len(grid) - 1)
         for body in range(len(way.bodies)):
-            own = _plan(self._along(way, body, grid, _AHEAD_M if body == 0 else 0.0))
+            own = _box_rows(self._along(way, body, grid, _GAP_AHEAD_M if body == 0 else 0.0))
             for rows in self.bodies[first]:
                 theirs, after = self._during(first, rows, begin + way.start, until + way.start)
                 if not len(theirs):
                     continue
                 part = slice(after - begin - way.start, after - begin - way.start + len(theirs))
                 contact_cells = first_contacts(
-                    top[part], width, own, _plan(boxes.take(theirs)), _BESIDE_M
+                    top[part], width, own, _box_rows(boxes.take(theirs)), _LATERAL_GAP_M
                 )
                 np.minimum(bound[part], (contact_cells + low) * GRID_M, out=bound[part])
         # While it was ahead of the other, and not in conflict yet, there is no bound.
@@ -376,7 +376,7 @@ class _Yielding:
         )
         own = way.bodies[0, after - way.start : after - way.start + len(rows)]
         xy = self.moving.boxes.xy
-        parted = np.flatnonzero(np.hypot(*(xy[rows] - xy[own]).T) > _PARTED_M)
+        parted = np.flatnonzero(np.hypot(*(xy[rows] - xy[own]).T) > _ENCOUNTER_END_M)
         return begin, after - way.start + int(parted[0]) if len(parted) else until
 
     def _along(
@@ -418,7 +418,7 @@ class _Yielding:
 
     def _go(self, way: Way, at: NDArray[np.float64]) -> tuple[int, int]:
         """Set a vehicle's positions (N,); return the range of steps that changed."""
-        at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
+        at = np.where(way.pace.at - at < _ON_TIME_M, way.pace.at, at)
         new = np.flatnonzero(at != way.at)
         way.at = at
         if not len(new):
@@ -456,12 +456,12 @@ class _Yielding:
                 own = np.interp(when, np.arange(len(was)), self.columns["speed"][rows] - was)
                 pace = np.interp(when, np.arange(len(was)), was)
                 share = np.minimum(now / np.maximum(pace, 0.5), 1.0)
-                share *= np.clip(1.0 - (path.pace.at - path.at) / _BLENDS_M, 0.0, 1.0)
+                share *= np.clip(1.0 - (path.pace.at - path.at) / _SUMO_SPEED_DELAY_M, 0.0, 1.0)
                 columns["speed"][rows[late]] = np.maximum(now + own * share, 0.0)[late]
         return columns
 
 
-def _plan(boxes: PlanBoxes) -> NDArray[np.float64]:
+def _box_rows(boxes: PlanBoxes) -> NDArray[np.float64]:
     """Return boxes as rows (N, 6): centre, cosine and sine of the heading, half the size."""
     heading = np.column_stack([np.cos(boxes.yaw), np.sin(boxes.yaw)])
     return np.hstack([boxes.xy, heading, boxes.half])
