@@ -12,7 +12,7 @@ from typing import Any
 import libsumo
 
 #: SUMO's number of a waiting stage.
-_WAITING = 1
+_WAITING_STAGE = 1
 #: Time from the halt until the doors open, and between consecutive passengers, seconds (Transit
 #: Capacity and Quality of Service Manual 2013, chapter 6: 1.75 s to 2.5 s through a door of a bus
 #: without payment; several doors are open).
@@ -21,7 +21,7 @@ DOORS_S, EACH_S = 1.0, 1.8
 #: alighting, seconds.
 MOST, AWAY_S = 6, 90.0
 #: A vehicle halting farther from the stop's end is behind another, metres.
-_THERE_M = 3.0
+_MAX_STOP_DISTANCE_M = 3.0
 
 
 class Boarding:
@@ -65,7 +65,7 @@ class Boarding:
             if (
                 state == "walks"
                 and name in present
-                and libsumo.person.getStage(name, 0).type == _WAITING
+                and libsumo.person.getStage(name, 0).type == _WAITING_STAGE
             ):
                 self.state[name], self.since[name] = "waits", now_s
                 self._note(now_s, "waits", name, -1, 0)
@@ -73,7 +73,7 @@ class Boarding:
             here = {
                 name
                 for name in libsumo.busstop.getVehicleIDs(stop)
-                if abs(libsumo.vehicle.getLanePosition(name) - end_m) < _THERE_M
+                if abs(libsumo.vehicle.getLanePosition(name) - end_m) < _MAX_STOP_DISTANCE_M
             }
             for vehicle in sorted(here - self.halted[stop]):
                 self._exchange(stop, vehicle, now_s, present)

@@ -11,14 +11,14 @@ from typing import Any
 import libsumo
 
 #: SUMO's vehicle classes that are not assigned to lanes.
-_OTHERS = ("bicycle", "tram", "pedestrian")
+_UNASSIGNED_CLASSES = ("bicycle", "tram", "pedestrian")
 #: Duration of a lane request, seconds: until the next update.
-_KEEPS_S = 1.0
+_REQUEST_S = 1.0
 #: Vehicles slower than the first, m/s, get no request, nor do vehicles longer than the second,
 #: metres, which would block two lanes.
-_SLOWEST_MS, _LONGEST_M = 2.0, 8.0
+_MIN_SPEED_MS, _MAX_LENGTH_M = 2.0, 8.0
 #: Distance to the end of the road before an approach from which lanes are chosen, metres.
-_BEFORE_M = 150.0
+_CHOICE_DISTANCE_M = 150.0
 
 
 class LaneUse:
@@ -36,7 +36,7 @@ class LaneUse:
         self.told = {
             road: requests["lanes"] for road, requests in told.items() if requests["lanes"]
         }
-        self.before = _before(self.told)
+        self.before = _lanes_before(self.told)
         self.came: Counter[tuple[str, str]] = Counter()
         self.given: Counter[tuple[str, str, int]] = Counter()
         self.lane_of: dict[str, tuple[str, int | None]] = {}
@@ -53,8 +53,8 @@ class LaneUse:
         for edge, follow in self.before.items():
             end_m = libsumo.lane.getLength(f"{edge}_0")
             for name in sorted(libsumo.edge.getLastStepVehicleIDs(edge)):
-                road = _next(name)
-                if road in follow and end_m - vehicle.getLanePosition(name) < _BEFORE_M:
+                road = _next_road(name)
+                if road in follow and end_m - vehicle.getLanePosition(name) < _CHOICE_DISTANCE_M:
                     lane = self._lane(name, road)
                     self._ask(name, [] if lane is None else follow[road].get(lane, []))
         present = set(vehicle.getIDList())
@@ -62,10 +62,10 @@ class LaneUse:
 
     def _ask(self, name: str, lanes: list[int]) -> None:
         """Request a change to the nearest of some lanes of the vehicle's road, or to stay there."""
-        if lanes and libsumo.vehicle.getSpeed(name) >= _SLOWEST_MS:
+        if lanes and libsumo.vehicle.getSpeed(name) >= _MIN_SPEED_MS:
             now = libsumo.vehicle.getLaneIndex(name)
             lane = min(lanes, key=lambda lane_index: (abs(lane_index - now), lane_index))
-            libsumo.vehicle.changeLane(name, lane, _KEEPS_S)
+            libsumo.vehicle.changeLane(name, lane, _REQUEST_S)
 
     def _lane(self, name: str, road: str) -> int | None:
         """Return the lane of an approach that a vehicle is assigned to."""
@@ -75,11 +75,14 @@ class LaneUse:
 
     def _chosen(self, name: str, road: str) -> int | None:
         vehicle = libsumo.vehicle
-        if vehicle.getVehicleClass(name) in _OTHERS or vehicle.getLength(name) > _LONGEST_M:
+        if (
+            vehicle.getVehicleClass(name) in _UNASSIGNED_CLASSES
+            or vehicle.getLength(name) > _MAX_LENGTH_M
+        ):
             return None
         if vehicle.getStops(name, 1):  # the stop determines its lane
             return None
-        turn = _next(name, road)
+        turn = _next_road(name, road)
         shares = self.told[road].get(turn)
         if shares is None:
             return None
@@ -93,7 +96,7 @@ class LaneUse:
         return lane
 
 
-def _next(name: str, road: str | None = None) -> str:
+def _next_road(name: str, road: str | None = None) -> str:
     """Return the road after the one that a vehicle is on, or after a given one."""
     route, route_index = libsumo.vehicle.getRoute(name), libsumo.vehicle.getRouteIndex(name)
     if road is not None:
@@ -103,7 +106,7 @@ def _next(name: str, road: str | None = None) -> str:
     return route[route_index + 1] if route_index + 1 < len(route) else ""
 
 
-def _before(roads: dict[str, Any]) -> dict[str, dict[str, dict[int, list[int]]]]:
+def _lanes_before(roads: dict[str, Any]) -> dict[str, dict[str, dict[int, list[int]]]]:
     """Return edge before a road -> the road -> index of its lane -> lanes that lead onto it."""
     leads_to: dict[str, dict[str, dict[int, list[int]]]] = defaultdict(lambda: defaultdict(dict))
     for lane in libsumo.lane.getIDList() if roads else ():

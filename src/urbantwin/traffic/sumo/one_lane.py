@@ -32,7 +32,7 @@ GIVES_UP_S, REJOINS = 45.0, 12
 #: A vehicle that has entered has left the previous road if its rear is this far beyond, m.
 CLEAR_M = 1.0
 #: Classes of vehicles that do not wait: bicycles have room, trams have rails.
-_OTHERS = ("bicycle", "tram")
+_UNMETERED_CLASSES = ("bicycle", "tram")
 
 #: The edge from which an admitted vehicle enters, and the edges that it holds.
 _Passage = tuple[str, list[str]]
@@ -82,7 +82,7 @@ class OneLaneStreets:
             asking, key=lambda vehicle_id: (self.waiting[vehicle_id], len(vehicle_id), vehicle_id)
         ):
             edge, run, ahead_m = asking[name]
-            oncoming = [since for since, other in before if _meet(run, other, self.street)]
+            oncoming = [since for since, other in before if _are_opposed(run, other, self.street)]
             follows = now_s - self.entered.get(run[0], -math.inf) < FOLLOWS_S
             may = not oncoming or (follows and now_s - min(oncoming) < PATIENCE_S)
             if may and self._is_free(name, run):
@@ -95,7 +95,7 @@ class OneLaneStreets:
                 self.tried[name] = now_s - self.waiting[name]
                 self._go_round(name)
             speed = libsumo.vehicle.getSpeed(name)
-            most = max(_safe(ahead_m - BEFORE_M), speed - HARDEST_MS2 * step_s, 0.0)
+            most = max(_safe_speed(ahead_m - BEFORE_M), speed - HARDEST_MS2 * step_s, 0.0)
             libsumo.vehicle.setSpeed(name, most)
             slowed.add(name)
         here = set(libsumo.vehicle.getIDList())
@@ -109,7 +109,7 @@ class OneLaneStreets:
         names = [
             name
             for name in libsumo.edge.getLastStepVehicleIDs(edge)
-            if vehicle.getVehicleClass(name) not in _OTHERS
+            if vehicle.getVehicleClass(name) not in _UNMETERED_CLASSES
         ]
         return sorted(names, key=lambda name: (-vehicle.getLanePosition(name), name))
 
@@ -175,7 +175,7 @@ class OneLaneStreets:
 
     def _is_free(self, name: str, run: list[str]) -> bool:
         return not any(
-            _meet(run, edges, self.street)
+            _are_opposed(run, edges, self.street)
             for other, (_, edges) in self.passages.items()
             if other != name
         )
@@ -205,7 +205,7 @@ class OneLaneStreets:
                     self.passages[name] = "", [edge, *self._run(name)]
 
 
-def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
+def _are_opposed(first: list[str], second: list[str], street: dict[str, str]) -> bool:
     """Return whether vehicles that drive over the given edges meet on a street."""
     second_edges: dict[str, set[str]] = {}
     for edge in second:
@@ -220,7 +220,7 @@ def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
     )
 
 
-def _safe(gap_m: float) -> float:
+def _safe_speed(gap_m: float) -> float:
     """Return the speed from which a vehicle can stop within a distance, m/s."""
     reaction = BRAKING_MS2 * 0.5
     return max(-reaction + math.sqrt(reaction**2 + 2 * BRAKING_MS2 * max(gap_m, 0.0)), 0.0)

@@ -23,11 +23,11 @@ _COMES_BACK = 0.1
 #: Maximum distance over which a queue extends back over the roads before its signal, metres, since
 #: maps split streets; and length of a road, metres, too short for three cars, over which a queue
 #: extends past another signal.
-_BEFORE_M, _BETWEEN_M = 150.0, 25.0
+_BEFORE_M, _SHORT_ROAD_M = 150.0, 25.0
 #: SUMO's states of links on which vehicles do not wait, and on which they yield.
-_GOES_ON, _GIVES_WAY = "M", "m=swZ"
+_FREE_STATES, _YIELD_STATES = "M", "m=swZ"
 #: SUMO's vehicle classes to which an approach's headway does not apply.
-_OTHERS = ("bicycle", "tram", "pedestrian")
+_EXEMPT_CLASSES = ("bicycle", "tram", "pedestrian")
 
 
 class QueueHeadways:
@@ -112,9 +112,9 @@ class QueueHeadways:
                 for link in libsumo.lane.getLinks(f"{road}_{number}")
                 if link[0].rpartition("_")[0] == following
             ]
-            short = libsumo.lane.getLength(f"{following}_0") < _BETWEEN_M
+            short = libsumo.lane.getLength(f"{following}_0") < _SHORT_ROAD_M
             self.one_queue[road, following] = all(
-                state == _GOES_ON or (short and state not in _GIVES_WAY) for state in states
+                state == _FREE_STATES or (short and state not in _YIELD_STATES) for state in states
             )
         return self.one_queue[road, following]
 
@@ -125,7 +125,7 @@ class QueueHeadways:
         if kind not in self.kinds:
             text = libsumo.vehicletype.getParameter(kind, IN_QUEUES)
             self.kinds[kind] = float(text) if text else None
-        if libsumo.vehicle.getVehicleClass(name) in _OTHERS:
+        if libsumo.vehicle.getVehicleClass(name) in _EXEMPT_CLASSES:
             return self.kinds[kind]
         own = (self.roads[road] for road in reversed(roads) if road in self.roads)
         return next(own, self.kinds[kind])

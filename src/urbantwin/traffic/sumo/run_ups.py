@@ -17,9 +17,9 @@ __all__ = ["net_with_run_ups", "without_run_ups"]
 
 #: Length to which entry roads are extended, metres, if they are shorter than the second: room to
 #: slow down from 50 km/h, and for a queue of twenty.
-_LONG_M, _SHORT_M = 150.0, 60.0
+_RUN_UP_M, _SHORT_ROAD_M = 150.0, 60.0
 #: Difference in length between the lanes of a curved road, metres.
-_CURVED_M = 20.0
+_CURVE_DIFFERENCE_M = 20.0
 #: A vehicle is in the motion once its front has passed the map's border by this, metres.
 _FRONT_M = 4.0
 
@@ -44,7 +44,7 @@ def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
         for edge in trip.edges
     }
     document = etree.parse(net)
-    if not _lengthened(document.getroot(), first - walked):
+    if not _lengthen_short(document.getroot(), first - walked):
         return net
     document.write(str(out), encoding="UTF-8", xml_declaration=True)
     return out
@@ -66,7 +66,10 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
             continue
         points = lane.centre[:, :2]
         long_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        if float(item.get("length", "0")) < long_m + _LONG_M - _SHORT_M - _CURVED_M:
+        if (
+            float(item.get("length", "0"))
+            < long_m + _RUN_UP_M - _SHORT_ROAD_M - _CURVE_DIFFERENCE_M
+        ):
             continue
         ahead = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
         on_lane = np.flatnonzero(simulated.lane == lanes[lane.id])
@@ -74,25 +77,25 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
     return simulated.only(~gone) if gone.any() else simulated
 
 
-def _lengthened(root: etree._Element, edges: Collection[str]) -> int:
+def _lengthen_short(root: etree._Element, edges: Collection[str]) -> int:
     """Lengthen the short ones of some edges; return their number."""
     count = 0
     for edge in root.iterfind("edge"):
         lanes = edge.findall("lane")
         long_m = max((float(lane.get("length", "0")) for lane in lanes), default=0.0)
-        if edge.get("id") not in edges or not 0 < long_m < _SHORT_M:
+        if edge.get("id") not in edges or not 0 < long_m < _SHORT_ROAD_M:
             continue
         count += 1
         for lane in lanes:
             points = [tuple(map(float, x.split(","))) for x in lane.get("shape", "").split()]
-            more = _LONG_M - long_m
-            shape = [_before(np.array(points), more), *points]
+            more = _RUN_UP_M - long_m
+            shape = [_point_behind(np.array(points), more), *points]
             lane.set("shape", " ".join(",".join(f"{x:.3f}" for x in point) for point in shape))
             lane.set("length", f"{float(lane.get('length', '0')) + more:.3f}")
     return count
 
 
-def _before(points: NDArray[np.float64], away_m: float) -> tuple[float, ...]:
+def _point_behind(points: NDArray[np.float64], away_m: float) -> tuple[float, ...]:
     """Return the point straight behind the beginning of a line, metres away in plan."""
     ahead = points[1, :2] - points[0, :2]
     place = points[0].copy()

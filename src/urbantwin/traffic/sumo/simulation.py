@@ -48,9 +48,10 @@ __all__ = [
 _WORKER = Path(__file__).with_name("worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
 MARGIN_S = 3.0  # recorded before the first and after the last step, for headings
-_STUCK_S = 180  # longer than any red; a vehicle that waits longer is in a deadlock and is removed
-_BLOCKER_S = 60
-_SQUEEZE_S = 120  # pedestrians that block each other for longer squeeze past
+#: Halt after which SUMO removes a vehicle, seconds: longer than any red, so it is in a deadlock.
+_TELEPORT_S = 180
+_JUNCTION_BLOCKER_S = 60
+_PEDESTRIAN_SQUEEZE_S = 120  # pedestrians that block each other for longer squeeze past
 STUCK_S = 300.0  # longer halts of circulating actors are reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -187,7 +188,7 @@ def simulate(  # noqa: PLR0913 - all inputs of SUMO
         "gates_until_s": warmup_s,
     }
     trams = tram_conflicts(net_path, roads)
-    return _worked(net_path, demand, asset, options, job, trams, scratch, progress)
+    return _run_job(net_path, demand, asset, options, job, trams, scratch, progress)
 
 
 def observe(  # noqa: PLR0913 - all inputs of SUMO
@@ -226,10 +227,10 @@ def observe(  # noqa: PLR0913 - all inputs of SUMO
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"], job["gates_until_s"] = [], warmup_s
-    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress)
+    return _run_job(net_path, demand, asset, options, job, trams or {}, scratch, progress)
 
 
-def _worked(
+def _run_job(
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -310,10 +311,10 @@ def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> d
     """
     # After this time on a junction, a vehicle no longer blocks others: a last resort, so that two
     # that wait for each other do not lock the whole network.
-    waits = {"time-to-teleport": _STUCK_S, "ignore-junction-blocker": _BLOCKER_S}
+    waits = {"time-to-teleport": _TELEPORT_S, "ignore-junction-blocker": _JUNCTION_BLOCKER_S}
     if circulates:
         # Vehicles are never removed.
-        waits |= {"time-to-teleport": -1, "pedestrian.striping.jamtime": _SQUEEZE_S}
+        waits |= {"time-to-teleport": -1, "pedestrian.striping.jamtime": _PEDESTRIAN_SQUEEZE_S}
     return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,

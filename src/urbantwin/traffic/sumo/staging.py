@@ -14,21 +14,21 @@ import libsumo
 
 #: SUMO's speed modes (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html): all checks, none,
 #: and all but right of way and red lights.
-_USUAL, _UNCHECKED, _BLIND_TO_SIGNALS = 31, 0, 7
+_ALL_CHECKS, _NO_CHECKS, _IGNORES_SIGNALS = 31, 0, 7
 #: The same, also ignoring vehicles on the junction.
-_RUTHLESS = 39
+_IGNORES_SIGNALS_AND_JUNCTION = 39
 #: SUMO's lane-change modes: no changes, and the default.
-_KEEPS_LANE, _USUAL_CHANGES = 512, 1621
-_SLOWEST_MS = 3.0  # slower vehicles are not selected for events that need a moving one
+_NO_LANE_CHANGES, _DEFAULT_LANE_CHANGES = 512, 1621
+_MIN_MOVING_MS = 3.0  # slower vehicles are not selected for events that need a moving one
 _COMFORTABLE_MS2 = 2.5
 #: Deceleration of a wreck, m/s2 (locked wheels on dry asphalt: 0.7 g).
 _SLIDING_MS2 = 6.9
 #: Distance within which a vehicle is selected that has to stop at a place, metres.
-_SEEN_M = 120.0
+_SELECTION_RANGE_M = 120.0
 #: Distance ahead of a blue light within which a vehicle makes way, and lateral movement that counts
 #: as making way, metres.
-_HEARS_M, _ASIDE_M = 30.0, 0.3
-_OBSTACLE = "obstacle-"
+_SIREN_RANGE_M, _MIN_LATERAL_M = 30.0, 0.3
+_OBSTACLE_PREFIX = "obstacle-"
 
 
 class Staged(ABC):
@@ -96,7 +96,7 @@ class Staged(ABC):
         for rank, lane in enumerate(self.told["lanes"]):
             for name in self._free(lane):
                 ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
-                if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
+                if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _MIN_MOVING_MS:
                     vehicles.append((rank, ahead, int(name), name))
         return [vehicle[-1] for vehicle in sorted(vehicles)]
 
@@ -112,8 +112,8 @@ class HardBrake(Staged):
             return False
         self.who = names[:1]
         self.note["speed_before"] = round(libsumo.vehicle.getSpeed(names[0]), 3)
-        libsumo.vehicle.setSpeedMode(names[0], _UNCHECKED)
-        libsumo.vehicle.setLaneChangeMode(names[0], _KEEPS_LANE)
+        libsumo.vehicle.setSpeedMode(names[0], _NO_CHECKS)
+        libsumo.vehicle.setLaneChangeMode(names[0], _NO_LANE_CHANGES)
         return True
 
     def _go_on(self, now_s: float, step_s: float) -> None:
@@ -149,8 +149,8 @@ class Collision(Staged):
                 continue
             self.who = [name, leader]
             for participant in self.who:
-                libsumo.vehicle.setSpeedMode(participant, _UNCHECKED)
-                libsumo.vehicle.setLaneChangeMode(participant, _KEEPS_LANE)
+                libsumo.vehicle.setSpeedMode(participant, _NO_CHECKS)
+                libsumo.vehicle.setLaneChangeMode(participant, _NO_LANE_CHANGES)
             self.note["speed_before"] = round(libsumo.vehicle.getSpeed(name), 3)
             return True
         return False
@@ -206,14 +206,16 @@ class RedLight(Staged):
             return False
         # It could stop comfortably, and does not. If none approaches for long, the first waiting
         # vehicle starts.
-        comes = speed >= _SLOWEST_MS and 0.5 * speed < to_line < max(2.5 * speed, 12.0)
+        comes = speed >= _MIN_MOVING_MS and 0.5 * speed < to_line < max(2.5 * speed, 12.0)
         if not comes and not (self.impatient and to_line < 4.0):
             return False
         self.who = [name]
         self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": lane}
         self.note["speed_before"] = round(speed, 3)
         self.speed = max(speed, 6.0)
-        libsumo.vehicle.setSpeedMode(name, _BLIND_TO_SIGNALS if self.tries < 1 else _RUTHLESS)
+        libsumo.vehicle.setSpeedMode(
+            name, _IGNORES_SIGNALS if self.tries < 1 else _IGNORES_SIGNALS_AND_JUNCTION
+        )
         libsumo.vehicle.setSpeed(name, self.speed)
         return True
 
@@ -266,7 +268,7 @@ class Stalled(Staged):
         """
         vehicles = []
         for name in filter(str.isdigit, libsumo.vehicle.getIDList()):
-            if name in self.taken or libsumo.vehicle.getSpeed(name) <= _SLOWEST_MS:
+            if name in self.taken or libsumo.vehicle.getSpeed(name) <= _MIN_MOVING_MS:
                 continue
             on = libsumo.vehicle.getLaneID(name)
             lanes = self.told["lanes"]
@@ -277,7 +279,7 @@ class Stalled(Staged):
             ahead = libsumo.vehicle.getDrivingDistance(
                 name, edge, self.told["along_m"], int(number)
             )
-            if 8.0 <= ahead <= _SEEN_M:
+            if 8.0 <= ahead <= _SELECTION_RANGE_M:
                 vehicles.append((ahead, int(name), lane, name))
         return [(lane, ahead, name) for ahead, _, lane, name in sorted(vehicles)]
 
@@ -287,9 +289,9 @@ class Stalled(Staged):
             if self.halted_s < 0:
                 self.halted_s = now_s
                 self.note["halted_s"] = now_s
-                libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
+                libsumo.vehicle.setLaneChangeMode(name, _NO_LANE_CHANGES)
         elif self.halted_s >= 0:
-            libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
+            libsumo.vehicle.setLaneChangeMode(name, _DEFAULT_LANE_CHANGES)
             self._end(now_s)
 
 
@@ -351,13 +353,13 @@ class Arrivals(Staged):
         for other in libsumo.edge.getLastStepVehicleIDs(road):
             if (
                 other == name
-                or not 0 < libsumo.vehicle.getLanePosition(other) - position_m < _HEARS_M
+                or not 0 < libsumo.vehicle.getLanePosition(other) - position_m < _SIREN_RANGE_M
             ):
                 continue
             lateral_m = libsumo.vehicle.getLateralLanePosition(other)
             lane = libsumo.vehicle.getLaneID(other)
             first = self.first_aside.setdefault((other, lane), lateral_m)
-            if abs(lateral_m - first) >= _ASIDE_M:
+            if abs(lateral_m - first) >= _MIN_LATERAL_M:
                 self.made_way.add(other)
         self.note["made_way"] = len(self.made_way)
         if road.startswith(":"):
@@ -375,7 +377,7 @@ class Obstacle(Staged):
 
     def _begin(self, now_s: float) -> bool:
         edge, lane = libsumo.lane.getEdgeID(self._lane), self._lane.rsplit("_", 1)[1]
-        name = f"{_OBSTACLE}{self.told['number']}"
+        name = f"{_OBSTACLE_PREFIX}{self.told['number']}"
         length = libsumo.lane.getLength(self._lane)
         end_m = min(self.told["along_m"] + self.told["length_m"], length - 1.0)
         if not self.note:
@@ -405,9 +407,9 @@ class Obstacle(Staged):
             try:
                 libsumo.vehicle.setStop(name, edge, end_m, int(lane), 1e6)
             except libsumo.TraCIException:
-                libsumo.vehicle.setSpeedMode(name, _UNCHECKED)
+                libsumo.vehicle.setSpeedMode(name, _NO_CHECKS)
                 libsumo.vehicle.setSpeed(name, 0.0)
-            libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
+            libsumo.vehicle.setLaneChangeMode(name, _NO_LANE_CHANGES)
         self.who = [name]
         return True
 
@@ -438,13 +440,13 @@ KINDS: dict[str, type[Staged]] = {
 def free(name: str) -> None:
     """Return the control of a vehicle to SUMO."""
     libsumo.vehicle.setSpeed(name, -1)
-    libsumo.vehicle.setSpeedMode(name, _USUAL)
-    libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
+    libsumo.vehicle.setSpeedMode(name, _ALL_CHECKS)
+    libsumo.vehicle.setLaneChangeMode(name, _DEFAULT_LANE_CHANGES)
 
 
 def is_actor(name: str) -> bool:
     """Return whether a vehicle is an actor, not a staged obstacle."""
-    return not name.startswith(_OBSTACLE)
+    return not name.startswith(_OBSTACLE_PREFIX)
 
 
 class Staging:

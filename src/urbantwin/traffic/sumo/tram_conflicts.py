@@ -81,7 +81,7 @@ def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
     station_m = np.linspace(0.0, whole.length, max(2, int(np.ceil(whole.length / STEP_M)) + 1))
     points = shapely.line_interpolate_point(whole, station_m)
     on_rails = shapely.line_locate_point(rails, points)
-    swept = CHORD_M2 * np.interp(on_rails, *_bend(track.line[:, :2]))
+    swept = CHORD_M2 * np.interp(on_rails, *_curvature(track.line[:, :2]))
     is_near = shapely.distance(rails, points) <= REACH_M + swept
     zones = []
     for run in np.split(np.arange(len(station_m)), np.flatnonzero(np.diff(is_near)) + 1):
@@ -95,7 +95,7 @@ def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
     return zones
 
 
-def _bend(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _curvature(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the stations (N,) of a line's points and the curvature (N,) there, 1/m."""
     leg = np.diff(line, axis=0)
     turn = np.abs(np.diff(np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))))

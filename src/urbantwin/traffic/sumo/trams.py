@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 #: Begin and end of rails ahead, whether a tram needs them, and the position on the tram's path.
-_Stretch = tuple[float, float, bool, float]
+_RailZone = tuple[float, float, bool, float]
 
 #: Comfortable and hardest braking, m/s2.
 TRAM_BRAKING, TRAM_HARDEST = 1.1, 2.7
@@ -157,7 +157,7 @@ class Trams:
                     slowed[name] = min(slowed.get(name, math.inf), most)
                 if name in self._beside(tram, name, places[k]):
                     calmed.add(name)
-            allowed = _safe(tram.free, 0.0, TRAM_BRAKING)
+            allowed = _safe_speed(tram.free, 0.0, TRAM_BRAKING)
             allowed = max(allowed, tram.speed - TRAM_HARDEST * step_s, 0.0)
             libsumo.vehicle.setSpeedMode(tram.name, SPEED_MODE)
             libsumo.vehicle.setSpeed(tram.name, allowed if tram.free < AHEAD_M else -1)
@@ -310,7 +310,7 @@ class Trams:
         speed = libsumo.vehicle.getSpeed(name)
         tail = tram.front - tram.length
         most = math.inf
-        crossed: list[_Stretch] = []
+        crossed: list[_RailZone] = []
         for lane, offset in self._way_of(name):
             for a, b, c, d, together in reserved.get(lane, ()):
                 if not (together and c < tram.front and offset + b > 0) or in_way:
@@ -318,7 +318,7 @@ class Trams:
                 # Behind a tram: follow its tail.
                 gap = offset + a + (tail - c) * (b - a) / max(d - c, 0.1) - GAP_M
                 if gap + GAP_M > -0.5:
-                    most = min(most, _safe(max(gap, 0.0), tram.speed, CAR_BRAKING))
+                    most = min(most, _safe_speed(max(gap, 0.0), tram.speed, CAR_BRAKING))
             taken = [row[:3] for row in reserved.get(lane, ())]
             for row in self.zones.get(lane, ()):
                 trams_at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
@@ -338,7 +338,7 @@ class Trams:
                 if not full and not any(row[2] for row in group):
                     continue
                 if begin - 0.2 > speed**2 / (2.6 * CAR_BRAKING):
-                    most = min(most, _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                    most = min(most, _safe_speed(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
                     continue
             for first, _, is_taken, station_m in group:
                 if not is_taken:
@@ -346,7 +346,7 @@ class Trams:
                 if first < 0.3:
                     continue  # already on the rails, where the tram reacts to it
                 if first > speed**2 / (2 * CAR_HARDEST):
-                    most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                    most = min(most, _safe_speed(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
                 elif station_m > tram.front:
                     tram.free = min(tram.free, max(station_m - tram.front - 1.0, 0.0))
         return None if most == math.inf else most
@@ -380,9 +380,9 @@ class Trams:
         return {name} if float(away[0]) < 7.0 and -tram.length - 8.0 < ahead < 12.0 else set()
 
 
-def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
+def _groups(rows: list[_RailZone]) -> list[list[_RailZone]]:
     """Return stretches of a path in groups between which there is no room for a car."""
-    groups: list[list[_Stretch]] = []
+    groups: list[list[_RailZone]] = []
     for row in sorted(rows):
         if row[1] < 0:
             continue
@@ -393,7 +393,7 @@ def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
     return groups
 
 
-def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:
+def _safe_speed(gap_m: float, ahead_ms: float, braking: float) -> float:
     """Return the safe speed behind a vehicle that brakes as hard (Gipps), m/s."""
     reaction = braking * 0.5
     return max(

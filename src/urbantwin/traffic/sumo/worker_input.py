@@ -17,7 +17,7 @@ from urbantwin.traffic.sumo.route_file import types_of_reserve
 __all__ = ["curves_of", "gates_of", "one_lane_streets"]
 
 #: Highest speed of a vehicle, as a factor of its lane's speed.
-_FASTEST = 1.25
+_MAX_SPEED_FACTOR = 1.25
 #: Edges on which vehicles can wait for others have at least this length, metres.
 WAITING_M = 12.0
 
@@ -52,7 +52,7 @@ def curves_of(net_path: Path) -> dict[str, Any]:
     curves["speeds"] = {
         name: np.round(speeds, 2).tolist()
         for name, speeds in lane_speeds(root).items()
-        if speeds.min() < _FASTEST * limit[name]
+        if speeds.min() < _MAX_SPEED_FACTOR * limit[name]
     }
     return curves
 
