@@ -32,10 +32,10 @@ def clusters(points: NDArray[np.float64], above: NDArray[np.float64]) -> Iterato
         points: (N, 3) points of one frame, metres.
         above: (N,) heights above the ground, metres.
     """
-    yield from _parted(np.arange(len(points)), points, above, 0)
+    yield from _split(np.arange(len(points)), points, above, 0)
 
 
-def _parted(
+def _split(
     rows: NDArray[np.intp], points: NDArray[np.float64], above: NDArray[np.float64], depth: int
 ) -> Iterator[NDArray[np.intp]]:
     if len(rows) < LEAST:
@@ -60,7 +60,7 @@ def _parted(
         long = float(np.linalg.norm(np.ptp(points[part, :2], axis=0)))
         low = float(np.quantile(above[part], 0.98)) < LOW_M
         if long > LONG_M and low and depth + 1 < len(GAPS):
-            yield from _parted(part, points, above, depth + 1)
+            yield from _split(part, points, above, depth + 1)
         else:
             yield part
 
@@ -72,7 +72,7 @@ def _people(
     if np.linalg.norm(np.ptp(points[rows, :2], axis=0)) < PERSON_M:
         return []
     people = []
-    for part in _parted(rows, points, above, len(GAPS) - 1):
+    for part in _split(rows, points, above, len(GAPS) - 1):
         wide = float(np.linalg.norm(np.ptp(points[part, :2], axis=0)))
         tall = float(np.quantile(above[part], 0.98))
         if wide < PERSON_M and SHORT_M < tall < TALL_M:

@@ -22,8 +22,8 @@ __all__ = ["LONGEST_S", "FrameTimes", "evenly_spaced", "read_frame_times"]
 #: Maximum time between tracked frames, seconds: a vehicle drives up to 40 m meanwhile.
 LONGEST_S = 2.5
 _EXPECTED = "a table with the columns frame and seconds, ascending, of every frame"
-_SECONDS = ("seconds", "time_s")
-_MOST_BYTES, _MOST_S = 1 << 26, 1e12
+_TIME_COLUMNS = ("seconds", "time_s")
+_MAX_BYTES, _MAX_SECONDS = 1 << 26, 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +68,12 @@ def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
         InputError: it cannot be read, a frame is missing, or times do not ascend.
     """
     try:
-        if file.stat().st_size > _MOST_BYTES:
+        if file.stat().st_size > _MAX_BYTES:
             raise InputError("is too large", file=file, expected=_EXPECTED)
         rows = list(csv.DictReader(file.read_text("utf-8-sig").splitlines(), strict=True))
     except (OSError, UnicodeDecodeError, csv.Error):
         raise InputError("cannot be read", file=file, expected=_EXPECTED) from None
-    column = next((name for name in _SECONDS if rows and name in rows[0]), None)
+    column = next((name for name in _TIME_COLUMNS if rows and name in rows[0]), None)
     if column is None or "frame" not in rows[0]:
         raise InputError("lacks columns or rows", file=file, expected=_EXPECTED)
     seconds_of: dict[str, float] = {}
@@ -82,7 +82,7 @@ def read_frame_times(file: Path, names: Sequence[str]) -> FrameTimes:
             seconds = float(row[column])
         except (TypeError, ValueError):
             seconds = math.nan
-        if not abs(seconds) < _MOST_S:
+        if not abs(seconds) < _MAX_SECONDS:
             place = f"line {line}"
             raise InputError("has no time", file=file, place=place, expected="seconds")
         seconds_of.setdefault(_name(row["frame"] or ""), seconds)

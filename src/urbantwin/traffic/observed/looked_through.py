@@ -19,16 +19,16 @@ from urbantwin.traffic.observed.box_fit import extents
 __all__ = ["looked_through", "parts_in_sight", "seen_length"]
 
 #: Heights above the ground at which vehicles are closed, metres: above sills, below windows.
-_LOW_M, _HIGH_M = 0.35, 0.75
+_MIN_HEIGHT_M, _MAX_HEIGHT_M = 0.35, 0.75
 #: Half width and half depth of the part of a vehicle that is checked, metres.
-_BESIDE_M, _DEEP_M = 0.6, 1.5
+_HALF_WIDTH_M, _HALF_DEPTH_M = 0.6, 1.5
 #: Half width and half depth of the free space beyond an end, metres.
-_END_M = 0.25
+_END_HALF_SIZE_M = 0.25
 #: Length that is not visible, metres, because bumpers are round and rings far apart; measured on
 #: cars of UrbanTwin's simulation.
 _ROUND_M = 0.2
 #: Least number of beams.
-_FEWEST = 5
+_MIN_BEAMS = 5
 
 
 def looked_through(
@@ -37,8 +37,8 @@ def looked_through(
     place: NDArray[np.float64],
     ground_m: float,
     *,
-    beside_m: float = _BESIDE_M,
-    deep_m: float = _DEEP_M,
+    beside_m: float = _HALF_WIDTH_M,
+    deep_m: float = _HALF_DEPTH_M,
 ) -> bool:
     """Return whether more beams of a frame passed through a place than ended there.
 
@@ -63,11 +63,11 @@ def looked_through(
         share = distance / along
         lateral_m = np.abs(seen[:, 1] * ahead[0] - seen[:, 0] * ahead[1]) * share
         above = origin[2] + seen[:, 2] * share - ground_m
-        here = (lateral_m < beside_m) & (above > _LOW_M) & (above < _HIGH_M)
+        here = (lateral_m < beside_m) & (above > _MIN_HEIGHT_M) & (above < _MAX_HEIGHT_M)
         beyond = along > distance + deep_m
         through += int((here & beyond).sum())
         met += int((here & ~beyond).sum())
-    return through >= _FEWEST and through > met
+    return through >= _MIN_BEAMS and through > met
 
 
 def seen_length(
@@ -95,9 +95,14 @@ def seen_length(
     across = (low[1] + high[1]) / 2
     free = all(
         looked_through(
-            frame, sensors, turn @ (along, across), ground_m, beside_m=_END_M, deep_m=_END_M
+            frame,
+            sensors,
+            turn @ (along, across),
+            ground_m,
+            beside_m=_END_HALF_SIZE_M,
+            deep_m=_END_HALF_SIZE_M,
         )
-        for along in (low[0] - 2 * _END_M, high[0] + 2 * _END_M)
+        for along in (low[0] - 2 * _END_HALF_SIZE_M, high[0] + 2 * _END_HALF_SIZE_M)
     )
     return float(high[0] - low[0]) + _ROUND_M if free else None
 

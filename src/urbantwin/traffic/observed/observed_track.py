@@ -156,11 +156,11 @@ def observed_track(
         length = max(length, usual[0])
     size = (float(length), float(width), height)
     if name in SMALL:
-        strides = name == "pedestrian" and len(seen) == 1 and _strides(seen[0])
+        strides = name == "pedestrian" and len(seen) == 1 and _is_in_stride(seen[0])
         size = (STRIDES_M if strides else usual[0], usual[1], height)
     if name == "pedestrian":
-        yaws = [_faces(item, step) for item, step in zip(seen, velocity, strict=True)]
-    boxes = np.array([_completed(item, yaw, size) for item, yaw in zip(seen, yaws, strict=True)])
+        yaws = [_pedestrian_heading(item, step) for item, step in zip(seen, velocity, strict=True)]
+    boxes = np.array([_full_box(item, yaw, size) for item, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
 
 
@@ -176,7 +176,9 @@ def _detected_track(
     name = actors[0].actor_class
     speed = float(np.median(np.linalg.norm(velocity, axis=1)))
     if name == "pedestrian":
-        yaws = np.array([_faces(item, step) for item, step in zip(seen, velocity, strict=True)])
+        yaws = np.array(
+            [_pedestrian_heading(item, step) for item, step in zip(seen, velocity, strict=True)]
+        )
     else:
         rides = np.hypot(*velocity.T) >= CREEPS_M_S
         direction = np.arctan2(velocity[:, 1], velocity[:, 0])
@@ -227,7 +229,7 @@ def _headings(
     return headings
 
 
-def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
+def _pedestrian_heading(one: SeenObject, velocity: NDArray[np.float64]) -> float:
     """Return a pedestrian's heading, radians: the direction of motion, else across the shoulders.
 
     Points do not distinguish chest and back.
@@ -237,7 +239,7 @@ def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
     return one.long_way + np.pi / 2
 
 
-def _strides(one: SeenObject) -> bool:
+def _is_in_stride(one: SeenObject) -> bool:
     """Return whether a pedestrian is in stride: deeper in plan than any trunk."""
     low, high = extents(one.points, one.long_way)
     return bool((high - low)[1] >= DEEP_M)
@@ -275,9 +277,7 @@ def _both_flanks(one: SeenObject, yaw: float) -> bool:
     )
 
 
-def _completed(
-    one: SeenObject, yaw: float, size: tuple[float, float, float]
-) -> NDArray[np.float64]:
+def _full_box(one: SeenObject, yaw: float, size: tuple[float, float, float]) -> NDArray[np.float64]:
     """Return x, y and yaw of the full box, whose sides towards the sensor are the visible ones."""
     low, high = extents(one.points, yaw)
     c, s = np.cos(yaw), np.sin(yaw)

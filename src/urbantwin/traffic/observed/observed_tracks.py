@@ -21,7 +21,7 @@ __all__ = ["ObservedTracks", "is_observation", "read_observation"]
 _EXPECTED = "a folder that `urbantwin traffic observe FRAMES --twin TWIN -o FOLDER` wrote"
 _COLUMNS = ("class", "track_id", "time_s", "x", "y", "yaw_rad", "length", "width", "height")
 #: Speed below which an actor stands, m/s.
-_STANDS_M_S = 0.3
+_STANDING_M_S = 0.3
 
 
 class _Observation(Part):
@@ -118,7 +118,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
         yaw,
         np.column_stack(sides),
         speed,
-        slowest < _STANDS_M_S,
+        slowest < _STANDING_M_S,
         sensors,
         once,
     )

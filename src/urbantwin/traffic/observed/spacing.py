@@ -35,30 +35,30 @@ __all__ = ["found_times"]
 
 #: Objects within this distance, metres, have stayed and give no evidence, if frames are at least
 #: this far apart, seconds, so that a pedestrian moves farther. At higher rates all objects count.
-_STAYS_M, _STEP_S = 0.4, 0.3
+_STATIONARY_M, _STEP_S = 0.4, 0.3
 #: Maximum difference in height, and in diagonal, of the same object, metres: small, large.
-_TALLER_M, _LONGER_M = (0.15, 0.2), (0.6, 1.5)
+_MAX_HEIGHT_DIFFERENCE_M, _MAX_DIAGONAL_DIFFERENCE_M = (0.15, 0.2), (0.6, 1.5)
 #: Maximum angle between a vehicle's long side and its motion, radians, and least motion for that
 #: test, metres.
-_ALONG, _MOVED_M = np.radians(30.0), 1.0
+_AXIS_TOLERANCE_RAD, _AXIS_TEST_M = np.radians(30.0), 1.0
 #: Least number of points of an object, maximum distance from its sensor, metres, and least share of
 #: moving points.
-_POINTS, _REACH_M, _MOVES = 10, 40.0, 0.5
+_MIN_POINTS, _REACH_M, _MIN_MOVING_SHARE = 10, 40.0, 0.5
 #: Shares in consecutive frames of small and of large objects that left their place: found within a
 #: pedestrian's step, within a rider's, and not found. From simulated places, on which the other
 #: constants were fitted, too (docs/howto/recorded_traffic.md).
-_FOLLOWS = np.array([[0.5, 0.2, 0.3], [0.8, 0.0, 0.2]])
+_SHARES_IN_SEQUENCE = np.array([[0.5, 0.2, 0.3], [0.8, 0.0, 0.2]])
 #: Weight of these shares, as a number of objects.
-_KNOWN = 100.0
+_SHARES_WEIGHT = 100.0
 #: The same shares by chance, as a prior; and its weight, as a number of objects.
-_CHANCE, _SUPPOSED = np.array([[0.2, 0.1, 0.7], [0.3, 0.0, 0.7]]), 5.0
+_SHARES_BY_CHANCE, _CHANCE_WEIGHT = np.array([[0.2, 0.1, 0.7], [0.3, 0.0, 0.7]]), 5.0
 #: Number of pairs of frames for the shares by chance, and their least distance in frames.
-_CHANCE_PAIRS, _APART = 60, 3
+_CHANCE_PAIRS, _CHANCE_DISTANCE = 60, 3
 #: Prior numbers of pairs with and without a gap, and least gain of log-likelihood for any gaps.
-_GAPS, _NONE, _GAINED = 0.1, 2.0, 3.0
-_ROUNDS, _FIRST = 100, 0.3
+_PRIOR_GAPS, _PRIOR_WITHOUT_GAP, _MIN_GAIN = 0.1, 2.0, 3.0
+_ROUNDS, _FIRST_SHARE = 100, 0.3
 #: Least argument of a logarithm, and maximum evidence.
-_NEVER, _MOST = 1e-12, 50.0
+_MIN_PROBABILITY, _MAX_EVIDENCE = 1e-12, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,28 +92,28 @@ def found_times(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> Frame
         rate_hz: frame rate without gaps.
     """
     evenly = evenly_spaced(len(frames), rate_hz)
-    if 1 / rate_hz > LONGEST_S or len(frames) < _APART + 2:
+    if 1 / rate_hz > LONGEST_S or len(frames) < _CHANCE_DISTANCE + 2:
         return evenly
-    frame_objects = [_asked(frame) for frame in frames]
+    frame_objects = [_clear_objects(frame) for frame in frames]
     count, seconds = len(frame_objects), 1 / rate_hz
-    apart = max(_APART, count // 4)
+    apart = max(_CHANCE_DISTANCE, count // 4)
     pairs = [(first, other) for first in range(count) for other in range(first + apart, count)]
-    chance = _SUPPOSED * _CHANCE + sum(
-        _counted(frame_objects[first], frame_objects[other], seconds)
+    chance = _CHANCE_WEIGHT * _SHARES_BY_CHANCE + sum(
+        _transition_counts(frame_objects[first], frame_objects[other], seconds)
         for first, other in pairs[:: max(1, len(pairs) // _CHANCE_PAIRS)]
     )
-    counted = np.array([_counted(*pair, seconds) for pair in pairwise(frame_objects)])
+    counted = np.array([_transition_counts(*pair, seconds) for pair in pairwise(frame_objects)])
     likely = _gaps(counted, chance / chance.sum(axis=1, keepdims=True))
     gap = likely > 0.5
     return FrameTimes(evenly.time_s, gap, np.where(gap, likely, 1 - likely))
 
 
-def _asked(objects: Sequence[SeenObject]) -> _Objects:
+def _clear_objects(objects: Sequence[SeenObject]) -> _Objects:
     clear = [
         item
         for item in objects
-        if len(item.points) >= _POINTS
-        and (item.moves >= _MOVES or item.diagonal > LARGE_M)
+        if len(item.points) >= _MIN_POINTS
+        and (item.moves >= _MIN_MOVING_SHARE or item.diagonal > LARGE_M)
         and np.linalg.norm(item.middle - item.sensor) < _REACH_M
     ]
     names = {"pedestrian": 1, "bicycle": 2}
@@ -129,7 +129,7 @@ def _asked(objects: Sequence[SeenObject]) -> _Objects:
     )
 
 
-def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float64]:
+def _transition_counts(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float64]:
     """Count objects that left their place: within a pedestrian's step, a rider's, and lost.
 
     The result (2, 3) is for small and large objects; large ones within a vehicle's range count as
@@ -141,8 +141,8 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     fits = gone <= np.where(large, DRIVES_M_S, RIDES_M_S) * seconds + ERROR_M
     alike = fits.copy()
     for own, its, most in (
-        (one.diagonal, other.diagonal, _LONGER_M),
-        (one.top, other.top, _TALLER_M),
+        (one.diagonal, other.diagonal, _MAX_DIAGONAL_DIFFERENCE_M),
+        (one.top, other.top, _MAX_HEIGHT_DIFFERENCE_M),
     ):
         alike &= np.abs(own[:, None] - its) < np.where(large, most[1], most[0])
     both = (one.outline[:, None] > 0) & (other.outline > 0)
@@ -152,12 +152,12 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     heading = np.arctan2(step[..., 1], step[..., 0])
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
-        fits &= ~(large & (gone > _MOVED_M) & (off > _ALONG))
+        fits &= ~(large & (gone > _AXIS_TEST_M) & (off > _AXIS_TOLERANCE_RAD))
     # A unique candidate is the same object, despite differences by rings and hidden parts.
     alone = (fits.sum(axis=0) == 1) & (fits.sum(axis=1, keepdims=True) == 1)
     fits &= alike | alone
     cost = np.where(fits, gone, np.inf)
-    stays = _STAYS_M if seconds > _STEP_S else 0.0
+    stays = _STATIONARY_M if seconds > _STEP_S else 0.0
     still, still_later = _matched(np.where(cost < stays, cost, np.inf))
     left = ~np.isin(np.arange(len(one.top)), still)
     came = ~np.isin(np.arange(len(other.top)), still_later)
@@ -183,12 +183,12 @@ def _gaps(counted: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[
     """Return the probability of a gap for each of N pairs; 0 for all if gaps explain hardly more.
 
     Args:
-        counted: (N, 2, 3) results of `_counted`.
+        counted: (N, 2, 3) results of `_transition_counts`.
         chance: (2, 3) shares of the same by chance.
     """
-    by_chance = (counted * np.log(chance + _NEVER)).sum(axis=(1, 2))
-    fits = [_fitted(counted, chance, by_chance, share) for share in (_FIRST, 0.0)]
-    return fits[0][0] if fits[0][1] - fits[1][1] > _GAINED else np.zeros(len(counted))
+    by_chance = (counted * np.log(chance + _MIN_PROBABILITY)).sum(axis=(1, 2))
+    fits = [_fitted(counted, chance, by_chance, share) for share in (_FIRST_SHARE, 0.0)]
+    return fits[0][0] if fits[0][1] - fits[1][1] > _MIN_GAIN else np.zeros(len(counted))
 
 
 def _fitted(
@@ -200,23 +200,27 @@ def _fitted(
     """Return the probability of a gap for each pair, and the log-likelihood of all.
 
     Args:
-        counted: (N, 2, 3) results of `_counted`.
+        counted: (N, 2, 3) results of `_transition_counts`.
         chance: (2, 3) shares of the same by chance.
         by_chance: (N,) log-likelihoods with a gap.
         share: initial share of pairs with a gap; 0 for no gaps at all.
     """
-    follows, even = _FOLLOWS, share == 0.0
+    follows, even = _SHARES_IN_SEQUENCE, share == 0.0
     for _ in range(_ROUNDS):
-        at_once = (counted * np.log(follows + _NEVER)).sum(axis=(1, 2))
-        ratio = np.exp(np.clip(at_once - by_chance, -_MOST, _MOST))
+        at_once = (counted * np.log(follows + _MIN_PROBABILITY)).sum(axis=(1, 2))
+        ratio = np.exp(np.clip(at_once - by_chance, -_MAX_EVIDENCE, _MAX_EVIDENCE))
         likely = share / (share + (1 - share) * ratio)
         if not even:
-            share = (likely.sum() + _GAPS) / (len(counted) + _GAPS + _NONE)
-        seen = (counted * (1 - likely)[:, None, None]).sum(axis=0) + _KNOWN * _FOLLOWS
+            share = (likely.sum() + _PRIOR_GAPS) / (len(counted) + _PRIOR_GAPS + _PRIOR_WITHOUT_GAP)
+        seen = (counted * (1 - likely)[:, None, None]).sum(
+            axis=0
+        ) + _SHARES_WEIGHT * _SHARES_IN_SEQUENCE
         follows = seen / seen.sum(axis=1, keepdims=True)
         # At most halfway to chance, else gaps between all frames would look like none.
-        halfway = (_FOLLOWS + chance) / 2
+        halfway = (_SHARES_IN_SEQUENCE + chance) / 2
         follows = np.where(follows[:, 2:] > halfway[:, 2:], halfway, follows)
     with np.errstate(divide="ignore"):
         every = np.logaddexp(np.log(share) + by_chance, np.log(1 - share) + at_once).sum()
-    return likely, float(every + _KNOWN * (_FOLLOWS * np.log(follows + _NEVER)).sum())
+    return likely, float(
+        every + _SHARES_WEIGHT * (_SHARES_IN_SEQUENCE * np.log(follows + _MIN_PROBABILITY)).sum()
+    )

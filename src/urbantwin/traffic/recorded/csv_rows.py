@@ -21,7 +21,7 @@ __all__ = ["SECONDS", "csv_rows", "numbers_of", "read_csv", "time_unit_of"]
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 #: Field -> usual names of its column, in lower case, without separators.
-_USUAL: dict[str, tuple[str, ...]] = {
+_COLUMN_NAMES: dict[str, tuple[str, ...]] = {
     "track": ("trackid", "track", "id", "objectid", "vehicleid", "agentid", "trackingid"),
     "time": (
         "timestampms",
@@ -45,7 +45,7 @@ _USUAL: dict[str, tuple[str, ...]] = {
     "width": ("width", "widthm", "w"),
     "height": ("height", "heightm", "h"),
 }
-_ANYWHERE = ("z", "yaw", "length", "width", "height")
+_OPTIONAL_FIELDS = ("z", "yaw", "length", "width", "height")
 
 
 def csv_rows(path: Path, spec: TracksSpec) -> RecordedRows:
@@ -59,9 +59,10 @@ def csv_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     named = _columns(table, spec, path)
     count = table.num_rows
     places = ("longitude", "latitude") if "x" not in named else ("x", "y")
-    wanted = [*places, *(name for name in _ANYWHERE if name in named)]
+    wanted = [*places, *(name for name in _OPTIONAL_FIELDS if name in named)]
     values = {
-        name: numbers_of(table, named[name], path, empty=name in _ANYWHERE) for name in wanted
+        name: numbers_of(table, named[name], path, empty=name in _OPTIONAL_FIELDS)
+        for name in wanted
     }
     nothing = np.full(count, np.nan)
     yaw = values.get("yaw", nothing)
@@ -168,7 +169,7 @@ def _columns(table: pa.Table, spec: TracksSpec, path: Path) -> dict[str, str]:
     """Return field -> column, as described or by the usual names."""
     plain = {re.sub(r"[^a-z]", "", name.lower()): name for name in reversed(table.column_names)}
     named: dict[str, str] = {}
-    for what, usual in _USUAL.items():
+    for what, usual in _COLUMN_NAMES.items():
         if what in spec.columns:
             if spec.columns[what] not in table.column_names:
                 raise InputError(

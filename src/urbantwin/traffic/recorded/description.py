@@ -18,7 +18,7 @@ IGNORED = "ignore"
 
 #: Words in class names (KITTI, nuScenes, OpenLABEL and ASAM OpenX, inD and related ones, TUMTraf,
 #: SUMO) -> classes of UrbanTwin, of which the first that exists is used. Special words come first.
-_WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
+_CLASS_WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("dontcare", (IGNORED,)),
     ("misc", (IGNORED,)),
     ("animal", ("animal", IGNORED)),
@@ -54,7 +54,7 @@ def class_of(name: str) -> str | None:
     plain = name.lower().replace(" ", "").replace("_", "").replace("-", "")
     if plain in ACTOR_CLASSES:
         return plain
-    for word, classes in _WORDS:
+    for word, classes in _CLASS_WORDS:
         if word in plain:
             return next(
                 (

@@ -107,9 +107,9 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-_KITTI = "a label file of KITTI tracking: 17 fields a line, 18 with a score"
-_FIELDS = (17, 18)
-_RATE_HZ = 10.0  # KITTI's rate
+_KITTI_FORMAT = "a label file of KITTI tracking: 17 fields a line, 18 with a score"
+_KITTI_FIELDS = (17, 18)
+_KITTI_RATE_HZ = 10.0  # KITTI's rate
 
 
 def kitti_rows(path: Path, spec: TracksSpec) -> RecordedRows:
@@ -126,16 +126,16 @@ def kitti_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     try:
         lines = path.read_bytes().decode("utf-8").splitlines()
     except FileNotFoundError:
-        raise InputError("not found", file=path, expected=_KITTI) from None
+        raise InputError("not found", file=path, expected=_KITTI_FORMAT) from None
     except (OSError, UnicodeDecodeError):
-        raise InputError("is not readable text", file=path, expected=_KITTI) from None
-    rows, rate_hz = RowList(path, _KITTI), spec.rate_hz or _RATE_HZ
+        raise InputError("is not readable text", file=path, expected=_KITTI_FORMAT) from None
+    rows, rate_hz = RowList(path, _KITTI_FORMAT), spec.rate_hz or _KITTI_RATE_HZ
     for number, line in enumerate(lines, 1):
         fields = line.split()
         if not fields:
             continue
         place = f"line {number}"
-        if len(fields) not in _FIELDS:
+        if len(fields) not in _KITTI_FIELDS:
             raise rows.error(place, f"has {len(fields)} fields")
         values = [finite_number(fields[k]) for k in (0, 1, *range(10, 17))]
         frame, track, height, width, length, right, down, ahead, turned = (
@@ -152,8 +152,10 @@ def kitti_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     return rows.made()
 
 
-_NUSCENES = "nuScenes: sample_annotation.json or a tracking submission, with sample.json beside it"
-_US = 1e-6
+_NUSCENES_FORMAT = (
+    "nuScenes: sample_annotation.json or a tracking submission, with sample.json beside it"
+)
+_MICROSECOND_S = 1e-6
 
 
 def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
@@ -167,8 +169,8 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     Raises:
         InputError: a file is missing or not in the format; the message names the entry.
     """
-    rows = RowList(path, _NUSCENES)
-    whole = read_json_value(path, _NUSCENES)
+    rows = RowList(path, _NUSCENES_FORMAT)
+    whole = read_json_value(path, _NUSCENES_FORMAT)
     if isinstance(whole, dict) and isinstance(whole.get("results"), dict):
         items = [
             (f"results.{sample}[{k}]", item, "tracking_id")
@@ -180,7 +182,7 @@ def nuscenes_rows(path: Path, spec: TracksSpec) -> RecordedRows:
         items = [(f"[{k}]", item, "instance_token") for k, item in enumerate(whole)]
         kinds = _kinds(path.parent)
     else:
-        raise InputError("is neither", file=path, expected=_NUSCENES)
+        raise InputError("is neither", file=path, expected=_NUSCENES_FORMAT)
     samples = [str(item.get("sample_token")) for _, item, _ in items if isinstance(item, dict)]
     times = _times(path.parent, samples, spec, rows)
     for place, item, key in items:
@@ -211,7 +213,10 @@ def _times(folder: Path, samples: list[str], spec: TracksSpec, rows: RowList) ->
     """Return sample -> time, seconds."""
     if (folder / "sample.json").is_file():
         by_token = _table(folder / "sample.json")
-        return {token: float(row.get("timestamp", 0)) * _US for token, row in by_token.items()}
+        return {
+            token: float(row.get("timestamp", 0)) * _MICROSECOND_S
+            for token, row in by_token.items()
+        }
     if spec.rate_hz is None:
         raise rows.error("sample_token", "sample.json is not beside it, and there is no rate_hz")
     return {token: k / spec.rate_hz for k, token in enumerate(dict.fromkeys(samples))}
@@ -230,7 +235,7 @@ def _kinds(folder: Path) -> dict[str, str]:
 
 def _table(path: Path) -> dict[str, dict[str, Any]]:
     """Return a table of nuScenes by its tokens."""
-    whole = read_json_value(path, _NUSCENES)
+    whole = read_json_value(path, _NUSCENES_FORMAT)
     if not isinstance(whole, list) or not all(
         isinstance(row, dict) and isinstance(row.get("token"), str) for row in whole
     ):
@@ -238,8 +243,8 @@ def _table(path: Path) -> dict[str, dict[str, Any]]:
     return {row["token"]: row for row in whole}
 
 
-_OPENLABEL = "ASAM OpenLABEL 1.0 with cuboids"
-_ENOUGH = (9, 10)
+_OPENLABEL_FORMAT = "ASAM OpenLABEL 1.0 with cuboids"
+_CUBOID_VALUES = (9, 10)
 
 
 def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
@@ -252,8 +257,8 @@ def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
     Raises:
         InputError: the file is missing or no OpenLABEL; the message names object and frame.
     """
-    whole = read_json_value(path, _OPENLABEL)
-    rows = RowList(path, _OPENLABEL)
+    whole = read_json_value(path, _OPENLABEL_FORMAT)
+    rows = RowList(path, _OPENLABEL_FORMAT)
     top = whole.get("openlabel") if isinstance(whole, dict) else None
     frames = top.get("frames") if isinstance(top, dict) else None
     if not isinstance(top, dict) or not isinstance(frames, dict):
@@ -274,11 +279,11 @@ def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
             if values is None:
                 continue
             here = f"{place}.objects.{name}.object_data.cuboid"
-            if not isinstance(values, list) or len(values) not in _ENOUGH:
+            if not isinstance(values, list) or len(values) not in _CUBOID_VALUES:
                 raise rows.error(here, "has not 9 or 10 values")
             if not all(isinstance(number, int | float) for number in values):
                 raise rows.error(here, "holds something else than numbers")
-            if len(values) == _ENOUGH[1]:
+            if len(values) == _CUBOID_VALUES[1]:
                 yaw = yaw_of_quaternion(values[6], *values[3:6])
             else:
                 yaw = float(values[5])
@@ -314,7 +319,7 @@ def _mapping(value: object) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-_OPENSCENARIO = "ASAM OpenSCENARIO XML with polylines of timed world positions"
+_OPENSCENARIO_FORMAT = "ASAM OpenSCENARIO XML with polylines of timed world positions"
 
 
 def openscenario_rows(
@@ -335,16 +340,18 @@ def openscenario_rows(
             the element's line.
     """
     del spec
-    rows = RowList(path, _OPENSCENARIO)
+    rows = RowList(path, _OPENSCENARIO_FORMAT)
     try:
         root = etree.parse(
             path, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
         ).getroot()
     except OSError:
-        raise InputError("not found", file=path, expected=_OPENSCENARIO) from None
+        raise InputError("not found", file=path, expected=_OPENSCENARIO_FORMAT) from None
     except etree.XMLSyntaxError as error:
         line = f"line {error.lineno}"
-        raise InputError("is not XML", file=path, place=line, expected=_OPENSCENARIO) from None
+        raise InputError(
+            "is not XML", file=path, place=line, expected=_OPENSCENARIO_FORMAT
+        ) from None
     bodies = {
         str(element.get("name")): _body(element, rows)
         for element in root.iterfind("Entities/ScenarioObject")

@@ -43,7 +43,7 @@ _READERS: dict[str, Callable[[Path, TracksSpec], RecordedRows]] = {
 }
 #: Minimum distance of all positions from the site above which the tracks are of another place,
 #: metres.
-_ELSEWHERE_M = 2000.0
+_MAX_DISTANCE_M = 2000.0
 _SHORT_M = 1.0
 
 
@@ -73,7 +73,7 @@ def read_recording(path: Path, frame: SiteFrame) -> Recording:
     spec, document = load_description(path)
     file = path.parent / spec.tracks
     rows = _READERS[spec.format or _format_of(file)](file, spec)
-    place, turn, assumed = _placing(spec, document, frame, rows)
+    place, turn, assumed = _site_transform(spec, document, frame, rows)
     xy = place(rows.xyz[:, :2])
     _check_site(rows, xy, assumed)
     yaw = _turned(rows, spec, turn)
@@ -138,7 +138,7 @@ def _format_of(file: Path) -> str:
     return name
 
 
-def _placing(
+def _site_transform(
     spec: TracksSpec, document: Document | None, frame: SiteFrame, rows: RecordedRows
 ) -> tuple[
     Callable[[NDArray[np.float64]], NDArray[np.float64]],
@@ -186,7 +186,7 @@ def _placing(
 def _check_site(rows: RecordedRows, xy: NDArray[np.float64], assumed: tuple[str, ...]) -> None:
     """Raise an error if the tracks are elsewhere."""
     away = np.linalg.norm(xy, axis=1)
-    if not np.isfinite(away).all() or away.min() > _ELSEWHERE_M:
+    if not np.isfinite(away).all() or away.min() > _MAX_DISTANCE_M:
         row = int(np.argmin(np.where(np.isfinite(away), away, np.inf)))
         place = ", ".join(f"{value:.9g}" for value in rows.xyz[row, :2])
         far = f", {away[row] / 1000:.0f} km away" if np.isfinite(away[row]) else ""

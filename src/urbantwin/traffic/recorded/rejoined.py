@@ -22,17 +22,17 @@ from urbantwin.traffic.recorded.track_smoothing import LONGEST_FILLED_S
 __all__ = ["chains", "rejoined"]
 
 #: Duration over which velocities at an end are taken, seconds, and least number of samples.
-_OF_S, _OF = 0.8, 4
+_VELOCITY_WINDOW_S, _MIN_SAMPLES = 0.8, 4
 #: Tolerance of the displacement, metres, and its growth per second squared, metres.
-_OFF_M, _OFF_MS2 = 0.8, 0.5
+_DISPLACEMENT_TOLERANCE_M, _DISPLACEMENT_GROWTH_MS2 = 0.8, 0.5
 #: Tolerance of velocities, m/s, and maximum acceleration, m/s2.
-_OFF_MS, _CHANGES_MS2 = 1.0, 5.0
+_VELOCITY_TOLERANCE_MS, _MAX_ACCELERATION_MS2 = 1.0, 5.0
 #: Maximum ratio of lengths of the same actor.
-_SAME_SIZE = 1.35
+_MAX_LENGTH_RATIO = 1.35
 
 
 @dataclass(frozen=True)
-class _End:
+class _TrackEnd:
     """Begin or end of a track, with its velocity."""
 
     number: int
@@ -57,12 +57,12 @@ def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
     """Return the numbers of tracks of the same actor, in order of time."""
     by_class: dict[str, list[int]] = defaultdict(list)
     for number, track in enumerate(tracks):
-        if len(track.time_s) >= _OF:
+        if len(track.time_s) >= _MIN_SAMPLES:
             by_class[track.actor_class].append(number)
     after: dict[int, int] = {}
     for numbers in by_class.values():
-        ends = [_end(k, tracks[k], slice(None, None, -1)) for k in numbers]
-        starts = [_end(k, tracks[k], slice(None)) for k in numbers]
+        ends = [_track_end(k, tracks[k], slice(None, None, -1)) for k in numbers]
+        starts = [_track_end(k, tracks[k], slice(None)) for k in numbers]
         starts.sort(key=lambda start: start.time_s)
         after |= _pairs(ends, starts, tracks)
     followers = set(after.values())
@@ -77,16 +77,16 @@ def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
     return numbers_by_actor
 
 
-def _end(number: int, track: RecordedTrack, order: slice) -> _End:
+def _track_end(number: int, track: RecordedTrack, order: slice) -> _TrackEnd:
     """Return the begin of a track, or, in reverse order, its end."""
     times, xy = track.time_s[order], track.xy[order]
-    count = max(int((np.abs(times - times[0]) <= _OF_S).sum()), _OF)
+    count = max(int((np.abs(times - times[0]) <= _VELOCITY_WINDOW_S).sum()), _MIN_SAMPLES)
     fitted = np.polynomial.polynomial.polyfit(np.abs(times[:count] - times[0]), xy[:count], 1)
-    return _End(number, float(times[0]), fitted[0], fitted[1])
+    return _TrackEnd(number, float(times[0]), fitted[0], fitted[1])
 
 
 def _pairs(
-    ends: Sequence[_End], starts: Sequence[_End], tracks: Sequence[RecordedTrack]
+    ends: Sequence[_TrackEnd], starts: Sequence[_TrackEnd], tracks: Sequence[RecordedTrack]
 ) -> dict[int, int]:
     """Return the continuation of each track that has one."""
     begins = np.array([start.time_s for start in starts])
@@ -94,7 +94,7 @@ def _pairs(
     for k, end in enumerate(ends):
         first, last = np.searchsorted(begins, [end.time_s + 1e-6, end.time_s + LONGEST_FILLED_S])
         for j in range(int(first), int(last)):
-            off = _off(end, starts[j], tracks)
+            off = _relative_error(end, starts[j], tracks)
             if off is not None:
                 rows.append((k, j, off))
     if not rows:
@@ -111,20 +111,23 @@ def _pairs(
     }
 
 
-def _off(end: _End, start: _End, tracks: Sequence[RecordedTrack]) -> float | None:
+def _relative_error(
+    end: _TrackEnd, start: _TrackEnd, tracks: Sequence[RecordedTrack]
+) -> float | None:
     """Return the relative error of an end and a begin, at most 1; ``None`` if they do not match."""
     passed = start.time_s - end.time_s
     before = -end.velocity  # its time runs backwards
     missed = float(np.linalg.norm((before + start.velocity) / 2 * passed - (start.xy - end.xy)))
     changed = float(np.linalg.norm(start.velocity - before))
     share = max(
-        missed / (_OFF_M + _OFF_MS2 * passed**2), changed / (_OFF_MS + _CHANGES_MS2 * passed)
+        missed / (_DISPLACEMENT_TOLERANCE_M + _DISPLACEMENT_GROWTH_MS2 * passed**2),
+        changed / (_VELOCITY_TOLERANCE_MS + _MAX_ACCELERATION_MS2 * passed),
     )
     end_length_m, start_length_m = (tracks[x.number].size[0] for x in (end, start))
     if share > 1.0 or (
         end_length_m > 0
         and start_length_m > 0
-        and not 1 / _SAME_SIZE < end_length_m / start_length_m < _SAME_SIZE
+        and not 1 / _MAX_LENGTH_RATIO < end_length_m / start_length_m < _MAX_LENGTH_RATIO
     ):
         return None
     return share

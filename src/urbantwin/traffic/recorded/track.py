@@ -14,9 +14,9 @@ from urbantwin.errors import InputError
 __all__ = ["RecordedRows", "RecordedSignals", "RecordedTrack", "Recording", "check_order"]
 
 #: Maximum speed of any actor, m/s, and worst position error, metres.
-_FASTEST_MS, _WORST_M = 70.0, 3.0
+_MAX_SPEED_MS, _MAX_POSITION_ERROR_M = 70.0, 3.0
 #: Maximum speed on foot (the 100 m in ten seconds), and on a bicycle downhill, m/s.
-_FASTEST_OF = {"pedestrian": 12.0, "bicycle": 30.0, "animal": 20.0}
+_MAX_SPEED_OF_CLASS = {"pedestrian": 12.0, "bicycle": 30.0, "animal": 20.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +136,8 @@ def check_order(
             "the moments of a track in order, each once",
         )
     moved = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    fastest = _FASTEST_OF.get(actor_class, _FASTEST_MS)
-    if (leap := np.flatnonzero(moved > _WORST_M + fastest * passed)).size:
+    fastest = _MAX_SPEED_OF_CLASS.get(actor_class, _MAX_SPEED_MS)
+    if (leap := np.flatnonzero(moved > _MAX_POSITION_ERROR_M + fastest * passed)).size:
         row = int(mine[leap[0] + 1])
         raise rows.error(
             row,

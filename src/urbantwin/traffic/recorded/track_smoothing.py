@@ -20,20 +20,20 @@ __all__ = ["LONGEST_FILLED_S", "SmoothTrack", "smooth_positions", "smooth_track"
 
 #: Longer gaps are not filled, seconds.
 LONGEST_FILLED_S = 2.0
-_GAP = 1.5  # intervals longer than this multiple of the usual one are gaps
-_FEWEST = 5  # least number of samples for a spline
+_GAP_FACTOR = 1.5  # intervals longer than this multiple of the usual one are gaps
+_MIN_SAMPLES = 5  # least number of samples for a spline
 #: Weight of curvature against squared distance from the samples, for samples a second apart. A
 #: higher one predicts held-out samples worse, a lower one leaves accelerations that no vehicle has
 #: (docs/howto/recorded_traffic.md).
 _STIFFNESS = 1e-3
 #: Samples farther off than this multiple of the usual distance, and than this, are outliers
 #: (metres).
-_BESIDE, _BESIDE_M = 3.0, 0.15
-_REWEIGHTED = 2
+_OUTLIER_FACTOR, _MIN_OUTLIER_M = 3.0, 0.15
+_REWEIGHTINGS = 2
 #: Speed, m/s, and extent, metres, below which an actor has no direction of travel.
-_SLOW_MS, _SHORT_M = 0.5, 1.0
+_MIN_TRAVEL_MS, _MIN_TRAVEL_M = 0.5, 1.0
 #: Duration over which headings are averaged, seconds.
-_HEADING_S = 0.5
+_HEADING_WINDOW_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def smooth_positions(
     """
     if len(time_s) == 1:
         return np.repeat(xy, len(at_s), axis=0), np.zeros((len(at_s), 2))
-    if len(time_s) < _FEWEST:
+    if len(time_s) < _MIN_SAMPLES:
         velocity = np.gradient(xy, time_s, axis=0)
         return tuple(  # type: ignore[return-value]
             np.column_stack([np.interp(at_s, time_s, values) for values in columns.T])
@@ -129,17 +129,17 @@ def smooth_positions(
     since, ask, weight = time_s - time_s[0], at_s - time_s[0], np.ones(len(time_s))
     price = _STIFFNESS / float(np.median(np.diff(time_s)))
     shifted = xy - xy[0]
-    for turn in range(1 + _REWEIGHTED):
+    for turn in range(1 + _REWEIGHTINGS):
         if smooth:
             lines = [make_smoothing_spline(since, axis, weight, lam=price) for axis in shifted.T]
         else:
             lines = [CubicSpline(since, axis, bc_type="natural") for axis in shifted.T]
-        if not smooth or turn == _REWEIGHTED:
+        if not smooth or turn == _REWEIGHTINGS:
             break
         beside = np.hypot(
             *(line(since) - axis for line, axis in zip(lines, shifted.T, strict=True))
         )
-        usual = max(_BESIDE * 1.4826 * float(np.median(beside)), _BESIDE_M)
+        usual = max(_OUTLIER_FACTOR * 1.4826 * float(np.median(beside)), _MIN_OUTLIER_M)
         weight = np.minimum(1.0, usual / np.maximum(beside, 1e-9))
     place = np.column_stack([line(ask) for line in lines]) + xy[0]
     return place, np.column_stack([line.derivative()(ask) for line in lines])
@@ -151,7 +151,7 @@ def _gaps(
     """Return the gaps that are filled and those that are not, as intervals."""
     passed = np.diff(time_s)
     usual = float(np.median(passed)) if len(passed) else 0.0
-    wide = np.flatnonzero(passed > _GAP * usual)
+    wide = np.flatnonzero(passed > _GAP_FACTOR * usual)
     spans = [(float(time_s[k]), float(time_s[k + 1])) for k in wide]
     short = tuple(span for span in spans if span[1] - span[0] <= LONGEST_FILLED_S)
     return short, tuple(span for span in spans if span not in short)
@@ -177,8 +177,8 @@ def _heading(
     """Return the heading (N,), rad: recorded, else of travel; standing actors keep it."""
     has_yaw = np.isfinite(track.yaw)
     pace = np.linalg.norm(velocity, axis=1)
-    far = bool(np.ptp(xy, axis=0).max() >= _SHORT_M)
-    sure = pace >= _SLOW_MS
+    far = bool(np.ptp(xy, axis=0).max() >= _MIN_TRAVEL_M)
+    sure = pace >= _MIN_TRAVEL_MS
     if has_yaw.any():
         recorded = np.unwrap(track.yaw[has_yaw])
         yaw = np.interp(times, track.time_s[has_yaw], recorded)
@@ -194,7 +194,7 @@ def _heading(
     if sure.any():
         moving_steps = np.flatnonzero(sure)
         yaw = np.interp(np.arange(len(times)), moving_steps, np.unwrap(yaw[moving_steps]))
-    half = round(_HEADING_S / step_s / 2)
+    half = round(_HEADING_WINDOW_S / step_s / 2)
     padded = np.pad(yaw, half, mode="edge")
     return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"))
 
