@@ -29,8 +29,8 @@ from urbantwin.traffic.paths.track_box import track_size
 __all__ = ["KeptRows", "actor_rows"]
 
 #: Number of rows renumbered at a time.
-_ROWS = 1 << 16
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the first gait phases of actors that depart together
+_ROWS_AT_ONCE = 1 << 16
+_GOLDEN_RATIO = (5**0.5 - 1) / 2  # spreads the first gait phases of actors that depart together
 
 
 def actor_rows(
@@ -67,7 +67,7 @@ def actor_rows(
         z[rows], pitch[rows], roll[rows] = stand(ground, mesh.supports, xy, yaw, ceiling[rows])
         moving = np.zeros(len(rows))
         if mesh.phases > 1:
-            cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
+            cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN_RATIO
             moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
         phase[rows] = np.where(columns["speed"][rows] < STANDING_MS, mesh.standing, moving)
     order = np.lexsort([trip, columns["step"]])
@@ -80,8 +80,8 @@ def actor_rows(
     values = {
         "time_s": step_times(int(step.max(initial=0)) + 1, step_s)[step],
         "track": trip,
-        "class": _texts([trip.actor_class for trip in trips], trip),
-        "asset": _texts(names.tolist(), trip),
+        "class": _text_column([trip.actor_class for trip in trips], trip),
+        "asset": _text_column(names.tolist(), trip),
         "phase": phase[order],
         "x": columns["xy"][order, 0],
         "y": columns["xy"][order, 1],
@@ -93,7 +93,7 @@ def actor_rows(
         "width": size[:, 1],
         "height": size[:, 2],
         "speed": columns["speed"][order],
-        "lane": _texts(lanes, columns["lane"][order]),
+        "lane": _text_column(lanes, columns["lane"][order]),
     }
     arrays = [
         column
@@ -191,7 +191,11 @@ class KeptRows:
     def _numbered(self, track: NDArray[np.integer], kept: NDArray[np.bool_]) -> Iterator[pa.Table]:
         """Yield the selected rows with their track ids, part by part."""
         begin = 0
-        some = (rows.slice(k, _ROWS) for rows in self for k in range(0, rows.num_rows, _ROWS))
+        some = (
+            rows.slice(k, _ROWS_AT_ONCE)
+            for rows in self
+            for k in range(0, rows.num_rows, _ROWS_AT_ONCE)
+        )
         for rows in some:
             part_rows = slice(begin, begin + rows.num_rows)
             begin = part_rows.stop
@@ -205,7 +209,7 @@ class KeptRows:
 def _some_steps(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, NDArray[Any]]]:
     """Yield the poses in groups of consecutive steps, to limit memory."""
     step = columns["step"]
-    count = max(round(len(step) / _ROWS), 1)
+    count = max(round(len(step) / _ROWS_AT_ONCE), 1)
     first = int(step.min(initial=0))
     ends = np.linspace(first, int(step.max(initial=0)) + 1, count + 1).astype(np.int64)
     for low, high in pairwise(ends.tolist()):
@@ -213,7 +217,7 @@ def _some_steps(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, NDArray[
         yield {name: values[rows] for name, values in columns.items()}
 
 
-def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:
+def _text_column(names: Sequence[str], index: NDArray[Any]) -> pa.Array:
     """Return ``names[index]`` as a column, without a Python object per row."""
     indices = pa.array(index.astype(np.int32))
     return pa.DictionaryArray.from_arrays(indices, pa.array(names, pa.string()))

@@ -41,11 +41,11 @@ from urbantwin.traffic.sumo.simulation import Simulated
 __all__ = ["Place", "Tabled", "actor_table"]
 
 #: Motions with more poses are kept on disk while they are made.
-_MANY = 600_000
+_MAX_POSES_IN_MEMORY = 600_000
 #: Progress after which paths are smoothed, conflicts resolved, and actors placed on the ground.
-_SMOOTHED, _PARTED, _STOOD = 0.1, 0.82, 0.93
+_AFTER_SMOOTHING, _AFTER_CONFLICTS, _AFTER_PLACING = 0.1, 0.82, 0.93
 #: Columns that the table of actors is made from.
-_SHOWN = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
+_TABLE_COLUMNS = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
 
 
 Columns = dict[str, NDArray[Any]]
@@ -155,11 +155,11 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         ways = actor_ways(
             simulated, demand, place.roads, ground, place.blocks.low, solids,
             step_s=step_s, asset=asset, rigid=before.rigid if before else None, folder=folder,
-            tell=between(tell, 0.0, _SMOOTHED),
+            tell=between(tell, 0.0, _AFTER_SMOOTHING),
         )  # fmt: skip
         del simulated  # takes hundreds of megabytes for an hour of traffic
         hand_back_freed_memory()
-        tell(_SMOOTHED, "past each other")
+        tell(_AFTER_SMOOTHING, "past each other")
         parting = Parted(
             ways, ground.levels(lanes), place.blocks, solids.shapes,
             place.roads.footway(0), step_s=step_s, asset=asset,
@@ -175,8 +175,10 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
             for n, stretch in enumerate(every):
-                share = (_PARTED - _SMOOTHED) / len(every)
-                telling = between(tell, _SMOOTHED + n * share, _SMOOTHED + (n + 1) * share)
+                share = (_AFTER_CONFLICTS - _AFTER_SMOOTHING) / len(every)
+                telling = between(
+                    tell, _AFTER_SMOOTHING + n * share, _AFTER_SMOOTHING + (n + 1) * share
+                )
                 crossings = Crossings.of(place.roads, lanes, shown, stretch.begin, stretch.seen)
                 was = before.stretch(n) if before else None
                 parted = parting.parted(stretch, left, was, crossings, telling)
@@ -187,19 +189,19 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
                 decided = (parted["step"] >= max(stretch.begin, 0)) & (
                     parted["step"] < min(stretch.end, steps)
                 )
-                shows = {name: parted[name][decided] for name in _SHOWN}
+                shows = {name: parted[name][decided] for name in _TABLE_COLUMNS}
                 outside += sum(rows_beside.result() for rows_beside in made)
                 posed += len(shows["trip"])
                 made = [beside_it.submit(stored.stood, shows, rows_of)]
                 del parted, shows
             while wait(made, timeout=0.5).not_done:
-                standing = between(tell, _PARTED, _STOOD)
+                standing = between(tell, _AFTER_CONFLICTS, _AFTER_PLACING)
                 standing(stored.taken / max(posed, 1), "standing on the ground")
             outside += sum(rows_beside.result() for rows_beside in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
-        tell(_STOOD, "who passes through whom")
+        tell(_AFTER_PLACING, "who passes through whom")
         trip = stored.trips()
         absent = absent_from(
             stored, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
@@ -216,7 +218,7 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
 @contextmanager
 def _folder_for(rows: int, scratch: Path | None) -> Iterator[Path | None]:
     """Yield a temporary folder for a motion of many rows, ``None`` for one of few."""
-    if rows <= _MANY:
+    if rows <= _MAX_POSES_IN_MEMORY:
         yield None
         return
     with tempfile.TemporaryDirectory(prefix="rows-", dir=scratch) as name:

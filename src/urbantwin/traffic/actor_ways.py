@@ -39,15 +39,15 @@ from urbantwin.traffic.sumo.simulation import Simulated
 __all__ = ["actor_ways"]
 
 #: Extra clearance of accompanying animals, beyond that of pedestrians, metres.
-_LED_M = 0.2
+_ANIMAL_CLEARANCE_M = 0.2
 #: Number of steps checked together for corner cutting.
-_STEPS = 2000
+_STEPS_AT_ONCE = 2000
 
 Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Between:
+class _PathStages:
     """The surroundings of the paths, and how paths are made from SUMO's output."""
 
     roads: RoadNetwork
@@ -84,7 +84,9 @@ class _Between:
         walks = afoot[columns["trip"]] & (level == 0)
         if not walks.any():
             return columns
-        shapes = shapely.buffer(self.solids.shapes, _LED_M) if led else self.solids.shapes
+        shapes = (
+            shapely.buffer(self.solids.shapes, _ANIMAL_CLEARANCE_M) if led else self.solids.shapes
+        )
         cells = WalkedCells(columns["xy"][walks], shapes, self.roads.footway(0), AROUND_M)
         return round_blocks(columns, walks, cells, self.step_s)
 
@@ -149,7 +151,7 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         folder: folder for long paths; ``None`` keeps them in memory.
         tell: called with the fraction done (0..1) and what is being done.
     """
-    stages = _Between(roads, ground, low, solids, simulated.lanes, step_s, asset)
+    stages = _PathStages(roads, ground, low, solids, simulated.lanes, step_s, asset)
     step = simulated.step
     steps = (int(step.min()), int(step.max()) + 1) if len(step) else (0, 1)
     stored = KeptColumns(folder)
@@ -160,7 +162,9 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         if rigid:
             demand = with_rigid(demand, rigid, asset)
             again = stages.smooth(_of_trips(simulated, rigid), demand, untold)
-            bent, trips, actor_ids = stages.bent(_exchanged(columns, again), demand, simulated)
+            bent, trips, actor_ids = stages.bent(
+                _with_replaced_trips(columns, again), demand, simulated
+            )
         # An animal beside its owner avoids obstacles, too, and is longer.
         stored.add(stages.round(bent, trips, led=True))
         return KeptWays(stored, trips, actor_ids, rigid, frozenset(), 0, steps)
@@ -200,8 +204,8 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:
     """Yield rows in groups of consecutive steps."""
     step = kept.opened()["step"]
-    for first in range(*steps, _STEPS):
-        yield kept.rows(np.flatnonzero((step >= first) & (step < first + _STEPS)))
+    for first in range(*steps, _STEPS_AT_ONCE):
+        yield kept.rows(np.flatnonzero((step >= first) & (step < first + _STEPS_AT_ONCE)))
 
 
 def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
@@ -209,7 +213,7 @@ def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
     return simulated.only(np.isin(simulated.trip, list(numbers)))
 
 
-def _exchanged(
+def _with_replaced_trips(
     columns: dict[str, NDArray[Any]], again: dict[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which those of some trips are replaced, sorted as before."""

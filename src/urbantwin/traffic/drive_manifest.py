@@ -22,7 +22,7 @@ from urbantwin.twin import Twin
 __all__ = ["manifest_of_drive"]
 
 #: Maximum number of collisions listed individually.
-_TOLD = 20
+_MAX_LISTED = 20
 
 
 def manifest_of_drive(
@@ -67,7 +67,8 @@ def manifest_of_drive(
         "teleports": simulated.teleports,
         "collisions": simulated.collisions,
         "collided": [
-            _collided(*collision, demand=demand) for collision in simulated.collided[:_TOLD]
+            _collision_row(*collision, demand=demand)
+            for collision in simulated.collided[:_MAX_LISTED]
         ],
     }
     if demand.counted:
@@ -143,7 +144,7 @@ def _counts(
     return counts
 
 
-def _collided(
+def _collision_row(
     time_s: float, x: float, y: float, lane: str, *pair: str, demand: Demand
 ) -> dict[str, Any]:
     """Return an entry of a collision that SUMO reported: assets, first time, place and lane."""

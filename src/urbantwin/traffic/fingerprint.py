@@ -39,7 +39,7 @@ def table_sha256(table: pa.Table | ActorRows) -> str:
         digest.update(f"{field.name} {field.type} {table.num_rows}".encode())
         chunks: Iterable[pa.Array]
         if str(field.type) == "string":
-            texts, chunks = _coded(table, field.name)
+            texts, chunks = _dictionary_encoded(table, field.name)
             digest.update(json.dumps(texts).encode())
         else:
             chunks = (chunk for part in _parts(table, field.name) for chunk in part.chunks)
@@ -54,7 +54,7 @@ def _parts(table: pa.Table | ActorRows, name: str) -> Iterator[pa.ChunkedArray]:
         yield part[name]
 
 
-def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
+def _dictionary_encoded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
     """Return the distinct texts of a column in order of appearance, and the column as indices."""
     parts = _parts(table, name)
     encoded = [chunk for part in parts for chunk in part.dictionary_encode().chunks]

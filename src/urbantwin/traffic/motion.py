@@ -46,9 +46,9 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 MOTION_VERSION = 1
 
 #: Number of steps read together, since they are usually requested in sequence.
-_TOGETHER = 16
+_STEPS_AT_ONCE = 16
 
-_TABLE, _PARKED = "a table of the motion", "parked.parquet"
+_TABLE_NAME, _PARKED_FILE = "a table of the motion", "parked.parquet"
 
 _ROW = np.dtype(
     [
@@ -132,11 +132,11 @@ class Motion:
 
     def _moving(self, step: int) -> NDArray[np.void]:
         """Return the rows of a step without those of parked vehicles."""
-        first = step - step % _TOGETHER
+        first = step - step % _STEPS_AT_ONCE
         margin = np.array([-1e-6, 1e-6])
         read = self._read.get(first)
         if read is None:
-            times = self._times[first : first + _TOGETHER]
+            times = self._times[first : first + _STEPS_AT_ONCE]
             read = _structured(self.rows.between(*(times[[0, -1]] + margin).tolist()))
             self._read.clear()
             self._read[first] = read
@@ -205,7 +205,7 @@ class Motion:
         self.rows.write(folder / "actors.parquet")
         write_rows([self.signals], folder / "signals.parquet", SIGNAL_SCHEMA)
         if self.parked.num_rows:
-            write_rows([self.parked], folder / _PARKED)
+            write_rows([self.parked], folder / _PARKED_FILE)
         _write_meshes(folder / "meshes.npz", self.meshes)
         write_json(folder / "motion.json", self.manifest)
 
@@ -232,13 +232,13 @@ class Motion:
         motion = cls(
             manifest,
             read_rows(folder / "actors.parquet"),
-            read_parquet(folder / "signals.parquet", _TABLE, schema=SIGNAL_SCHEMA),
+            read_parquet(folder / "signals.parquet", _TABLE_NAME, schema=SIGNAL_SCHEMA),
             read_meshes(folder / "meshes.npz"),
-            **_read_parked(folder / _PARKED),
+            **_read_parked(folder / _PARKED_FILE),
         )
         check_motion(motion.rows, motion.signals, checked.steps * checked.step_s, folder)
         if motion.parked.num_rows:
-            check_actors(motion.parked, folder / _PARKED)
+            check_actors(motion.parked, folder / _PARKED_FILE)
         return motion
 
 
@@ -290,7 +290,7 @@ def _read_parked(path: Path) -> dict[str, pa.Table]:
     """Read the parked vehicles of a motion that has any."""
     if not path.exists():
         return {}
-    return {"parked": read_parquet(path, _TABLE, schema=ACTOR_SCHEMA)}
+    return {"parked": read_parquet(path, _TABLE_NAME, schema=ACTOR_SCHEMA)}
 
 
 def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:

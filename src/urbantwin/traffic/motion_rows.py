@@ -48,11 +48,11 @@ ACTOR_SCHEMA = pa.schema(
 )
 
 #: Number of rows written and read together, to limit memory.
-_GROUP = 1 << 16
+_ROWS_PER_GROUP = 1 << 16
 #: Files with more rows are read in parts.
-_MANY = 1 << 20
+_MAX_ROWS_AT_ONCE = 1 << 20
 #: Number of row groups kept after reading: a frame needs the steps on both sides of its time.
-_KEPT = 4
+_CACHED_GROUPS = 4
 _EXPECTED = "a table of the motion"
 
 
@@ -128,8 +128,8 @@ class RowsInMemory(ActorRows):
 
     def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
         table = self.table(columns)
-        for first in range(0, self.num_rows, _GROUP):
-            yield table.slice(first, _GROUP)
+        for first in range(0, self.num_rows, _ROWS_PER_GROUP):
+            yield table.slice(first, _ROWS_PER_GROUP)
 
 
 class RowsInFile(ActorRows):
@@ -162,7 +162,7 @@ class RowsInFile(ActorRows):
         parts = [ACTOR_SCHEMA.empty_table()]
         for number in np.flatnonzero(meets).tolist():
             if number not in self._read:
-                for old in list(self._read)[: 1 - _KEPT]:
+                for old in list(self._read)[: 1 - _CACHED_GROUPS]:
                     del self._read[old]
                 self._read[number] = self._file.read(group=number)
             parts.append(_between(self._read[number], from_s, until_s))
@@ -196,7 +196,7 @@ def read_rows(path: Path) -> ActorRows:
         InputError: it is missing, damaged, or has other columns.
     """
     rows = RowsInFile(path)
-    return rows if rows.num_rows > _MANY else RowsInMemory(rows.table())
+    return rows if rows.num_rows > _MAX_ROWS_AT_ONCE else RowsInMemory(rows.table())
 
 
 def write_rows(
@@ -207,9 +207,9 @@ def write_rows(
         left, written = schema.empty_table(), 0
         for part in parts:
             left = pa.concat_tables([left, part])
-            while left.num_rows >= _GROUP:
-                writer.write_table(left.slice(0, _GROUP).combine_chunks())
-                left, written = left.slice(_GROUP), written + _GROUP
+            while left.num_rows >= _ROWS_PER_GROUP:
+                writer.write_table(left.slice(0, _ROWS_PER_GROUP).combine_chunks())
+                left, written = left.slice(_ROWS_PER_GROUP), written + _ROWS_PER_GROUP
         if left.num_rows or not written:
             writer.write_table(left.combine_chunks())
 

@@ -33,13 +33,13 @@ __all__ = [
 MeshKey = tuple[str, int]
 
 #: Largest absolute values of numeric columns: metres, radians or m/s.
-_MOST = {
+_MAX_VALUES = {
     **dict.fromkeys(("x", "y", "z"), 1e6),
     **dict.fromkeys(("yaw", "pitch", "roll"), 1e3),
     **dict.fromkeys(("length", "width", "height"), 1e3),
     "speed": 1e3,
 }
-_MESHES = "the meshes of the motion"
+_MESHES_NAME = "the meshes of the motion"
 _PHASE = re.compile("[0-9]{1,5}")
 _Count = Annotated[int, Field(ge=0, lt=2**53)]
 
@@ -128,7 +128,7 @@ def check_actors(actors: pa.Table, file: Path) -> None:
     Raises:
         InputError: a row is wrong; the message names the column.
     """
-    for name, most in _MOST.items():
+    for name, most in _MAX_VALUES.items():
         values = actors[name].to_numpy()
         if len(values) and np.abs(values).max() > most:
             raise InputError("is out of range", file=file, place=name, expected=f"up to {most:g}")
@@ -154,14 +154,14 @@ def read_meshes(path: Path) -> dict[MeshKey, LabelledMesh]:
         InputError: the file is missing, damaged, or holds other data.
     """
     parts: dict[MeshKey, dict[str, Any]] = {}
-    for name, array in read_arrays(path, _MESHES).items():
+    for name, array in read_arrays(path, _MESHES_NAME).items():
         asset, number, field = ("", "", *name.rsplit("/", 2))[-3:]
         if field not in MESH_FORM or not _PHASE.fullmatch(number):
-            raise InputError(f"holds {name[:60]!r}", file=path, expected=_MESHES)
+            raise InputError(f"holds {name[:60]!r}", file=path, expected=_MESHES_NAME)
         parts.setdefault((asset, int(number)), {})[field] = array
     meshes = {}
     for (asset, phase), arrays in parts.items():
         within = f"{asset}/{phase}/"
-        checked_arrays(arrays, MESH_FORM, file=path, expected=_MESHES, within=within)
-        meshes[asset, phase] = LabelledMesh(**checked_mesh(arrays, path, _MESHES))
+        checked_arrays(arrays, MESH_FORM, file=path, expected=_MESHES_NAME, within=within)
+        meshes[asset, phase] = LabelledMesh(**checked_mesh(arrays, path, _MESHES_NAME))
     return meshes

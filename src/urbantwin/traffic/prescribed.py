@@ -22,9 +22,9 @@ from urbantwin.twin import Twin
 __all__ = ["PrescribedPath", "TwinSurface", "prescribed_table", "usual_asset"]
 
 _STANDING_MS = 0.15  # below this speed, m/s, an actor counts as standing
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the first gait phases
-_SHORT_M = 0.3  # a path with a smaller extent has no direction of travel
-_SLACK_S = 1e-6
+_GOLDEN_RATIO = (5**0.5 - 1) / 2  # spreads the first gait phases
+_MIN_EXTENT_M = 0.3  # a path with a smaller extent has no direction of travel
+_TIME_TOLERANCE_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class PrescribedPath:
         moved = np.zeros_like(self.xy) if len(self.xy) < 2 else np.gradient(self.xy, axis=0)
         facing = np.arctan2(moved[:, 1], moved[:, 0])
         moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 1e-3)
-        if not len(moving) or float(np.ptp(self.xy, axis=0).max()) < _SHORT_M:
+        if not len(moving) or float(np.ptp(self.xy, axis=0).max()) < _MIN_EXTENT_M:
             return np.full(len(self.xy), facing[moving[0]] if len(moving) else 0.0)
         return np.asarray(np.interp(np.arange(len(facing)), moving, np.unwrap(facing[moving])))
 
@@ -148,10 +148,12 @@ def prescribed_table(
     times = step_times(steps, step_s)
     parts, outside = [], 0
     for number, path in each(list(enumerate(paths)), tell, "on the ground"):
-        begin, end = path.time_s[0] - _SLACK_S, path.time_s[-1] + _SLACK_S
+        begin, end = path.time_s[0] - _TIME_TOLERANCE_S, path.time_s[-1] + _TIME_TOLERANCE_S
         present_s = times[(times >= begin) & (times <= end)]
         for gone, back in path.absent:
-            present_s = present_s[(present_s <= gone + _SLACK_S) | (present_s >= back - _SLACK_S)]
+            present_s = present_s[
+                (present_s <= gone + _TIME_TOLERANCE_S) | (present_s >= back - _TIME_TOLERANCE_S)
+            ]
         rows = _rows(path, present_s, first_track + number, surface)
         on_ground = np.isfinite(rows["z"])
         outside += int((~on_ground).sum())
@@ -211,7 +213,7 @@ def _phases(
     moving = np.zeros(len(times))
     if mesh.phases > 1:
         gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])
-        cycles = np.interp(times, path.time_s, gone) / mesh.stride_m + track * _GOLDEN
+        cycles = np.interp(times, path.time_s, gone) / mesh.stride_m + track * _GOLDEN_RATIO
         moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
     halted = np.abs(speed) < _STANDING_MS
     return np.where(halted, mesh.standing, moving).astype(np.int16)

@@ -33,15 +33,15 @@ from urbantwin.twin import Twin
 
 __all__ = ["replay"]
 
-_LONGEST_S = 86400.0
+_MAX_DURATION_S = 86400.0
 #: Sizes beyond these multiples of the smallest and largest mesh of the class are not trusted.
-_LEAST, _MOST = 0.7, 1.4
+_MIN_SIZE_FACTOR, _MAX_SIZE_FACTOR = 0.7, 1.4
 #: Length of a pedestrian in stride, metres, and usual walking speed, m/s.
-_STRIDES_M, _WALKS_M_S = 0.7, 1.2
+_STRIDE_M, _WALKING_M_S = 0.7, 1.2
 _SIDES = ("length", "width", "height")
 #: Names of tracks that identify nobody, unlike a licence plate or a person's name.
-_NUMBER = re.compile(r"[0-9]{1,9}").fullmatch
-_SHARE = 0.02  # share of poses beside the ground above which there is a warning
+_is_plain_number = re.compile(r"[0-9]{1,9}").fullmatch
+_MAX_OFF_GROUND_SHARE = 0.02  # share of poses beside the ground above which there is a warning
 
 
 def replay(  # noqa: PLR0913 - the options of the command
@@ -90,7 +90,7 @@ def replay(  # noqa: PLR0913 - the options of the command
         }
         if not keep_names:
             recorded["names"] = {
-                number: name for number, name in recorded["names"].items() if _NUMBER(name)
+                number: name for number, name in recorded["names"].items() if _is_plain_number(name)
             }
         motion = replace(motion, manifest={**motion.manifest, "recorded": recorded})
         progress(0.9, "writing the motion")
@@ -106,7 +106,7 @@ def _replayed(
     twin: Twin, recording: Recording, step_s: float, smooth: bool, sized: bool, tell: Progress
 ) -> Motion:
     """Return the motion of a recording."""
-    if recording.duration_s > _LONGEST_S:
+    if recording.duration_s > _MAX_DURATION_S:
         raise InputError(
             f"lasts {recording.duration_s:.0f} s", file=recording.file, expected="up to a day"
         )
@@ -183,9 +183,9 @@ def _replayed(
 
 def _speed_of(track: RecordedTrack, one: SmoothTrack) -> NDArray[np.float64]:
     """Return the speed (N,), m/s; walking speed for a striding pedestrian with one sample."""
-    strides = track.actor_class == "pedestrian" and track.size[0] >= _STRIDES_M
+    strides = track.actor_class == "pedestrian" and track.size[0] >= _STRIDE_M
     if len(track.time_s) == 1 and strides:
-        return np.full_like(one.speed, _WALKS_M_S)
+        return np.full_like(one.speed, _WALKING_M_S)
     return one.speed
 
 
@@ -199,7 +199,7 @@ def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[s
     is_known = np.isfinite(track.size)
     if not is_known.any():
         return usual_asset(track.actor_class, number)
-    low, high = sizes.min(axis=0) * _LEAST, sizes.max(axis=0) * _MOST
+    low, high = sizes.min(axis=0) * _MIN_SIZE_FACTOR, sizes.max(axis=0) * _MAX_SIZE_FACTOR
     beside = is_known & ((track.size < low) | (track.size > high))
     if beside.any():
         size_text = " x ".join(f"{side:.2f}" for side in track.size[is_known])
@@ -270,7 +270,7 @@ def _warnings(
                 "the catalogue's sizes are used",
             )
         )
-    if outside > _SHARE * (outside + poses):
+    if outside > _MAX_OFF_GROUND_SHARE * (outside + poses):
         warnings.append(
             ResultWarning(
                 "tracks",

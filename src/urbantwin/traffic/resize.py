@@ -35,12 +35,12 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
     return replace(
         motion,
         manifest=manifest,
-        rows=as_rows(_stretched(motion.actors, factors)),
-        parked=_stretched(motion.parked, factors),
+        rows=as_rows(_with_scaled_sizes(motion.actors, factors)),
+        parked=_with_scaled_sizes(motion.parked, factors),
     ).with_meshes()
 
 
-def _stretched(table: pa.Table, factors: Mapping[str, list[float]]) -> pa.Table:
+def _with_scaled_sizes(table: pa.Table, factors: Mapping[str, list[float]]) -> pa.Table:
     """Return a table of actors with scaled sizes and the matching names of assets."""
     if not table.num_rows:
         return table

@@ -14,15 +14,15 @@ __all__ = ["PAST_SENSORS", "place_of_count", "warnings_of_drive"]
 ENOUGH = 0.9
 #: Share of the requested motor traffic above which there is a warning, beyond chance.
 TOO_MUCH = 1.25
-_MOTOR = ("car", "van", "truck", "bus", "motorcycle")
+_MOTOR_CLASSES = ("car", "van", "truck", "bus", "motorcycle")
 #: Share of visits left out to avoid overlaps, above which there is a warning.
 MANY_ABSENT = 0.02
 #: Subject of warnings about too little traffic at the sensors.
 PAST_SENSORS = "traffic past the sensors"
 #: Expected number of vehicles from which seeing none is no chance (e^-3 = 5 %).
-_SURE = 3.0
+_SIGNIFICANT_VEHICLES = 3.0
 #: Maximum number of collisions listed individually.
-_COLLISIONS = 3
+_MAX_LISTED = 3
 
 
 def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
@@ -71,7 +71,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"collisions: SUMO counted {manifest['collisions']}",
             "; ".join(
                 f"{' and '.join(hit['who'])} at {hit['x']:g}, {hit['y']:g}, {hit['time_s']:g} s"
-                for hit in manifest.get("collided", ())[:_COLLISIONS]
+                for hit in manifest.get("collided", ())[:_MAX_LISTED]
             ),
             "look at the motion there; motion.json says under collided, who",
         )
@@ -151,7 +151,9 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
 def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     """Yield a warning if the streets at the sensors have no or too little motor traffic."""
     past_sensors = manifest.get("past_sensors", {})
-    wanted = sum(row.get("per_hour", 0.0) for n, row in manifest["classes"].items() if n in _MOTOR)
+    wanted = sum(
+        row.get("per_hour", 0.0) for n, row in manifest["classes"].items() if n in _MOTOR_CLASSES
+    )
     if not (past_sensors.get("lanes_m") and wanted):
         return
     about, within = PAST_SENSORS, f"within {past_sensors['within_m']:g} m of a sensor"
@@ -166,7 +168,7 @@ def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "make the region larger, add the missing links in the map, or place the sensors at "
             "other streets",
         )
-    elif not past_sensors["vehicles"] and expected >= _SURE:
+    elif not past_sensors["vehicles"] and expected >= _SIGNIFICANT_VEHICLES:
         yield ResultWarning(
             about,
             f"no motor vehicle comes {within}, of {requested:.0f} an hour planned there",
@@ -197,7 +199,7 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
     carried = circulation.get("carried_share_of_motor_traffic")
     passages = circulation.get("passages_per_hour", {})
     hours = circulation.get("counted_for_s", 0) / 3600
-    passed = hours * sum(row["asked"] for name, row in passages.items() if name in _MOTOR)
+    passed = hours * sum(row["asked"] for name, row in passages.items() if name in _MOTOR_CLASSES)
     # Tolerates the standard deviation of a random count, its square root.
     if carried is not None and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
         yield ResultWarning(

@@ -60,7 +60,7 @@ from urbantwin.twin import Twin
 __all__ = ["run_traffic", "with_more"]
 
 #: Progress after which trips are planned, SUMO has finished, and the table is made.
-_PLANNED, _DRIVEN, _TABLED = 0.1, 0.42, 0.88
+_AFTER_PLANNING, _AFTER_SUMO, _AFTER_TABLE = 0.1, 0.42, 0.88
 
 
 def run_traffic(
@@ -124,7 +124,7 @@ def _driven(
         duration_s=steps * float(asked["step_s"]),
         seed=asked["seed"],
     )
-    told(_PLANNED / 2, "planning trips")
+    told(_AFTER_PLANNING / 2, "planning trips")
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
@@ -136,18 +136,18 @@ def _driven(
     ]
 
     hand_back_freed_memory()
-    tell = between(told, _DRIVEN, _TABLED, "actors")
+    tell = between(told, _AFTER_SUMO, _AFTER_TABLE, "actors")
     # SUMO runs in its own process: the static surroundings are prepared meanwhile.
     with ThreadPoolExecutor(1) as beside_it:
-        surroundings = beside_it.submit(_standing, twin, asked)
-        beside_it.submit(_measured, demand, streets.own)
+        surroundings = beside_it.submit(_parked_and_surroundings, twin, asked)
+        beside_it.submit(_cache_asset_sizes, demand, streets.own)
         drive = streets.tabled(
-            streets.drive(demand, between(told, _PLANNED, _DRIVEN)),
+            streets.drive(demand, between(told, _AFTER_PLANNING, _AFTER_SUMO)),
             demand, surroundings.result()[1], by_trip=bool(reacting), tell=tell,
         )  # fmt: skip
     parked, place = surroundings.result()
     if reacting:
-        told(_TABLED, "the same with events")
+        told(_AFTER_TABLE, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
     for made in scratch.glob("*.net.xml"):
         made.unlink()  # not part of the motion's folder
@@ -171,7 +171,7 @@ def _driven(
     size = asked.get("size", {})
     staged, overlaps = drive.staged, None if size or scenario else drive.overlaps
     del drive  # takes hundreds of megabytes for an hour of traffic
-    motion = resized(driven.with_meshes(between(told, _TABLED, 0.91)), size)
+    motion = resized(driven.with_meshes(between(told, _AFTER_TABLE, 0.91)), size)
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
     told(0.91, "who passes through whom")
@@ -372,13 +372,13 @@ class _Streets:
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
 
 
-def _measured(demand: Demand, own: OwnBodies) -> None:
+def _cache_asset_sizes(demand: Demand, own: OwnBodies) -> None:
     """Compute and cache the sizes of all assets, which paths need later."""
     for name in {trip.asset for trip in demand.trips}:
         track_size(own.asset(name))
 
 
-def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:
+def _parked_and_surroundings(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:
     """Return the parked vehicles, and the surroundings including them."""
     ground = Ground(twin.ground_mesh, twin.roads)
     fleet = fleet_of(twin, asked["seed"])

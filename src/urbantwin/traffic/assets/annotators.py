@@ -22,11 +22,11 @@ from urbantwin.traffic.assets.asset_name import Size
 __all__ = ["drawn_side", "drawn_size"]
 
 #: Maximum offset of an object, standard deviations.
-_FARTHEST = 2.3
+_MAX_OFFSET_SIGMAS = 2.3
 #: Least size of a box as a share of the object: annotators miss ends, not the object.
-_LEAST = 0.3
+_MIN_SIZE_SHARE = 0.3
 #: Rounding of annotated sides, metres.
-_ROUNDED_M = 0.01
+_ROUNDING_M = 0.01
 _STREAM = 7_100_000_000
 
 
@@ -77,11 +77,13 @@ def drawn_side(
         true: true sides, metres.
         away: offset of each object, standard deviations.
     """
-    place = true + habit["scatter"] * np.clip(away, -_FARTHEST, _FARTHEST)
+    place = true + habit["scatter"] * np.clip(away, -_MAX_OFFSET_SIGMAS, _MAX_OFFSET_SIGMAS)
     actual, drawn = np.asarray(habit["actual"]), np.asarray(habit["drawn"])
     inside = np.clip(place, actual[0], actual[-1])
     side = np.interp(inside, actual, drawn) + (place - inside)
-    return np.asarray(np.maximum(np.round(side / _ROUNDED_M) * _ROUNDED_M, _LEAST * true))
+    return np.asarray(
+        np.maximum(np.round(side / _ROUNDING_M) * _ROUNDING_M, _MIN_SIZE_SHARE * true)
+    )
 
 
 @cache

@@ -32,9 +32,9 @@ __all__ = [
 #: Length, width and height, metres.
 Size = tuple[float, float, float]
 
-_SIZED = re.compile(r"(.+)@(\d+\.\d\d)x(\d+\.\d\d)x(\d+\.\d\d)")
+_SIZED_NAME = re.compile(r"(.+)@(\d+\.\d\d)x(\d+\.\d\d)x(\d+\.\d\d)")
 #: Least size, metres.
-_LEAST_M = 0.01
+_MIN_SIZE_M = 0.01
 
 
 class AssetName(NamedTuple):
@@ -53,7 +53,7 @@ class AssetName(NamedTuple):
     @classmethod
     def of(cls, text: str) -> AssetName:
         """Parse a name."""
-        match = _SIZED.fullmatch(text)
+        match = _SIZED_NAME.fullmatch(text)
         size = None if match is None else (float(match[2]), float(match[3]), float(match[4]))
         bare = text if match is None else match[1]
         body, between, coat = bare.rpartition("_")
@@ -72,7 +72,7 @@ class AssetName(NamedTuple):
 
 def sized_name(name: str, length: float, width: float, height: float) -> str:
     """Return the name of an asset with another size, metres, of at least a centimetre."""
-    sides = (max(side, _LEAST_M) for side in (length, width, height))
+    sides = (max(side, _MIN_SIZE_M) for side in (length, width, height))
     return f"{name}@{'x'.join(f'{side:.2f}' for side in sides)}"
 
 
@@ -127,25 +127,25 @@ def mesh_among(
 
 #: Colour -> share of vehicles, except vans.
 COATS: dict[str, float] = {"white": 4 / 19, "grey": 6 / 19, "black": 9 / 19}
-_OF_VANS = {"white": 0.57, "grey": 0.10, "black": 0.33}
+_VAN_COLOURS = {"white": 0.57, "grey": 0.10, "black": 0.33}
 #: Classes of actors with colours.
 COATED_CLASSES = ("car", "truck", "bus", "van")
 #: Glass above this share of a car's height is a window, below a lamp; share for long vehicles, and
 #: their least length, metres.
-_PANES, _LONG_PANES, _LONG_M = 0.58, 0.25, 6.5
+_PANE_SHARE, _LONG_PANE_SHARE, _LONG_VEHICLE_M = 0.58, 0.25, 6.5
 #: Windows of a long vehicle beyond this share of its half length are its windscreen.
 _WINDSCREEN = 0.85
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the colours evenly over few vehicles, too
+_GOLDEN_RATIO = (5**0.5 - 1) / 2  # spreads the colours evenly over few vehicles, too
 
 
 def coated_name(name: str, number: int, actor_class: str) -> str:
     """Return the name of an asset in the colour of the n-th vehicle of a class."""
-    return f"{name}_{coat_at((number + 0.5) * _GOLDEN % 1.0, actor_class)}"
+    return f"{name}_{coat_at((number + 0.5) * _GOLDEN_RATIO % 1.0, actor_class)}"
 
 
 def coat_at(place: float, actor_class: str) -> str:
     """Return the colour at a quantile, 0..1, of the vehicles of a class."""
-    shares = _OF_VANS if actor_class == "van" else COATS
+    shares = _VAN_COLOURS if actor_class == "van" else COATS
     ends = np.cumsum(list(shares.values()))
     return list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
 
@@ -156,8 +156,8 @@ def coated_mesh(mesh: LabelledMesh, coat: str) -> LabelledMesh:
     material[material == material_id("metal-painted")] = material_id(f"paint-{coat}")
     middle = mesh.triangles().mean(axis=1)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    is_long = high[0] - low[0] > _LONG_M
-    share = _LONG_PANES if is_long else _PANES
+    is_long = high[0] - low[0] > _LONG_VEHICLE_M
+    share = _LONG_PANE_SHARE if is_long else _PANE_SHARE
     panes = (mesh.material == material_id("glass")) & (middle[:, 2] > share * high[2])
     material[panes] = material_id("glass-tinted")
     ahead = (low[0] + high[0]) / 2 + (_WINDSCREEN * (high[0] - low[0]) / 2 if is_long else 0.0)

@@ -66,7 +66,7 @@ __all__ = [
 #: Files of the catalogue.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
 #: Builders of assets without moving limbs.
-_STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
+_RIGID_BUILDERS: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "car": car,
     "truck": truck,
     "bus": bus,
@@ -76,7 +76,7 @@ _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "thing": parts,
 }
 #: Builders of assets with several bodies.
-_OF_BODIES = ("tram", "coupled", "accompanied")
+_MULTI_BODY_BUILDERS = ("tram", "coupled", "accompanied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ def class_of(name: str) -> str:
 
 def bodies_of_asset(name: str) -> tuple[Body, ...]:
     """Return the bodies of an asset, by its plain name; empty if it has only one."""
-    return _bodies(name) if _entry(name)["builder"] in _OF_BODIES else ()
+    return _bodies(name) if _entry(name)["builder"] in _MULTI_BODY_BUILDERS else ()
 
 
 @cache
@@ -298,7 +298,7 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
         case "accompanied":
             walks, follows = (_solids(part.asset, phase, halted=halted) for part in _bodies(name))
             return walks + [solid.moved([BESIDE_M[0], -BESIDE_M[1], 0.0]) for solid in follows]
-    return fitted(_STIFF[entry["builder"]](entry), entry["size"])
+    return fitted(_RIGID_BUILDERS[entry["builder"]](entry), entry["size"])
 
 
 def _posed(name: str, phase: int, *, halted: bool) -> list[Solid]:

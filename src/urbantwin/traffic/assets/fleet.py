@@ -33,7 +33,7 @@ from urbantwin.traffic.assets.catalogue import (
 __all__ = ["Fleet", "OwnBodies", "region_of"]
 
 #: Assumed positions of wheels of a site's own vehicles, as shares of length and width.
-_AXLES, _TRACK = (0.3, -0.3), 0.42
+_AXLE_SHARES, _WHEEL_TRACK_SHARE = (0.3, -0.3), 0.42
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,11 @@ class OwnBodies:
         contacts = np.zeros((1, 3))
         if actor_class != "pedestrian":
             contacts = np.array(
-                [[x * length, y * width, 0.0] for x in _AXLES for y in (_TRACK, -_TRACK)]
+                [
+                    [x * length, y * width, 0.0]
+                    for x in _AXLE_SHARES
+                    for y in (_WHEEL_TRACK_SHARE, -_WHEEL_TRACK_SHARE)
+                ]
             )
         return Asset(name, actor_class, 1, 0, length, width, height, contacts, 0.0)
 
@@ -75,22 +79,22 @@ class OwnBodies:
 
 
 #: Region of the tables by country (ISO 3166-1 alpha-2); Europe for all others.
-_AMERICA, _USUAL = "north-america", "europe"
+_AMERICA, _DEFAULT_REGION = "north-america", "europe"
 _REGIONS = {"US": _AMERICA, "CA": _AMERICA, "MX": _AMERICA, "JP": "japan"}
 #: Maximum deviation from the mean, standard deviations.
-_FARTHEST = 2.3
+_MAX_DEVIATION_SIGMAS = 2.3
 #: Correlation of widths with lengths.
-_TOGETHER = 0.6
+_WIDTH_LENGTH_CORRELATION = 0.6
 #: Number of random values per actor: kind and body, length, width, height, colour.
-_DRAWN = 5
+_DRAWS_PER_ACTOR = 5
 #: Steps of sizes, so that actors share meshes: relative for assets with many postures; length,
 #: width and height of vehicles, metres.
-_COARSE, _STEPS_M = 0.02, (0.02, 0.01, 0.01)
+_FACTOR_STEP, _STEPS_M = 0.02, (0.02, 0.01, 0.01)
 
 
 def region_of(country: str) -> str:
     """Return the region of the tables for a country (ISO 3166-1 alpha-2; empty if unknown)."""
-    return _REGIONS.get(country, _USUAL)
+    return _REGIONS.get(country, _DEFAULT_REGION)
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,7 @@ class Fleet:
             bends: allow articulated road vehicles.
         """
         kinds = _kinds(region_of(self.country), actor_class, bends=bends)
-        draws = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
+        draws = _draws_of_actor(self.seed, ACTOR_CLASSES.index(actor_class), number)
         taken = 0.0
         for name, share_of in self.own.of_class(actor_class):
             taken += share_of
@@ -139,13 +143,15 @@ def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | No
     if not kind.keys() & {"scatter", "length", "width", "height"}:
         return None
     own = asset(body)
-    away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
+    away = np.clip(
+        ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_MAX_DEVIATION_SIGMAS, _MAX_DEVIATION_SIGMAS
+    )
     if "scatter" in kind:
         factor = 1.0 + kind["scatter"] * float(away[0])
-        factor = round(factor / _COARSE) * _COARSE
+        factor = round(factor / _FACTOR_STEP) * _FACTOR_STEP
         return own.length * factor, own.width * factor, own.height * factor
     along, across, up = away.tolist()
-    across = _TOGETHER * along + (1 - _TOGETHER**2) ** 0.5 * across
+    across = _WIDTH_LENGTH_CORRELATION * along + (1 - _WIDTH_LENGTH_CORRELATION**2) ** 0.5 * across
     sides = []
     for side, scatter, step in (
         ("length", along, _STEPS_M[0]),
@@ -157,7 +163,7 @@ def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | No
     return sides[0], sides[1], sides[2]
 
 
-def _places(seed: int, stream: int, number: int) -> NDArray[np.float64]:
+def _draws_of_actor(seed: int, stream: int, number: int) -> NDArray[np.float64]:
     """Return the position (5,), 0..1, of the n-th actor of a stream in the distributions."""
     return np.asarray((_shift(seed, stream) + (number + 1) * _steps()) % 1.0)
 
@@ -165,15 +171,15 @@ def _places(seed: int, stream: int, number: int) -> NDArray[np.float64]:
 @cache
 def _shift(seed: int, stream: int) -> NDArray[np.float64]:
     key = [seed, 7_000_000_000 + stream]
-    return np.random.Generator(np.random.Philox(key=key)).random(_DRAWN)
+    return np.random.Generator(np.random.Philox(key=key)).random(_DRAWS_PER_ACTOR)
 
 
 @cache
 def _steps() -> NDArray[np.float64]:
     ratio = 1.5
     for _ in range(64):  # the root of x^(d+1) = x + 1
-        ratio = (1.0 + ratio) ** (1.0 / (_DRAWN + 1))
-    return ratio ** -np.arange(1.0, _DRAWN + 1)
+        ratio = (1.0 + ratio) ** (1.0 / (_DRAWS_PER_ACTOR + 1))
+    return ratio ** -np.arange(1.0, _DRAWS_PER_ACTOR + 1)
 
 
 @cache
@@ -183,16 +189,18 @@ def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]
     Without a table, all assets of the class are equally frequent, in their own size.
     """
     tables = _tables()
-    table = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
+    table = tables[region].get(actor_class) or tables[_DEFAULT_REGION].get(actor_class)
     if not table:
         return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
-    kinds = [kind for kind in table.values() if bends or not any(map(_bends, kind["bodies"]))]
+    kinds = [
+        kind for kind in table.values() if bends or not any(map(_is_articulated, kind["bodies"]))
+    ]
     if region != _AMERICA:
         return kinds
     return [{**kind, "bodies": [american_body(name) for name in kind["bodies"]]} for kind in kinds]
 
 
-def _bends(body: str) -> bool:
+def _is_articulated(body: str) -> bool:
     return bool(bodies_of_asset(body))
 
 

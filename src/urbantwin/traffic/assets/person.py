@@ -139,7 +139,7 @@ def _trunk_frame(posture: Posture) -> tuple[NDArray[np.float64], NDArray[np.floa
     return up, ahead / np.linalg.norm(ahead)
 
 
-def _oval(
+def _oval_section(
     centre: NDArray[np.float64], ahead: NDArray[np.float64], depth: float, half_width: float
 ) -> NDArray[np.float64]:
     """Return a section (14, 3) across the trunk."""
@@ -163,7 +163,9 @@ def _trunk(figure: Figure, posture: Posture) -> Solid:
         (1.10, 0.026, 0.035, 0.0),
     )
     sections = [
-        _oval(posture.pelvis + up * level * length + ahead * shift * h, ahead, d * h * g, w * h * g)
+        _oval_section(
+            posture.pelvis + up * level * length + ahead * shift * h, ahead, d * h * g, w * h * g
+        )
         for level, d, w, shift in levels
     ]
     return loft(sections, "cloth")
@@ -254,7 +256,9 @@ def _coat(figure: Figure, posture: Posture) -> Solid:
         depth = (high - low) / 2 + (0.066 if part > 0 else 0.070) * h * g
         middle = np.array([(low + high) / 2, posture.pelvis[1], z])
         sections.append(
-            _oval(middle, np.array([1.0, 0, 0]), depth, (0.108 + 0.03 * max(part, 0)) * h * g)
+            _oval_section(
+                middle, np.array([1.0, 0, 0]), depth, (0.108 + 0.03 * max(part, 0)) * h * g
+            )
         )
     return loft(sections, "cloth")
 
@@ -270,5 +274,5 @@ def _backpack(figure: Figure, posture: Posture) -> Solid:
         (0.97, 0.035, 0.06),
     ):
         centre = posture.pelvis + (posture.neck - posture.pelvis) * level - ahead * 0.105 * h
-        sections.append(_oval(centre, ahead, depth * h, half * h))
+        sections.append(_oval_section(centre, ahead, depth * h, half * h))
     return loft(sections, "cloth")

@@ -263,7 +263,7 @@ def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[n
         for inset in (0.3 * radius, radius)
     ]
     # Points too close together would give slivers.
-    rings = [ring[_spaced(ring, 0.3 * step)] for ring in rings]
+    rings = [ring[_spaced_indices(ring, 0.3 * step)] for ring in rings]
     x0, z0, x1, z1 = body.bounds
     x, z = np.meshgrid(np.arange(x0, x1, step), np.arange(z0, z1, 0.6 * step))
     grid = np.column_stack([x.ravel(), z.ravel()])
@@ -271,7 +271,7 @@ def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[n
     return np.concatenate([*rings, grid[shapely.contains(core, shapely.points(grid))]])
 
 
-def _spaced(ring: NDArray[np.float64], least: float) -> list[int]:
+def _spaced_indices(ring: NDArray[np.float64], least: float) -> list[int]:
     """Return the indices of a path's points that keep a least distance between neighbours."""
     indices = [0]
     places = ring.tolist()

@@ -20,9 +20,9 @@ from urbantwin.traffic.assets.catalogue import asset, asset_mesh
 __all__ = ["TruckPart", "mesh_of_part", "truck_parts"]
 
 #: Overhang beyond the end of a cab that still belongs to the cab, metres.
-_OVER_M = 0.02
+_CAB_OVERHANG_M = 0.02
 #: Separator between the name of a truck and that of its part.
-_MARK = "|"
+_PART_SEPARATOR = "|"
 
 
 class TruckPart(NamedTuple):
@@ -58,12 +58,14 @@ def truck_parts(name: str) -> tuple[TruckPart, ...]:
     from_nose = corners[:, 0].max() - corners[:, 0]
     truck = []
     for kind, in_part, from_m, to_m in (
-        ("truck", from_nose <= cab_m + _OVER_M, 0.0, cab_m),
+        ("truck", from_nose <= cab_m + _CAB_OVERHANG_M, 0.0, cab_m),
         ("trailer", from_nose > cab_m, cab_m, length),
     ):
         width, height = float(np.ptp(corners[in_part, 1])), float(corners[in_part, 2].max())
         size = (to_m - from_m, width, height)
-        truck.append(TruckPart(kind, f"{name}{_MARK}{kind}", size, (length - from_m - to_m) / 2))
+        truck.append(
+            TruckPart(kind, f"{name}{_PART_SEPARATOR}{kind}", size, (length - from_m - to_m) / 2)
+        )
     if not asset(name).loaded:
         return (truck[0]._replace(name=name),)
     return tuple(truck)
@@ -77,7 +79,7 @@ def mesh_of_part(meshes: Callable[[str, int], LabelledMesh], name: str, phase: i
         name: name of an asset, or of a `TruckPart`.
         phase: phase of its movement.
     """
-    whole, _, kind = name.partition(_MARK)
+    whole, _, kind = name.partition(_PART_SEPARATOR)
     mesh, cab_m = meshes(whole, phase), asset(whole).cab_m if kind else None
     if cab_m is None:
         return mesh

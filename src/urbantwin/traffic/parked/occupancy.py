@@ -97,7 +97,7 @@ def park(
     if not spaces:
         return ParkedVehicles()
     counts: dict[str, Counter[str]] = {}
-    tried: list[_Tried] = []
+    tried: list[_Candidate] = []
     driveways = service_ground(mesh, network)
     for number, space in enumerate(spaces):
         count = counts.setdefault(space.kind, Counter(spaces=0, taken=0))
@@ -113,7 +113,7 @@ def park(
             count["too_small"] += 1
         else:
             tried.append(candidate)
-    for vehicle, why in zip(tried, _hindered(tried, network, mesh), strict=True):
+    for vehicle, why in zip(tried, _hindrances(tried, network, mesh), strict=True):
         counts[vehicle.space.kind][why or "taken"] += 1
         vehicle.stays = not why
     rows: list[dict[str, Any]] = []
@@ -149,7 +149,7 @@ def park(
 
 
 @dataclass(eq=False)
-class _Tried:
+class _Candidate:
     """A vehicle that fits a space: its pose, and whether it stays."""
 
     space: Space
@@ -163,11 +163,11 @@ class _Tried:
         return rectangle(self.xy, self.yaw, self.asset.length, self.asset.width)
 
 
-def _hindered(tried: Sequence[_Tried], network: RoadNetwork, mesh: LabelledMesh) -> list[str]:
+def _hindrances(tried: Sequence[_Candidate], network: RoadNetwork, mesh: LabelledMesh) -> list[str]:
     """Return, for each vehicle, the reason why it cannot stand there; empty if it can."""
     if not tried:
         return []
-    kept_free = _kept_free(network)
+    kept_free = _no_parking_areas(network)
     outlines = [vehicle.outline() for vehicle in tried]
     boxes = PlanBoxes(
         np.zeros(len(tried), np.int64),
@@ -195,7 +195,7 @@ def _vehicle(
     random: np.random.Generator,
     fleet: Fleet,
     asset: Callable[[str], Asset],
-) -> _Tried | None:
+) -> _Candidate | None:
     """Return the vehicle that takes a space; ``None`` if none fits."""
     off = random.normal(size=3)
     backwards = space.kerb == 0 and not space.slanted and random.random() < BACKWARDS
@@ -223,10 +223,10 @@ def _vehicle(
         play = (space.width - DOOR_M - size.width) / 2
         xy = xy + left * np.clip(off[1] * 0.4, -1.0, 1.0) * max(play, 0.0)
     yaw = space.yaw + float(np.clip(off[2], -2.5, 2.5)) * ASKEW_RAD
-    return _Tried(space, size, xy, yaw + (np.pi if backwards else 0.0))
+    return _Candidate(space, size, xy, yaw + (np.pi if backwards else 0.0))
 
 
-def _kept_free(network: RoadNetwork) -> shapely.Geometry:
+def _no_parking_areas(network: RoadNetwork) -> shapely.Geometry:
     """Return areas without parking: crossings, paths through junctions, around bus stops."""
     areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
     areas = [area.buffer(1.0) for area in areas]

@@ -92,10 +92,10 @@ def street_spaces(network: RoadNetwork) -> Iterator[Space]:
     tree = shapely.STRtree([shapely.LineString(lane.centre[:, :2]) for lane in driving])
     for lane in network.lanes:
         if lane.kind == "parking":
-            yield from _along(lane, driving, tree)
+            yield from _spaces_along(lane, driving, tree)
 
 
-def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[Space]:
+def _spaces_along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[Space]:
     steps = np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1)
     station_m = np.concatenate([[0.0], np.cumsum(steps)])
     if station_m[-1] < 1e-6:
@@ -163,7 +163,7 @@ def car_park_spaces(mesh: LabelledMesh, network: RoadNetwork) -> Iterator[Space]
     for area in shapely.get_parts(free):
         if area.geom_type != "Polygon" or area.area < LEAST_M2:
             continue
-        for middle, yaw in _rows(area):
+        for middle, yaw in _spaces_in_rows(area):
             z = middles[int(heights.nearest(shapely.Point(middle))), 2]
             yield Space("car_park", np.array([*middle, z]), yaw, DEEP_M, WIDE_M)
 
@@ -186,7 +186,7 @@ def _level_ground(mesh: LabelledMesh, name: str) -> shapely.Geometry:
     return shapely.union_all(flat[shapely.area(flat) > 1e-6], grid_size=1e-3)
 
 
-def _rows(area: shapely.Polygon) -> Iterator[tuple[NDArray[np.float64], float]]:
+def _spaces_in_rows(area: shapely.Polygon) -> Iterator[tuple[NDArray[np.float64], float]]:
     """Yield centre (2,) and yaw of the spaces of an area."""
     corners = shapely.get_coordinates(area.minimum_rotated_rectangle)
     sides = np.diff(corners[:3], axis=0)
