@@ -15,9 +15,9 @@ from urbantwin.tracking.road_user import RoadUser
 __all__ = ["Estimate", "estimates", "fronted"]
 
 #: Distance travelled, metres, and speed, m/s, from which motion determines the front.
-_GONE_M, _GOES_M_S = 2.0, 0.5
+_MIN_TRAVEL_M, _MIN_SPEED_M_S = 2.0, 0.5
 #: Distance up to which a track may be reversing, metres, if this share of its detections says so.
-_BACKS_M, _AGREE = 12.0, 0.75
+_MAX_REVERSING_M, _REVERSING_SHARE = 12.0, 0.75
 
 Floats = NDArray[np.float64]
 
@@ -122,11 +122,11 @@ def fronted(
     half = axis[:-1] + wrapped(np.diff(axis)) / 2
     gone = float((steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)).sum())
     agree = float(weight[np.sign(facing) == np.sign(votes)].sum()) / max(float(weight.sum()), 1e-9)
-    backs = abs(gone) < _BACKS_M and agree > _AGREE and len(yaw) > 3
-    front = np.sign(gone) if abs(gone) > _GONE_M and not backs else (np.sign(votes) or 1.0)
+    backs = abs(gone) < _MAX_REVERSING_M and agree > _REVERSING_SHARE and len(yaw) > 3
+    front = np.sign(gone) if abs(gone) > _MIN_TRAVEL_M and not backs else (np.sign(votes) or 1.0)
     turned = np.full(len(axis), front)
     if not user.turns:
-        goes = np.abs(ahead) > _GOES_M_S
+        goes = np.abs(ahead) > _MIN_SPEED_M_S
         if goes.any():
             moving_rows = np.flatnonzero(goes)
             nearest = moving_rows[

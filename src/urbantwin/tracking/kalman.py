@@ -23,13 +23,13 @@ __all__ = ["SEEN", "STATE", "begun", "corrected", "innovation", "measured", "pre
 #: Size of a state, and of its measured part: x, y, z, yaw.
 STATE, SEEN = 6, 4
 #: Time constant of the decay of the yaw rate, seconds.
-_TURNS_S = 2.0
+_YAW_RATE_DECAY_S = 2.0
 #: Random walk of heights, metres per root second.
-_CLIMBS_M = 0.3
+_HEIGHT_WALK_M = 0.3
 #: Error of a detected axis above which it is an outlier, radians; or twice the standard deviation.
-_ASKEW = 0.6
+_AXIS_OUTLIER_RAD = 0.6
 #: Half a turn: a detection measures the axis, not the front.
-_HALF = np.pi
+_HALF_TURN_RAD = np.pi
 
 Floats = NDArray[np.float64]
 
@@ -61,10 +61,10 @@ def predicted(
     """
     after, jacobian = state.copy(), np.tile(np.eye(STATE), (len(state), 1, 1))
     noise = np.zeros_like(jacobian)
-    noise[:, 2, 2] = _CLIMBS_M**2 * seconds
+    noise[:, 2, 2] = _HEIGHT_WALK_M**2 * seconds
     if user.turns:
-        fade = np.exp(-seconds / _TURNS_S)
-        turned = _TURNS_S * (1.0 - fade)
+        fade = np.exp(-seconds / _YAW_RATE_DECAY_S)
+        turned = _YAW_RATE_DECAY_S * (1.0 - fade)
         along = state[:, 3] + state[:, 5] * turned / 2
         c, s = np.cos(along), np.sin(along)
         travelled = state[:, 4] * seconds
@@ -79,8 +79,8 @@ def predicted(
             travelled * c * turned / 2,
         )
         jacobian[:, 3, 5], jacobian[:, 5, 5] = turned, fade
-        _wander(noise, np.column_stack([c, s]), (0, 1), 4, seconds, user.accelerates)
-        _wander(noise, np.ones((len(state), 1)), (3,), 5, seconds, user.swerves)
+        _add_process_noise(noise, np.column_stack([c, s]), (0, 1), 4, seconds, user.accelerates)
+        _add_process_noise(noise, np.ones((len(state), 1)), (3,), 5, seconds, user.swerves)
         across = np.column_stack([-s, c])
         slip = user.slips_m**2 * seconds
         noise[:, :2, :2] += slip[:, None, None] * across[:, :, None] * across[:, None, :]
@@ -89,13 +89,13 @@ def predicted(
             after[:, axis] += state[:, 4 + axis] * seconds
             jacobian[:, axis, 4 + axis] = seconds
             ones = np.ones((len(state), 1))
-            _wander(noise, ones, (axis,), 4 + axis, seconds, user.accelerates)
+            _add_process_noise(noise, ones, (axis,), 4 + axis, seconds, user.accelerates)
         noise[:, 3, 3] = user.swerves * seconds
     covariance = jacobian @ covariance @ jacobian.transpose(0, 2, 1) + noise
     return after, covariance, jacobian
 
 
-def _wander(
+def _add_process_noise(
     noise: Floats,
     way: Floats,
     places: tuple[int, ...],
@@ -115,7 +115,7 @@ def _wander(
 def innovation(state: Floats, seen: Floats) -> Floats:
     """Return detections (..., 4) minus states (..., 6): yaw within a quarter turn."""
     off = seen - state[..., :SEEN]
-    off[..., 3] = wrapped(off[..., 3], _HALF)
+    off[..., 3] = wrapped(off[..., 3], _HALF_TURN_RAD)
     return np.asarray(off)
 
 
@@ -125,10 +125,10 @@ def corrected(
     """Return states and covariances updated by one detection (T, 4) each."""
     if not user.turns:
         # A pedestrian faces its direction of motion, which is a second measurement of its axis.
-        state, covariance = _faced(state, covariance)
+        state, covariance = _axes_by_course(state, covariance)
     off = innovation(state, seen)
     noise = np.tile(measured(user), (len(state), 1))
-    usual = np.maximum(_ASKEW, 2 * np.sqrt(covariance[:, 3, 3]))
+    usual = np.maximum(_AXIS_OUTLIER_RAD, 2 * np.sqrt(covariance[:, 3, 3]))
     noise[:, 3] *= np.maximum(1.0, np.abs(off[:, 3]) / usual) ** 4
     total = covariance[:, :SEEN, :SEEN].copy()
     total[:, range(SEEN), range(SEEN)] += noise
@@ -138,7 +138,7 @@ def corrected(
     return after, (covariance + covariance.transpose(0, 2, 1)) / 2
 
 
-def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+def _axes_by_course(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Return pedestrians' states with axes corrected by the direction of motion."""
     pace = np.hypot(state[:, 4], state[:, 5])
     course = np.arctan2(state[:, 5], state[:, 4])
@@ -148,7 +148,7 @@ def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     )
     gain = covariance[:, 3, 3] / (covariance[:, 3, 3] + course_variance)
     state, covariance = state.copy(), covariance.copy()
-    state[:, 3] += gain * wrapped(course - state[:, 3], _HALF)
+    state[:, 3] += gain * wrapped(course - state[:, 3], _HALF_TURN_RAD)
     covariance[:, 3, 3] *= 1.0 - gain
     return state, covariance
 

@@ -18,7 +18,7 @@ from urbantwin.progress import Progress, each, untold
 __all__ = ["moments", "poses_of"]
 
 #: Maximum motion of a stationary sensor: metres, and elements of its rotation matrix.
-_STANDS_M, _STANDS = 1e-3, 1e-6
+_STATIONARY_M, _STATIONARY_ROTATION = 1e-3, 1e-6
 
 
 def moments(
@@ -46,7 +46,7 @@ def moments(
     if rate is not None:
         times = np.arange(count) / rate
     elif times is None and frames is not None:
-        times = _of_dataset(found, frames)
+        times = _times_of_dataset(found, frames)
     if times is None:
         raise InputError(
             "does not say when its frames were taken",
@@ -64,7 +64,7 @@ def moments(
     return np.asarray(times, np.float64)
 
 
-def _of_dataset(found: Detections, frames: Path) -> NDArray[np.float64] | None:
+def _times_of_dataset(found: Detections, frames: Path) -> NDArray[np.float64] | None:
     if not (frames / "dataset.json").is_file():
         return None
     time_of = {frame["name"]: frame["time_s"] for frame in read_manifest(frames).get("frames", [])}
@@ -102,4 +102,4 @@ def poses_of(found: Detections, frames: Path, tell: Progress = untold) -> Sequen
         float(np.abs(pose_of_frame.rotation - first.rotation).max())
         for pose_of_frame in found_poses
     )
-    return None if moved < _STANDS_M and turned < _STANDS else found_poses
+    return None if moved < _STATIONARY_M and turned < _STATIONARY_ROTATION else found_poses

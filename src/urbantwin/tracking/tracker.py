@@ -51,7 +51,7 @@ def rejoined_rows(
 
 
 #: Factor on its track's score of a box without a detection.
-_FILLED = 0.5
+_FILLED_SCORE_FACTOR = 0.5
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -81,7 +81,7 @@ def tracked(
         smooth: use later detections, too: broken tracks are joined, and states smoothed.
         tell: called with the fraction done and what is being done.
     """
-    still = _moved(found, poses)
+    still = _transformed(found, poses)
     users = [group_of(name) for name in still.class_names]
     tell(0.0, "linking")
     tracks = linked(still, users, time_s, how or Linking(), lambda share: tell(0.7 * share, "link"))
@@ -106,7 +106,7 @@ def tracked(
     boxes = _boxes(still, tracks, [estimate for estimate in made if estimate is not None], users)
     boxes = replace(boxes, time_s=time_s)
     tell(1.0, "filtering")
-    return _moved(boxes, None if poses is None else [pose.inverse() for pose in poses])
+    return _transformed(boxes, None if poses is None else [pose.inverse() for pose in poses])
 
 
 def _boxes(
@@ -114,7 +114,7 @@ def _boxes(
 ) -> Detections:
     frames, boxes, names, scores, numbers, filled = [], [], list[str](), [], [], []
     for number, (rows, estimate) in enumerate(zip(tracks, made, strict=True)):
-        name, size = _body(found, rows)
+        name, size = _class_and_size(found, rows)
         count, score = len(estimate.frame), found.score[rows]
         yaw = fronted(estimate, found.frame[rows], found.box[rows, 6], score, users[int(rows[0])])
         middle = estimate.state[:, 2] + size[2] / 2
@@ -125,7 +125,7 @@ def _boxes(
         frames.append(estimate.frame)
         boxes.append(box)
         names += [name] * count
-        scores.append(np.where(gap, _FILLED * mean, mean))
+        scores.append(np.where(gap, _FILLED_SCORE_FACTOR * mean, mean))
         numbers.append(np.full(count, number, np.int64))
         filled.append(gap)
     none = not tracks
@@ -142,7 +142,7 @@ def _boxes(
     return table.only(np.lexsort((table.track, table.frame)))
 
 
-def _body(found: Detections, rows: Rows) -> tuple[str, Floats]:
+def _class_and_size(found: Detections, rows: Rows) -> tuple[str, Floats]:
     """Return the class of a track, and its length, width and height."""
     score, names = found.score[rows], [found.class_names[row] for row in rows]
     votes = dict.fromkeys(sorted(set(names)), 0.0)
@@ -170,7 +170,7 @@ def _median(values: Floats, weight: Floats) -> float:
     return float(np.interp(along[-1] / 2 + weight[order][-1] / 4, along, values[order]))
 
 
-def _moved(found: Detections, poses: Sequence[Pose] | None) -> Detections:
+def _transformed(found: Detections, poses: Sequence[Pose] | None) -> Detections:
     """Return boxes transformed by each frame's pose; they stay upright."""
     if poses is None:
         return found
