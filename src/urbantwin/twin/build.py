@@ -100,7 +100,7 @@ def build_twin(  # noqa: PLR0915 - one step per stage
     _check_keys(site)
     whole = progress or untold
     extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
-    extract, completed = _completed(site, extract)
+    extract, completed = _with_buildings_file(site, extract)
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
     side = _driving_side(site, imported)
     corrections = Corrections.of_site(site)
@@ -110,7 +110,7 @@ def build_twin(  # noqa: PLR0915 - one step per stage
     else:
         open_at_times = []
     features = _features(site, extract)
-    photo = _photo(site)
+    photo = _ground_imagery(site)
     # Imported geometry takes as long as everything else.
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
@@ -305,7 +305,9 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
     return extract, between(tell, read, 1.0)
 
 
-def _completed(site: Site, extract: Extract | None) -> tuple[Extract | None, dict[str, str | int]]:
+def _with_buildings_file(
+    site: Site, extract: Extract | None
+) -> tuple[Extract | None, dict[str, str | int]]:
     """Return the map completed by the site's file of buildings, and notes about it."""
     if extract is None or site.buildings is None:
         return extract, {}
@@ -388,7 +390,7 @@ def _check_keys(site: Site) -> None:
             key_for(name, address, file=source.document.file, place=source.place("key_env"))
 
 
-def _photo(site: Site) -> Orthophoto | None:
+def _ground_imagery(site: Site) -> Orthophoto | None:
     """Read the imagery of the ground, with a margin around the region."""
     if not site.imagery:
         return None

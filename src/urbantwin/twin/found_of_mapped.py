@@ -35,7 +35,7 @@ LONG_M, ALONG, BESIDE_M = 20.0, 0.8, 3.0
 #: Number of small features below which a map is taken as drawn by hand; share of the region below
 #: which an extract hardly covers it.
 MANY, HARDLY = 100, 1 / 3
-_PATHS = ("footway", "path", "cycleway")
+_PATH_KEYS = ("footway", "path", "cycleway")
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ def found_of_mapped(
         if inside.contains(point)
     ]
     return {
-        "streets": _counted(_streets_there(lines.values(), inside, network)),
-        "crossings": _counted(crossings),
-        "signals": _counted(signals),
+        "streets": _presence_counts(_street_presence(lines.values(), inside, network)),
+        "crossings": _presence_counts(crossings),
+        "signals": _presence_counts(signals),
     }
 
 
@@ -127,12 +127,12 @@ def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> boo
     return len(tree.query(point, predicate="dwithin", distance=reach_m)) > 0
 
 
-def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
+def _presence_counts(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
     missing = tuple((point.x, point.y) for point, is_present in places if not is_present)
     return FoundOfMapped(len(places) - len(missing), len(places), missing)
 
 
-def _streets_there(
+def _street_presence(
     lines: Iterable[shapely.LineString], inside: shapely.Geometry, network: RoadNetwork
 ) -> list[tuple[shapely.Point, bool]]:
     """Return a point on each street in the region, and whether lanes lie along it."""
@@ -188,7 +188,7 @@ def _crossings(
                 points_of[osm_way.id].append(shapely.Point(xy))
     tree = shapely.STRtree([lines[osm_way.id] for osm_way in streets])
     for path in extract.highways():
-        if "crossing" not in [path.tags.get(key) for key in _PATHS]:
+        if "crossing" not in [path.tags.get(key) for key in _PATH_KEYS]:
             continue
         points = extract.way_line(path, frame)
         if len(points) < 2 or path.tags.get("crossing") == "no":

@@ -12,7 +12,7 @@ from urbantwin.site.rig import RigSpec
 
 __all__ = ["copy_sensor_files", "pattern_beside", "sensor_file"]
 
-_FILES = (".yaml", ".yml", ".json", ".csv")
+_FILE_SUFFIXES = (".yaml", ".yml", ".json", ".csv")
 
 
 def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, 
             while name in new_names.values():
                 name, number = f"{path.stem}.{number}.sensor{path.suffix}", number + 1
             new_names[path] = name
-            _keep(path, folder / name)
+            _copy_with_pattern(path, folder / name)
         sensor["model"] = f"{model}{new_names[path]}"
     return rig
 
@@ -57,7 +57,7 @@ def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
     before, colon, path = model.partition(":")
     if len(before) == 1 or not colon or "/" in before:
         before, colon, path = "", "", model
-    if not path.lower().endswith(_FILES):
+    if not path.lower().endswith(_FILE_SUFFIXES):
         return "", None
     file = next(
         (candidate for candidate in (folder / path, Path(path)) if candidate.is_file()), None
@@ -73,7 +73,7 @@ def pattern_beside(path: Path) -> Path | None:
     return path.parent / named
 
 
-def _keep(source: Path, target: Path) -> None:
+def _copy_with_pattern(source: Path, target: Path) -> None:
     """Copy a sensor's file, with the scan pattern that a YAML file names."""
     shutil.copyfile(source, target)
     named = pattern_beside(source)

@@ -19,7 +19,7 @@ __all__ = ["SPREAD", "street_reflectivity"]
 #: between new (0.7) and worn markings (0.43), is an estimate.
 SPREAD = {"asphalt": 0.3, "road-paint": 0.25}
 #: Decimals of latitude and longitude, degrees, for the seed: 1.1 m on the ground.
-_DIGITS = 5
+_SEED_DECIMALS = 5
 
 
 def street_reflectivity(latitude: float, longitude: float) -> dict[str, float]:
@@ -31,7 +31,7 @@ def street_reflectivity(latitude: float, longitude: float) -> dict[str, float]:
     """
     factors = {}
     for name, spread in SPREAD.items():
-        place = f"{name} {latitude:.{_DIGITS}f} {longitude:.{_DIGITS}f}"
+        place = f"{name} {latitude:.{_SEED_DECIMALS}f} {longitude:.{_SEED_DECIMALS}f}"
         seed = int.from_bytes(hashlib.sha256(place.encode()).digest()[:8], "big")
         drawn = np.random.default_rng(seed).standard_normal()
         factors[name] = round(float(np.exp(spread * np.clip(drawn, -2.5, 2.5))), 3)

@@ -29,9 +29,9 @@ from urbantwin.weakness.mapped_site import MappedSite
 __all__ = ["InputCheck", "check_inputs", "map_date"]
 
 #: Keys of a file's header with the date of its data.
-_KEYS = ("osmosis_replication_timestamp", "timestamp")
+_DATE_KEYS = ("osmosis_replication_timestamp", "timestamp")
 #: Size above which files are not read again for the times of their elements, bytes.
-_MOST = 30_000_000
+_MAX_REREAD_BYTES = 30_000_000
 
 
 def map_date(path: Path) -> datetime | None:
@@ -45,7 +45,7 @@ def map_date(path: Path) -> datetime | None:
     """
     with osmium.io.Reader(str(path)) as reader:
         header = reader.header()
-        for key in _KEYS:
+        for key in _DATE_KEYS:
             date_text = header.get(key)
             if date_text:
                 try:
@@ -53,7 +53,7 @@ def map_date(path: Path) -> datetime | None:
                 except ValueError:
                     continue
                 return date if date.tzinfo else date.replace(tzinfo=UTC)
-    if path.stat().st_size > _MOST:
+    if path.stat().st_size > _MAX_REREAD_BYTES:
         return None
     newest = None
     for item in osmium.FileProcessor(str(path)):

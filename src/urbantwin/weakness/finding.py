@@ -28,7 +28,7 @@ __all__ = [
 Matters = Literal["much", "some", "little"]
 
 #: Least weight of a finding that matters much, and some.
-_MUCH, _SOME = 0.35, 0.1
+_MUCH_WEIGHT, _SOME_WEIGHT = 0.35, 0.1
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,9 @@ class Finding:
     @property
     def matters(self) -> Matters:
         """Its weight in a word."""
-        if self.weight >= _MUCH:
+        if self.weight >= _MUCH_WEIGHT:
             return "much"
-        return "some" if self.weight >= _SOME else "little"
+        return "some" if self.weight >= _SOME_WEIGHT else "little"
 
     @property
     def instead(self) -> str:

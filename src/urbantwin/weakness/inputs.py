@@ -23,14 +23,14 @@ __all__ = ["extract_findings", "input_findings", "look_at_picture"]
 #: Cell size of elevation models, and pixel size of imagery, above which they are coarse, metres.
 COARSE_DEM_M, COARSE_IMAGE_M = 5.0, 0.35
 #: Mapped share of a region below which it extends beyond its map.
-_WHOLE = 0.995
+_MIN_MAPPED_SHARE = 0.995
 #: Number of small features below which the end of a map is unknown, unless it covers less than this
 #: share of the region.
-_MANY, _HARDLY = 100, 1 / 3
+_MIN_SMALL_FEATURES, _MIN_GUESSED_SHARE = 100, 1 / 3
 #: Pixel size of web tiles at zoom 0 on the equator, metres.
 _TILE_M = 156543.034
 #: TIFF tags with the date of acquisition, the most reliable first; of GDAL and of TIFF 6.0.
-_DATES = ("ACQUISITIONDATETIME", "TIFFTAG_DATETIME")
+_DATE_TAGS = ("ACQUISITIONDATETIME", "TIFFTAG_DATETIME")
 
 
 def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
@@ -75,8 +75,8 @@ def extract_findings(place: MappedSite) -> Iterator[Finding]:
     covered = float(shapely.intersection(place.area, place.region).area / place.region.area)
     # Without bounds in the file its end is estimated from small features.
     sure = place.extract.bounds is not None
-    many = sure or len(small_features(place.extract, place.frame)) >= _MANY
-    if covered >= _WHOLE or not (many or covered < _HARDLY):
+    many = sure or len(small_features(place.extract, place.frame)) >= _MIN_SMALL_FEATURES
+    if covered >= _MIN_MAPPED_SHARE or not (many or covered < _MIN_GUESSED_SHARE):
         return
     beyond = shapely.difference(place.region, place.area)
     parts = sorted(shapely.get_parts(beyond), key=lambda part: -part.area)
@@ -141,7 +141,7 @@ def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime |
     assert source.path is not None
     with opened_geotiff(source.path, "a GeoTIFF of red, green and blue") as raster:
         tags = {**raster.tags(), **raster.tags(ns="IMAGERY")}
-        date = next((day for key in _DATES if (day := _date(tags.get(key, "")))), None)
+        date = next((day for key in _DATE_TAGS if (day := _date(tags.get(key, "")))), None)
         crs = source.spec.crs or (raster.crs and raster.crs.to_wkt())
         if not crs:
             return date, 0.0

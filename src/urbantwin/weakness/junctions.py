@@ -16,18 +16,18 @@ from urbantwin.weakness.mapped_site import MappedSite, MappedWay, nearness
 __all__ = ["junction_findings"]
 
 #: Weight of a street's class (`STREETS`) from which it is large, and medium.
-_LARGE, _MEDIUM = 4.5, 3.0
+_LARGE_WEIGHT, _MEDIUM_WEIGHT = 4.5, 3.0
 #: Total number of lanes of all arms from which a junction of medium streets usually has signals.
 _MANY_LANES = 9.0
 #: Values of ``highway`` of nodes at junctions without signals.
-_YIELDING = ("stop", "give_way", "mini_roundabout")
+_UNSIGNALISED_VALUES = ("stop", "give_way", "mini_roundabout")
 #: Distance from the outermost node of a junction within which its crossings and signs lie, metres.
 _REACH_M = 40.0
 #: Maximum angle between a crossing and its arm, degrees.
-_ARM_DEG = 30.0
+_MAX_ARM_DEG = 30.0
 #: Distance between junctions below which they have no crossings of their own between them, metres.
-_NEXT_M = 70.0
-_PATHS = ("footway", "path", "cycleway")
+_NEIGHBOUR_M = 70.0
+_PATH_KEYS = ("footway", "path", "cycleway")
 
 
 def junction_findings(place: MappedSite) -> Iterator[Finding]:
@@ -87,16 +87,16 @@ def _looks_signalised(junction: MappedJunction, place: MappedSite) -> bool:
     ):
         return False
     around = _nodes_around(junction, place)
-    if any(tags.get(node, {}).get("highway") in _YIELDING for node in around):
+    if any(tags.get(node, {}).get("highway") in _UNSIGNALISED_VALUES for node in around):
         return False
     weights = sorted((arm.weight for arm in junction.arms), reverse=True)
     lanes = sum(arm.lanes for arm in junction.arms)
-    return weights[2] >= _LARGE or (weights[2] >= _MEDIUM and lanes >= _MANY_LANES)
+    return weights[2] >= _LARGE_WEIGHT or (weights[2] >= _MEDIUM_WEIGHT and lanes >= _MANY_LANES)
 
 
 def _nodes_around(junction: MappedJunction, place: MappedSite) -> set[int]:
     """Return the nodes of streets near a junction."""
-    disc = _disc(junction, place)
+    disc = _junction_disc(junction, place)
     nodes = {
         node
         for street in place.streets
@@ -112,7 +112,7 @@ def _nodes_around(junction: MappedJunction, place: MappedSite) -> set[int]:
     return {node for node, is_inside in zip(ordered, inside, strict=True) if is_inside}
 
 
-def _disc(junction: MappedJunction, place: MappedSite) -> shapely.Polygon:
+def _junction_disc(junction: MappedJunction, place: MappedSite) -> shapely.Polygon:
     nodes = [place.extract.nodes[node] for node in junction.nodes]
     xy = place.frame.site_from_lonlat(nodes)
     return shapely.MultiPoint(xy).convex_hull.buffer(_REACH_M)
@@ -125,7 +125,7 @@ def _crossings(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[
     for junction in signalised:
         if len(junction.arms) < 3:
             continue
-        disc = _disc(junction, place)
+        disc = _junction_disc(junction, place)
         nearby = [point for point in mapped if disc.contains(point)]
         middle = shapely.Point(junction.middle)
         others = [candidate for candidate in place.junctions if candidate is not junction]
@@ -164,7 +164,7 @@ def _mapped_crossings(place: MappedSite) -> list[shapely.Point]:
         points = list(shapely.points(xy))
     tree = shapely.STRtree([street.line for street in place.streets])
     for osm_way in place.extract.highways():
-        if "crossing" not in [osm_way.tags.get(key) for key in _PATHS]:
+        if "crossing" not in [osm_way.tags.get(key) for key in _PATH_KEYS]:
             continue
         line = place.extract.way_line(osm_way, place.frame)
         if len(line) < 2:
@@ -179,13 +179,13 @@ def _leads_to(arm: JunctionArm, junction: MappedJunction, other: MappedJunction)
     """Return whether another junction is so near on an arm that both share a crossing."""
     point = shapely.Point(other.middle)
     away = float(point.distance(shapely.Point(junction.middle)))
-    return away < _NEXT_M and _is_over(arm, junction, point)
+    return away < _NEIGHBOUR_M and _is_over(arm, junction, point)
 
 
 def _is_over(arm: JunctionArm, junction: MappedJunction, point: shapely.Point) -> bool:
     east, north = point.x - junction.middle[0], point.y - junction.middle[1]
     angle = float(np.degrees(np.arctan2(north, east)))
-    return bool(abs(wrapped(angle - arm.angle_deg, 360.0)) <= _ARM_DEG)
+    return bool(abs(wrapped(angle - arm.angle_deg, 360.0)) <= _MAX_ARM_DEG)
 
 
 def _turn_lanes(place: MappedSite, signalised: list[MappedJunction]) -> Iterator[Finding]:

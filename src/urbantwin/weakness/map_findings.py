@@ -117,7 +117,7 @@ _SIDEWALKS = ("sidewalk", "sidewalk:both", "sidewalk:left", "sidewalk:right")
 _NO_SIDEWALK = ("motorway", "motorway_link", "trunk_link", "busway", "living_street")
 #: Maximum distance of a footway from the middle of a street, metres, and least share along it, to
 #: be its sidewalk.
-_BESIDE_M, _ALONG = 18.0, 0.5
+_SIDEWALK_DISTANCE_M, _SIDEWALK_SHARE = 18.0, 0.5
 
 
 def street_findings(place: MappedSite) -> Iterator[Finding]:
@@ -130,7 +130,9 @@ def street_findings(place: MappedSite) -> Iterator[Finding]:
     for kind, problem, is_weak in tags:
         weak = [street for street in place.streets if is_weak(street.way.tags)]
         yield from _of_streets(place, kind, problem, weak, place.streets)
-    walks = shapely.union_all([footway.line for footway in place.footways]).buffer(_BESIDE_M)
+    walks = shapely.union_all([footway.line for footway in place.footways]).buffer(
+        _SIDEWALK_DISTANCE_M
+    )
     beside = [street for street in place.streets if _may_have_sidewalk(street.way.tags)]
     weak = [street for street in beside if _sidewalk_unknown(street, walks)]
     problem = "do not say whether they have sidewalks"
@@ -175,23 +177,23 @@ def _sidewalk_unknown(street: MappedWay, walks: shapely.Geometry) -> bool:
     if any(key in street.way.tags for key in _SIDEWALKS):
         return False
     along = shapely.intersection(street.inside, walks).length
-    return bool(along < _ALONG * street.inside.length)
+    return bool(along < _SIDEWALK_SHARE * street.inside.length)
 
 
 #: Distance within which the end of a way was probably meant to join another, metres.
-_NEARLY_M = 2.0
+_NEARLY_JOINED_M = 2.0
 #: Distance from the extract's border within which ways may be cut, metres.
-_RIM_M = 15.0
+_BORDER_M = 15.0
 #: Total length below which a group of ways is ignored, such as steps to a door, metres.
-_SHORT_M = 15.0
+_MIN_GROUP_M = 15.0
 
 
 def walking_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield the findings about the footways of the region."""
     if not place.footways:
         return
-    others = [*place.footways, *place.streets, *_service(place)]
-    apart = _apart(place, others)
+    others = [*place.footways, *place.streets, *_other_ways(place)]
+    apart = _isolated_footways(place, others)
     if apart:
         whole = sum(footway.weight for footway in place.footways)
         yield finding(
@@ -202,13 +204,13 @@ def walking_findings(place: MappedSite) -> Iterator[Finding]:
             of=len(place.footways),
             spots=[footway.spot(place.frame) for footway in apart],
         )
-    ends = _ends(place, others, {footway.way.id for footway in apart})
+    ends = _loose_footway_ends(place, others, {footway.way.id for footway in apart})
     if ends:
         share = sum(nearness(point) for _, _, point in ends) / 10.0
         yield finding(
             "footway-ends",
             counted(len(ends), "end of a footway lies", "ends of footways lie")
-            + f" within {_NEARLY_M:g} m of a way that shares no node with "
+            + f" within {_NEARLY_JOINED_M:g} m of a way that shares no node with "
             + ("it" if len(ends) == 1 else "them"),
             share=share,
             count=len(ends),
@@ -219,7 +221,7 @@ def walking_findings(place: MappedSite) -> Iterator[Finding]:
         )
 
 
-def _service(place: MappedSite) -> list[MappedWay]:
+def _other_ways(place: MappedSite) -> list[MappedWay]:
     """Return all other ways that connect to footways: service roads, tracks, cycleways, areas."""
     known_ids = {mapped.way.id for mapped in (*place.footways, *place.streets)}
     other_ways = []
@@ -233,7 +235,7 @@ def _service(place: MappedSite) -> list[MappedWay]:
     return other_ways
 
 
-def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
+def _isolated_footways(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
     """Return the footways from which no other way can be reached, within the map."""
     numbers: dict[int, int] = {}
     pairs = []
@@ -252,7 +254,7 @@ def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
     for footway in ways:
         groups[int(labels[numbers[footway.way.nodes[0]]])].append(footway)
     footways = {footway.way.id for footway in place.footways}
-    inside = place.area.buffer(-_RIM_M)
+    inside = place.area.buffer(-_BORDER_M)
     isolated = []
     for group in groups.values():
         lines = shapely.union_all([footway.line for footway in group])
@@ -260,14 +262,14 @@ def _apart(place: MappedSite, ways: list[MappedWay]) -> list[MappedWay]:
         whole = place.region.contains(lines) and inside.contains(lines)
         if (
             whole
-            and lines.length >= _SHORT_M
+            and lines.length >= _MIN_GROUP_M
             and all(footway.way.id in footways for footway in group)
         ):
             isolated += group
     return sorted(isolated, key=lambda footway: footway.way.id)
 
 
-def _ends(
+def _loose_footway_ends(
     place: MappedSite, ways: list[MappedWay], apart: set[int]
 ) -> list[tuple[MappedWay, int, shapely.Point]]:
     """Return ends of footways that nearly meet another way of the same level."""
@@ -286,7 +288,7 @@ def _ends(
             point = shapely.Point(place.frame.site_from_lonlat([place.extract.nodes[node]])[0])
             if not place.region.contains(point):
                 continue
-            nearby = tree.query(point, predicate="dwithin", distance=_NEARLY_M)
+            nearby = tree.query(point, predicate="dwithin", distance=_NEARLY_JOINED_M)
             if any(
                 ways[number].way.id != footway.way.id and _level(ways[number]) == _level(footway)
                 for number in nearby.tolist()

@@ -23,9 +23,9 @@ __all__ = ["WALKED", "MappedSite", "MappedWay", "nearness"]
 #: Ways for pedestrians only.
 WALKED = frozenset("footway path pedestrian steps corridor".split())
 #: Values of ``foot`` that allow pedestrians on a cycleway.
-_MAY = ("yes", "designated", "permissive")
+_FOOT_VALUES = ("yes", "designated", "permissive")
 #: Distance from the anchor at which objects have half weight, metres.
-_HALF_M = 50.0
+_HALF_WEIGHT_M = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,10 @@ class MappedSite:
             for osm_way in self.extract.highways()
             if (
                 osm_way.tags["highway"] in WALKED
-                or (osm_way.tags["highway"] == "cycleway" and osm_way.tags.get("foot") in _MAY)
+                or (
+                    osm_way.tags["highway"] == "cycleway"
+                    and osm_way.tags.get("foot") in _FOOT_VALUES
+                )
             )
             and osm_way.tags.get("area") != "yes"
             and osm_way.tags.get("indoor", "no") == "no"
@@ -143,4 +146,4 @@ class MappedSite:
 def nearness(shape: shapely.Geometry) -> float:
     """Return the weight of an object by its distance from the anchor: 1 there, 0.5 at 50 m."""
     away = float(np.asarray(shapely.distance(shape, shapely.Point(0.0, 0.0))))
-    return 1.0 / (1.0 + (away / _HALF_M) ** 2)
+    return 1.0 / (1.0 + (away / _HALF_WEIGHT_M) ** 2)
