@@ -89,12 +89,12 @@ def _random_split_counts(
     counts: Mapping[Any, int], second: int, random: np.random.Generator
 ) -> dict[str, float] | None:
     """Return differences of shares, in points, of counts randomly split into two parts."""
-    every = np.array(list(counts.values()))
-    first = int(every.sum()) - second
+    totals = np.array(list(counts.values()))
+    first = int(totals.sum()) - second
     if first <= 0 or second <= 0:
         return None
-    drawn = random.multivariate_hypergeometric(every, second, _RANDOM_SPLITS)
-    off = np.abs(drawn / second - (every - drawn) / first).max(axis=1)
+    drawn = random.multivariate_hypergeometric(totals, second, _RANDOM_SPLITS)
+    off = np.abs(drawn / second - (totals - drawn) / first).max(axis=1)
     return _median_and_95(100 * off)
 
 
@@ -128,8 +128,8 @@ def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float 
 
 def _ks_distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the Kolmogorov-Smirnov distance, without SciPy's slow computation of its p-value."""
-    every = np.concatenate([first, second])
-    shares = [np.searchsorted(np.sort(x), every, side="right") / len(x) for x in (first, second)]
+    pooled = np.concatenate([first, second])
+    shares = [np.searchsorted(np.sort(x), pooled, side="right") / len(x) for x in (first, second)]
     return float(np.abs(shares[0] - shares[1]).max())
 
 

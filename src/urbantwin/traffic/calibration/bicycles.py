@@ -32,7 +32,7 @@ def bicycle_counts(
         roads: the lanes.
         links: the movements over the main junction.
     """
-    came = part.new.get("bicycle", 0)
+    recorded = part.new.get("bicycle", 0)
     mapped = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
     passages = [
         passage
@@ -51,6 +51,6 @@ def bicycle_counts(
         if 0.5 < passage.seen.time_s[0] < part.seconds
     }
     counted = len(begun) + elsewhere.besides(passages, part.seconds)
-    if came < _MIN_BICYCLES or counted < _MIN_COUNTED_SHARE * came:
+    if recorded < _MIN_BICYCLES or counted < _MIN_COUNTED_SHARE * recorded:
         return []
     return count_rows(turns, passages, (0.0, part.seconds), elsewhere, _BICYCLE)

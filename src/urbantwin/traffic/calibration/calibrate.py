@@ -104,10 +104,10 @@ def calibrate_traffic(
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
             _with_signals(document, middle)
-        twin, came, timing = _timed_twin(
+        twin, links_and_passages, timing = _timed_twin(
             document, seen, (recording.signals, middle, fit_s), scratch, progress
         )
-        links, passages = came
+        links, passages = links_and_passages
         recorded = measuring(twin, seen, links, passages)
         part = recorded(0.0, fit_s)
         if not part.turns:
@@ -120,8 +120,8 @@ def calibrate_traffic(
         early = [track for track in seen if track.time_s[0] < fit_s]
         passed_early = [passage for passage in passages if passage.seen.time_s[0] < fit_s]
         elsewhere = counted_elsewhere(early, twin.roads, links.junction)
-        ways = ways_seen(passed_early, twin.roads, elsewhere.times)
-        counted = replace(elsewhere, times={**elsewhere.times, **ways})
+        counted_beyond = ways_seen(passed_early, twin.roads, elsewhere.times)
+        counted = replace(elsewhere, times={**elsewhere.times, **counted_beyond})
         traffic, missing = traffic_of(part, passed_early, _sizes(seen, fit_s), 0.0, counted)
         traffic["counts"] += bicycle_counts(part, early, twin.roads, links)
         missing += ways_missed(part, links, elsewhere.besides(passed_early, fit_s))
@@ -194,14 +194,18 @@ def _timed_twin(
     """
     signals, middle, fit_s = lit
     twin = built(document, scratch, between(progress, 0.05, 0.25))
-    came = passed(twin, seen)
-    timing = None if signals is None else timing_of(signals, came[1], came[0], fit_s)
+    links_and_passages = passed(twin, seen)
+    timing = (
+        None
+        if signals is None
+        else timing_of(signals, links_and_passages[1], links_and_passages[0], fit_s)
+    )
     if timing is not None:
         _with_signals(document, middle)
         _with_timing(document, timing)
         twin = built(document, scratch, between(progress, 0.25, 0.4))
-        came = passed(twin, seen)
-    return twin, came, timing
+        links_and_passages = passed(twin, seen)
+    return twin, links_and_passages, timing
 
 
 def _arrivals(
@@ -209,10 +213,10 @@ def _arrivals(
 ) -> dict[str, Any]:
     """Return the platoons of arrivals in the part that is fitted to, and whether they are even."""
     factor = float(np.median(part.all_free)) if part.free else 1.0
-    came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
-    platoons = platoons_of(came, part.seconds, cycle_s)
+    arrivals = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
+    platoons = platoons_of(arrivals, part.seconds, cycle_s)
     cycle_s = max([cycle_s, *(platoon["cycle_s"] for platoon in platoons)])
-    evenly = come_evenly(came, part.seconds, cycle_s)
+    evenly = come_evenly(arrivals, part.seconds, cycle_s)
     return {"arrivals": platoons, "counted_set_out": "evenly" if evenly else "at_random"}
 
 

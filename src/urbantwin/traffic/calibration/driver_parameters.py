@@ -159,7 +159,9 @@ PARAMETERS = (
     ),
     Parameter(
         *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 30.0),
-        lambda part: [one for _, found in sorted(part.turning.items()) for one in found],
+        lambda part: [
+            speed for _, of_movement in sorted(part.turning.items()) for speed in of_movement
+        ],
         *(_median, True, "speeds in turns, m/s"),
         where="bends",
         there="turning",
@@ -241,9 +243,9 @@ def by_approach(recorded: Measured) -> list[Parameter]:
     def discharge(approach: str) -> Callable[[Measured], list[Any]]:
         return lambda part: part.discharge.get(approach, [])
 
-    (every,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
+    (queue_parameter,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
     return [
-        replace(every, sample=discharge(name), approach=name)
+        replace(queue_parameter, sample=discharge(name), approach=name)
         for name, values in sorted(recorded.discharge.items())
         if len(values) >= FEWEST
     ]
@@ -252,9 +254,9 @@ def by_approach(recorded: Measured) -> list[Parameter]:
 def elsewhere(apart: Collection[Parameter]) -> Parameter:
     """Return the queue headway of all approaches without one of their own."""
     names = {parameter.approach for parameter in apart}
-    (every,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
+    (queue_parameter,) = (parameter for parameter in PARAMETERS if parameter.name == QUEUES)
     return replace(
-        every,
+        queue_parameter,
         sample=lambda part: [
             value
             for name, values in sorted(part.discharge.items())

@@ -71,7 +71,7 @@ def counted_elsewhere(
         classes: classes to count: motor traffic, or bicycles.
     """
     user = "car" if set(classes) <= set(MOTORS) else "bicycle"
-    below, ways = LanesBelow(roads), ways_between(roads)
+    below, road_pairs = LanesBelow(roads), ways_between(roads)
     by_id = {road.id: road for road in roads.roads}
     turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
     stretches: dict[str, list[tuple[SeenTrack, NDArray[np.float64]]]] = defaultdict(list)
@@ -97,7 +97,7 @@ def counted_elsewhere(
         if main_roads.isdisjoint(road for road, _ in runs):
             others.add(seen.track.name)
         for (first, _), (last, moments) in pairwise(runs):
-            if (first, last) in ways:
+            if (first, last) in road_pairs:
                 turns[first, last].append((seen, float(seen.time_s[moments[0]])))
                 junctions_passed.add(by_id[first].to_junction)
         touched.update(junctions_passed)
@@ -119,12 +119,12 @@ def counted_elsewhere(
         if by_id[first].to_junction in whole
     }
     covered = whole | {junction}
-    for road, those in sorted(stretches.items()):
+    for road, tracks_on_road in sorted(stretches.items()):
         if not covered & {by_id[road].from_junction, by_id[road].to_junction}:
-            passed = _at_a_section(by_id[road], roads, those)
+            passed = _at_a_section(by_id[road], roads, tracks_on_road)
             if _adds_information(passed, others):
                 counts[("road", road),] = passed
-    came = {first for first, _ in turns}
+    approaches = {first for first, _ in turns}
     return CountedElsewhere(
         {spot: _by_class(passed) for spot, passed in counts.items()},
         tuple(
@@ -133,7 +133,7 @@ def counted_elsewhere(
                 for road in roads.roads
                 if road.to_junction in whole
                 and road.from_junction != junction
-                and road.id not in came
+                and road.id not in approaches
                 and any(user in roads.lane_by_id[lane].allowed for lane in road.lanes)
             )
         ),

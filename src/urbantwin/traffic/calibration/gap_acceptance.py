@@ -113,19 +113,19 @@ def decisions_of(
     by_way: dict[tuple[str, str], list[Passage]] = defaultdict(list)
     for passage in passages:
         by_way[passage.lane, passage.leaving].append(passage)
-    met = []  # conflict, and times of its traffic with priority
+    times_of_conflict = []  # conflict, and times of its traffic with priority
     for conflict in conflicts:
         passing_times_s = [
             _passing_time_s(passage, conflict.place) for passage in by_way[conflict.major]
         ]
-        met.append(
+        times_of_conflict.append(
             (conflict, np.array([passed_s for passed_s in passing_times_s if passed_s is not None]))
         )
     decisions = []
     for passage in passages:
         across: list[float] = []  # times of other vehicles after the yielding one
         own: list[tuple[float, Conflict]] = []
-        for conflict, times in met:
+        for conflict, times in times_of_conflict:
             if conflict.minor == (passage.lane, passage.leaving):
                 passed_s = _passing_time_s(passage, conflict.place)
                 if passed_s is not None:

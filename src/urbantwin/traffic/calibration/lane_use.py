@@ -51,8 +51,8 @@ class LaneUse:
     def learn(self, simulated: Measured) -> None:
         """Update the requested shares by a simulation with `rows`."""
         for movement, used in self.recorded.items():
-            every = simulated.lane_use.get(movement, {})
-            shown = {lane: every.get(lane, 0) for lane in used}
+            simulated_use = simulated.lane_use.get(movement, {})
+            shown = {lane: simulated_use.get(lane, 0) for lane in used}
             seen, count = sum(shown.values()), sum(used.values())
             if not seen:
                 continue

@@ -104,8 +104,10 @@ class Measured:
     @property
     def all_headways(self) -> NDArray[np.float64]:
         """Headways of all lanes up to 15 s."""
-        every = np.array([headway_s for of_lane in self.headways.values() for headway_s in of_lane])
-        return every[every <= _FOLLOWING_S]
+        headways_s = np.array(
+            [headway_s for of_lane in self.headways.values() for headway_s in of_lane]
+        )
+        return headways_s[headways_s <= _FOLLOWING_S]
 
     @property
     def all_free(self) -> list[float]:
@@ -128,7 +130,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
     def added(name: str) -> dict[Any, int]:
         return dict(sum((Counter(getattr(part, name)) for part in parts), Counter()))
 
-    def every(name: str) -> list[Any]:
+    def all_of(name: str) -> list[Any]:
         return [value for part in parts for value in getattr(part, name)]
 
     def by_place(name: str) -> dict[Any, list[float]]:
@@ -144,7 +146,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
             lane_use[movement].update(used)
     values: dict[str, Any] = {
         "seconds": sum(part.seconds for part in parts),
-        "speeds": tuple(every("speeds")),
+        "speeds": tuple(all_of("speeds")),
         "lane_use": {movement: dict(used) for movement, used in lane_use.items()},
     }
     values |= {name: added(name) for name in ("classes", "new", "turns")}
@@ -152,7 +154,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
         name: by_place(name) for name in ("headways", "discharge", "bends", "turning", "free")
     }
     values |= {
-        field.name: every(field.name) for field in fields(Measured) if field.name not in values
+        field.name: all_of(field.name) for field in fields(Measured) if field.name not in values
     }
     return Measured(**values)
 
@@ -192,9 +194,9 @@ def measured(
         if crossing.lane and np.isfinite(crossing.passed_s):
             passed[crossing.lane].append(crossing)
     headways = {}
-    for lane, ones in sorted(passed.items()):
-        ones.sort(key=lambda crossing: crossing.passed_s)
-        headways[lane] = [b.passed_s - a.passed_s for a, b in pairwise(ones)]
+    for lane, in_order in sorted(passed.items()):
+        in_order.sort(key=lambda crossing: crossing.passed_s)
+        headways[lane] = [b.passed_s - a.passed_s for a, b in pairwise(in_order)]
     motors = [seen for seen in present if seen.track.actor_class in MOTORS]
     heavy = [seen for seen in motors if seen.track.actor_class in HEAVY]
     light = [seen for seen in motors if seen.track.actor_class not in HEAVY]
@@ -245,17 +247,17 @@ def _counts(tracks: Sequence[SeenTrack]) -> dict[str, int]:
 
 def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]:
     settled_s = float(one.time_s[0]) + SETTLES_S
-    here = (one.time_s >= max(begin_s, settled_s)) & (one.time_s < end_s)
-    if here.sum() < 3:
+    in_span = (one.time_s >= max(begin_s, settled_s)) & (one.time_s < end_s)
+    if in_span.sum() < 3:
         return np.zeros(0)
-    speed = np.abs(one.speed[here])
-    steps = np.linalg.norm(np.diff(one.xy[here], axis=0), axis=1)
+    speed = np.abs(one.speed[in_span])
+    steps = np.linalg.norm(np.diff(one.xy[in_span], axis=0), axis=1)
     # Tracker noise lets standing vehicles drift by metres per minute, which is no travel.
     steps[np.minimum(speed[1:], speed[:-1]) <= STANDS_MS] = 0.0
-    gone = np.concatenate([[0.0], np.cumsum(steps)])
+    travelled_m = np.concatenate([[0.0], np.cumsum(steps)])
     moves = np.concatenate([[True], steps > 0])
-    station_m = np.arange(_SPEED_SPACING_M / 2, gone[-1], _SPEED_SPACING_M)
-    return np.asarray(np.interp(station_m, gone[moves], speed[moves]))
+    station_m = np.arange(_SPEED_SPACING_M / 2, travelled_m[-1], _SPEED_SPACING_M)
+    return np.asarray(np.interp(station_m, travelled_m[moves], speed[moves]))
 
 
 def _top_speed_share(
@@ -293,11 +295,11 @@ def _gaps(
     follow: dict[tuple[str, str], list[float]] = defaultdict(list)
     drive: dict[tuple[str, str], list[float]] = defaultdict(list)
     stood_s = {id(passage.seen): _first_stood(passage.seen) for passage in passages}
-    for ones in on_lanes.values():
-        yaw = ones[0][0].seen.yaw[ones[0][1]]
+    for on_lane in on_lanes.values():
+        yaw = on_lane[0][0].seen.yaw[on_lane[0][1]]
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        ones.sort(key=lambda entry: float(entry[0].seen.xy[entry[1]] @ ahead))
-        for (follower, k), (before, j) in pairwise(ones):
+        on_lane.sort(key=lambda entry: float(entry[0].seen.xy[entry[1]] @ ahead))
+        for (follower, k), (before, j) in pairwise(on_lane):
             a, b = follower.seen, before.seen
             gap = float(np.linalg.norm(b.xy[j] - a.xy[k]))
             gap -= float(a.track.size[0] + b.track.size[0]) / 2

@@ -105,7 +105,7 @@ def calibrate_observation(
                 told=lambda share: tell(share, what),
             )
 
-        on_arms = sum(float(every.mean()) for every in recorded.arms.values())
+        on_arms = sum(float(presence.mean()) for presence in recorded.arms.values())
         flows, of_arms, best = first_flows(recorded), dict[str, float](), None
         for turn in range(_ROUNDS):
             trial = simulated(flows, of_arms, turn)
@@ -221,11 +221,11 @@ def _flow_rows(
     looks = len(spans_s)
     spread = last.spread(max(1, round(sum(spans_s) / looks)))
     rows: list[dict[str, Any]] = []
-    for of, every, present, present_simulated, kind in (
+    for of, flows_of, present, present_simulated, kind in (
         ("class", flows, recorded.classes, last.classes, "classes"),
         ("road", of_arms or flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
     ):
-        for name, q in sorted(every.items()):
+        for name, q in sorted(flows_of.items()):
             share = spread[kind].get(name)
             rows.append(
                 {

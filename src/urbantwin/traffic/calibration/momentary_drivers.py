@@ -101,14 +101,14 @@ def momentary_drivers(
         ``drivers`` and ``size`` of ``traffic``, if they change; and an entry for each statistic:
             both medians, the standard error, and the number of values.
     """
-    here = _within(recorded, area)
+    in_area = _within(recorded, area)
     spans = _spans(_within(simulated, area), moments)
     drivers = {name: dict(values) for name, values in (site.get("drivers") or {}).items()}
     sizes = {name: dict(values) for name, values in (site.get("size") or {}).items()}
     rows = []
 
     def add_figure(what: str, of: Callable[[ObservedTracks], list[float]]) -> _Comparison | None:
-        figure = _comparison(of(here), [of(span) for span in spans])
+        figure = _comparison(of(in_area), [of(span) for span in spans])
         if figure is not None:
             rows.append(figure.row(what))
         return figure
@@ -191,16 +191,16 @@ def _pairs(of: ObservedTracks, rows: NDArray[np.bool_]) -> Iterator[tuple[int, i
     """Yield follower, next vehicle ahead on the same lane at the same time, and gap, metres."""
     chosen = np.flatnonzero(rows)
     for moment in np.unique(of.time_s[chosen]):
-        here = chosen[of.time_s[chosen] == moment]
-        for index in here.tolist():
+        at_moment = chosen[of.time_s[chosen] == moment]
+        for index in at_moment.tolist():
             c, s = np.cos(of.yaw[index]), np.sin(of.yaw[index])
-            away = of.xy[here] - of.xy[index]
+            away = of.xy[at_moment] - of.xy[index]
             along, lateral_m = away @ (c, s), np.abs(away @ (-s, c))
-            alike = np.abs(wrapped(of.yaw[here] - of.yaw[index])) < _SAME_HEADING_RAD
+            alike = np.abs(wrapped(of.yaw[at_moment] - of.yaw[index])) < _SAME_HEADING_RAD
             ahead = np.flatnonzero(alike & (lateral_m < _SAME_LANE_M) & (along > 0))
             if len(ahead):
                 next_one = int(ahead[along[ahead].argmin()])
-                other = int(here[next_one])
+                other = int(at_moment[next_one])
                 half_m = float(of.size[index, 0] + of.size[other, 0]) / 2
                 yield index, other, float(along[next_one]) - half_m
 
@@ -218,8 +218,8 @@ def _comparison(here: list[float], spans: list[list[float]]) -> _Comparison | No
     spread = float(high - low) / 2
     chance = float(np.std(medians, ddof=1)) * (1 + 1 / len(medians)) ** 0.5
     error = max(1.25 * spread / len(here) ** 0.5, chance)
-    every = [value for span in spans for value in span]
-    return _Comparison(float(middle), float(np.median(every)), error, len(here), spread)
+    all_simulated = [value for span in spans for value in span]
+    return _Comparison(float(middle), float(np.median(all_simulated)), error, len(here), spread)
 
 
 def _limited(value: float, limits: tuple[float, float]) -> float:

@@ -46,8 +46,8 @@ def traffic_of(
         "counts": count_rows(part.turns, passages, (begin_s, part.seconds), elsewhere),
     }
     size = {}
-    for name, every in sizes.items():
-        factors = _size(name, every)
+    for name, sizes_of_class in sizes.items():
+        factors = _size(name, sizes_of_class)
         if isinstance(factors, str):
             untold.append(factors)
         else:
@@ -101,16 +101,16 @@ def count_rows(
     counted: set[str] = set()
     for spot, times in times_of.items():
         for name, passed in times.items():
-            here = passed[(passed >= begin_s) & (passed < end_s)]
-            if len(here):
+            in_span = passed[(passed >= begin_s) & (passed < end_s)]
+            if len(in_span):
                 counted.add(name)
-            if not len(here) and not beside:
+            if not len(in_span) and not beside:
                 continue
             row: dict[str, Any] = {**dict(spot), "actor_class": name}
             if edges is not None:
-                row["per_quarter"] = [float(count) for count in np.histogram(here, edges)[0]]
+                row["per_quarter"] = [float(count) for count in np.histogram(in_span, edges)[0]]
             else:
-                row["per_hour"] = round(float(len(here) / seconds * 3600), 1)
+                row["per_hour"] = round(float(len(in_span) / seconds * 3600), 1)
             rows.append(row)
     if elsewhere is not None and beside:
         rows += [

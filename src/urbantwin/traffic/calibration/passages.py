@@ -115,7 +115,7 @@ class JunctionLinks:
         """Read them from a network."""
         junction = main_junction(roads)
         into = {road.id for road in roads.roads if road.to_junction == junction}
-        ways: dict[str, tuple[str, str]] = {}
+        movement_of_lane: dict[str, tuple[str, str]] = {}
         links: dict[tuple[str, str], list[int]] = defaultdict(list)
         root, program = etree.parse(net).getroot(), ""
         follow: dict[str, str] = {}
@@ -126,15 +126,15 @@ class JunctionLinks:
             if item.get("from") not in into or not item.get("via"):
                 continue
             movement = (before, item.get("to"))
-            ways[item.get("via")] = movement
+            movement_of_lane[item.get("via")] = movement
             if item.get("tl"):
                 program = item.get("tl")
                 links[movement].append(int(item.get("linkIndex")))
         # A movement over a large junction has several lanes.
-        for first, movement in list(ways.items()):
+        for first, movement in list(movement_of_lane.items()):
             lane = first
-            while (lane := follow.get(lane, "")) and lane not in ways:
-                ways[lane] = movement
+            while (lane := follow.get(lane, "")) and lane not in movement_of_lane:
+                movement_of_lane[lane] = movement
         junctions = signalised_junctions(root) if program else []
         signals = next(
             (
@@ -154,7 +154,7 @@ class JunctionLinks:
             {movement: tuple(numbers) for movement, numbers in links_of.items()}
             for links_of in (links, beside)
         )
-        return cls(junction, ways, movements, signals, _green(root, program), others)
+        return cls(junction, movement_of_lane, movements, signals, _green(root, program), others)
 
     def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
         """Return whether two movements are ever green at once; always true without signals."""
@@ -196,10 +196,10 @@ def passages_of(
         if name not in classes:
             continue
         # Lanes for cars on the map serve all motor traffic.
-        every = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
+        lane_ids = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
         passages += [
-            _passage(whole.part(part), every[part], roads, road_of, links)
-            for part in _visits(every, road_of, links.junction)
+            _passage(whole.part(part), lane_ids[part], roads, road_of, links)
+            for part in _visits(lane_ids, road_of, links.junction)
         ]
     return [passage for passage in passages if passage is not None]
 
@@ -226,13 +226,13 @@ def _passage(
     links: JunctionLinks,
 ) -> Passage | None:
     """Return the passage of a track over the main junction; ``None`` if it is not on it."""
-    came = [
+    on_approach = [
         k for k, lane_id in enumerate(lanes) if _junction_at_end(road_of, lane_id) == links.junction
     ]
     approach = lane = leaving = ""
     passed = np.nan
-    if came:
-        last = came[-1]
+    if on_approach:
+        last = on_approach[-1]
         lane = str(lanes[last])
         approach = road_of[lane].id
         if last + 1 < len(lanes):
@@ -242,13 +242,13 @@ def _passage(
         for k, lane_id in enumerate(lanes)
         if _junction_at_begin(road_of, lane_id) == links.junction
     ]
-    left = [k for k in left if not came or k > came[-1]]
+    left = [k for k in left if not on_approach or k > on_approach[-1]]
     if left:
         leaving = road_of[str(lanes[left[0]])].id
     if not approach or not leaving:
         lane, leaving = _by_inner_lanes(lanes, links, lane, leaving)
         approach = road_of[lane].id if lane else ""
-        if lane and not came:
+        if lane and not on_approach:
             passed = _before(seen, roads.lane_by_id[lane].centre[-1, :2])
     if approach or leaving:
         return Passage(seen, lanes, approach, leaving, lane, passed)

@@ -70,8 +70,8 @@ class Presence:
         """Return the relative standard deviations of means over spans of ``moments`` samples."""
         spreads: dict[str, dict[str, float]] = {"classes": {}, "arms": {}}
         count = self.times // max(moments, 1)
-        for kind, every in (("classes", self.classes), ("arms", self.arms)):
-            for name, present in every.items():
+        for kind, presences in (("classes", self.classes), ("arms", self.arms)):
+            for name, present in presences.items():
                 means = present[: count * moments].reshape(count, -1).mean(axis=1)
                 if count > 1 and means.mean() > 0:
                     spreads[kind][name] = float(means.std(ddof=1) / means.mean())
@@ -145,8 +145,8 @@ def presence_of(
     count = len(moments_s)
 
     def by_moment(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        here = rows & inside
-        present = np.bincount(moment[here], counts[here], minlength=count)[:count]
+        counted = rows & inside
+        present = np.bincount(moment[counted], counts[counted], minlength=count)[:count]
         return present.astype(np.float64)
 
     motors = np.isin(of.actor_class, MOTORS)
@@ -194,10 +194,10 @@ def first_flows(recorded: Presence) -> dict[str, float]:
 
 def passes_an_arm(tracks: Sequence[SeenTrack], arms: Mapping[str, shapely.Geometry]) -> float:
     """Return the share of motor vehicles that are on an arm at any time; 0 without vehicles."""
-    every = shapely.union_all(list(arms.values()))
-    shapely.prepare(every)
+    all_arms = shapely.union_all(list(arms.values()))
+    shapely.prepare(all_arms)
     motors = [seen for seen in tracks if seen.track.actor_class in MOTORS]
-    on_arm = sum(bool(shapely.contains_xy(every, *seen.xy.T).any()) for seen in motors)
+    on_arm = sum(bool(shapely.contains_xy(all_arms, *seen.xy.T).any()) for seen in motors)
     return on_arm / max(len(motors), 1)
 
 
@@ -285,7 +285,7 @@ def misfit(recorded: Presence, simulated: Presence) -> float:
     others = [name for name in recorded.classes if name not in MOTORS]
     off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _off_arms)]
     off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
-    on = {name: float(every.mean()) for name, every in recorded.arms.items()}
+    on = {name: float(samples.mean()) for name, samples in recorded.arms.items()}
     for name, mean in on.items():
         ratio = _ratio(mean, float(simulated.arms[name].mean()))
         off.append(abs(np.log(ratio)) * mean / max(sum(on.values()), 1e-9))
@@ -302,7 +302,7 @@ def _motors(of: Presence) -> float:
 
 def _off_arms(of: Presence) -> float:
     """Return the number of motor vehicles on no arm."""
-    return max(_motors(of) - sum(float(every.mean()) for every in of.arms.values()), 0.0)
+    return max(_motors(of) - sum(float(samples.mean()) for samples in of.arms.values()), 0.0)
 
 
 def _ratio(here: float, there: float) -> float:
@@ -313,6 +313,6 @@ def _ratio(here: float, there: float) -> float:
 def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:
     """Return motor vehicles per hour by arm, in proportion to their presence."""
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
-    present = {name: float(every.mean()) for name, every in recorded.arms.items()}
-    every = sum(present.values()) or 1.0
-    return {name: motors * presence / every for name, presence in sorted(present.items())}
+    present = {name: float(samples.mean()) for name, samples in recorded.arms.items()}
+    total = sum(present.values()) or 1.0
+    return {name: motors * presence / total for name, presence in sorted(present.items())}

@@ -42,8 +42,8 @@ def first_to_set_out(
 def _sets_out(
     one: SeenTrack, begin_s: float, end_s: float, low_ms: float, high_ms: float
 ) -> float | None:
-    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + SETTLES_S)) & (one.time_s < end_s)
-    speed, times = np.abs(one.speed[here]), one.time_s[here]
+    in_span = (one.time_s >= max(begin_s, float(one.time_s[0]) + SETTLES_S)) & (one.time_s < end_s)
+    speed, times = np.abs(one.speed[in_span]), one.time_s[in_span]
     slow = np.flatnonzero(speed <= low_ms)
     if not len(slow):
         return None

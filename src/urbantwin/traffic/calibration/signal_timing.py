@@ -182,8 +182,8 @@ def _groups(
             if other in links.beside and when < until_s:
                 passed[other].append(when)
     chosen: dict[tuple[str, str], str] = {}
-    every = np.arange(0.0, until_s, _STEP_S)
-    share = {group: float(_is_green(changes, every).mean()) for group, changes in shown.items()}
+    all_times = np.arange(0.0, until_s, _STEP_S)
+    share = {group: float(_is_green(changes, all_times).mean()) for group, changes in shown.items()}
     for movement, times in passed.items():
         times_s = np.array(times)
         score = {
@@ -303,19 +303,19 @@ def _add_walk_greens(rows: NDArray[np.str_], signals: Signalised) -> None:
     for index, links in signals.of_index.items():
         if not signals.is_walk(index):
             continue
-        met = np.zeros(len(rows), np.bool_)
+        in_conflict = np.zeros(len(rows), np.bool_)
         for walk in links:
             for other in signals.links:
                 is_relevant = rows[0, other.index] != "o" and other.movement != "walk"
                 if not is_relevant or not signals.are_foes(walk, other):
                     continue
                 alone = ~through[other.road] if other.road in through else False
-                met |= moves[:, other.index] & (signals.meets_walkers(other, walk) | alone)
-        if not met.any() or met.all():
+                in_conflict |= moves[:, other.index] & (signals.meets_walkers(other, walk) | alone)
+        if not in_conflict.any() or in_conflict.all():
             continue
-        first = int(np.argmin(~met))  # for a cycle that begins within a conflict
-        met = np.roll(met, -first)
-        green = ~met
+        first = int(np.argmin(~in_conflict))  # for a cycle that begins within a conflict
+        in_conflict = np.roll(in_conflict, -first)
+        green = ~in_conflict
         edges = np.flatnonzero(np.diff(np.concatenate([[False], green, [False]]).astype(int)))
         needed = max(map(crossing_s, links))
         for begin, end in edges.reshape(-1, 2):

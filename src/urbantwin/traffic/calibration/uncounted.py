@@ -77,11 +77,11 @@ def ways_missed(recorded: Measured, links: JunctionLinks, beside: int = 0) -> li
         for movement, count in sorted(recorded.turns.items())
         if movement not in mapped
     ]
-    came = sum(recorded.new.get(name, 0) for name in MOTORS)
-    missed = came - sum(recorded.turns.values()) - beside
-    if missed > _UNCOUNTED_SHARE * came:
+    appeared = sum(recorded.new.get(name, 0) for name in MOTORS)
+    missed = appeared - sum(recorded.turns.values()) - beside
+    if missed > _UNCOUNTED_SHARE * appeared:
         notes.append(
-            f"{missed} of {came} motor vehicles that come into view pass no junction or road "
+            f"{missed} of {appeared} motor vehicles that come into view pass no junction or road "
             "where they could be counted: nobody is simulated in their place, and shares and "
             "speeds are without them"
         )

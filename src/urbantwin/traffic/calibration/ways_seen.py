@@ -49,8 +49,8 @@ def ways_seen(
         if {first, last} <= driven:
             before[last].add(first)
             after_exit[first].add(last)
-    came: dict[str, list[_Passed]] = defaultdict(list)
-    left: dict[str, list[_Passed]] = defaultdict(list)
+    arriving: dict[str, list[_Passed]] = defaultdict(list)
+    departing: dict[str, list[_Passed]] = defaultdict(list)
     for passage in passages:
         if not passage.approach or not passage.leaving:
             continue
@@ -60,17 +60,19 @@ def ways_seen(
         after = (
             road_ids[road_ids.index(passage.leaving) + 1 :] if passage.leaving in road_ids else []
         )
-        came[passage.approach].append((passage, tuple(reversed(ahead))))
-        left[passage.leaving].append((passage, tuple(after)))
+        arriving[passage.approach].append((passage, tuple(reversed(ahead))))
+        departing[passage.leaving].append((passage, tuple(after)))
     counts: dict[Spot, list[Passage]] = {}
-    for road, those in sorted(came.items()):
-        counts |= _turns_beyond(road, those, before, after_exit, backwards=True)
-    for road, those in sorted(left.items()):
-        counts |= _turns_beyond(road, those, after_exit, before, backwards=False)
+    for road, passed in sorted(arriving.items()):
+        counts |= _turns_beyond(road, passed, before, after_exit, backwards=True)
+    for road, passed in sorted(departing.items()):
+        counts |= _turns_beyond(road, passed, after_exit, before, backwards=False)
     ends_at = {road.id: road.to_junction for road in roads.roads}
     done = {ends_at[name] for spot in counted for field, name in spot if field == "approach"}
     return {
-        spot: _by_class(those) for spot, those in counts.items() if ends_at[spot[0][1]] not in done
+        spot: _by_class(passages_of_spot)
+        for spot, passages_of_spot in counts.items()
+        if ends_at[spot[0][1]] not in done
     }
 
 

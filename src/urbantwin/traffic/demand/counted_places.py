@@ -173,7 +173,8 @@ def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
         return matches[0]
     candidates = matches or roads.roads
     listed = ", ".join(
-        f"{one.id} ({one.name})" if one.name else one.id for one in candidates[:_MAX_NAMES]
+        f"{candidate.id} ({candidate.name})" if candidate.name else candidate.id
+        for candidate in candidates[:_MAX_NAMES]
     )
     problem = f"means {len(matches)} roads" if matches else "is not there"
     raise InputError(f"the road {name[:60]!r} {problem}", place=place, expected=f"one of {listed}")
@@ -200,16 +201,16 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
         if (road.to_junction if at_end else road.from_junction) == junction
         and "car" in roads.lane_by_id[road.lanes[-1]].allowed
     ]
-    here = [lane for lane in crossings if lane.junction == junction] if arms else []
+    of_junction = [lane for lane in crossings if lane.junction == junction] if arms else []
     arm: dict[str, str] = {}
-    for lane in here:
+    for lane in of_junction:
         middle = lane.centre[:, :2].mean(axis=0)
         _, road, at_end = min(arms, key=lambda arm: float(np.linalg.norm(arm[0] - middle)))
         arm[lane.id] = arm_of(roads, road, at_end=at_end)
-    matches = [lane for lane in here if _is_arm(name, arm[lane.id])]
+    matches = [lane for lane in of_junction if _is_arm(name, arm[lane.id])]
     if matches:
         return max(matches, key=lambda lane: lane.length)
-    listed = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in here)
+    listed = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in of_junction)
     raise InputError(
         f"the crossing {name[:60]!r} is not there",
         place=place,

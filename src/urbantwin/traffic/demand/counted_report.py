@@ -51,8 +51,10 @@ def counted_report(
         requested = sum(
             count for quarters in rates for _, _, count in wanted_of(quarters, 0.0, duration_s)
         )
-        came = _first_steps(simulated, np.flatnonzero(edge_of_lane == planned.leaving), planned)
-        driven = int(((came >= 0) & (came < steps)).sum())
+        first_steps = _first_steps(
+            simulated, np.flatnonzero(edge_of_lane == planned.leaving), planned
+        )
+        driven = int(((first_steps >= 0) & (first_steps < steps)).sum())
         where = {name: row[name] for name in _PLACE_FIELDS if row.get(name)}
         kind = "pedestrian" if row.get("crossing") else "motor traffic"
         entry = {

@@ -190,17 +190,17 @@ def fitted_demand(  # noqa: PLR0913 - all inputs of counts
         if name not in by_class:
             continue
         rows = by_class[name]
-        ways = _ways(name, {number: places[number] for number in rows}, network)
+        routes = _ways(name, {number: places[number] for number in rows}, network)
         for number in rows:
             expected = round(sum(n for _, _, n in wanted_of(rows[number], 0.0, duration_s)))
-            if expected and not any(number in passed for passed in ways.passed):
+            if expected and not any(number in passed for passed in routes.passed):
                 nowhere.add(number)
                 why = f"no way for it where was counted ({spots[number]})"
                 left_out.append(LeftOut(name, expected, why))
         owed = 0.5
-        volumes = _volumes(name, ways, rows, per_hour)
+        volumes = _volumes(name, routes, rows, per_hour)
         # Sorted so that fractions of vehicles add up among routes that pass the same places.
-        for route in sorted(range(len(ways.edges)), key=lambda route: ways.passed[route]):
+        for route in sorted(range(len(routes.edges)), key=lambda route: routes.passed[route]):
             if volumes[route].max() < _MIN_ROUTE_VOLUME:
                 continue
             key = _STREAM + kind * _CLASS_STREAM + route
@@ -210,8 +210,8 @@ def fitted_demand(  # noqa: PLR0913 - all inputs of counts
             owed = (owed + sum(count for _, _, count in flow)) % 1.0
             for k, time_s in enumerate(np.round(departures_s, 2).tolist()):
                 body_class = body(name, route * _ASSETS_PER_ROUTE + k)
-                trip = _trip(name, body_class, time_s, ways, route, warmup_s, random)
-                trips.append((trip, ways.passed[route]))
+                trip = _trip(name, body_class, time_s, routes, route, warmup_s, random)
+                trips.append((trip, routes.passed[route]))
     trips.sort(
         key=lambda numbered_trip: (
             numbered_trip[0].depart_s,

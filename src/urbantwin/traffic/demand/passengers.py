@@ -64,8 +64,8 @@ def with_passengers(
     alight: dict[int, tuple[int, ...]] = {}
     for number in np.flatnonzero(halts).tolist():
         place = stop_place(roads, demand.stops[number], number, edges, seed)
-        ways = None if place is None else _Ways.of(walks, place.edge)
-        if place is None or ways is None:
+        street_routes = None if place is None else _Ways.of(walks, place.edge)
+        if place is None or street_routes is None:
             continue
         random = np.random.Generator(np.random.Philox(key=[seed, _STREAM + number]))
         mean = per_halt * (_TRAM_FACTOR if place.kind == "tram" else 1.0)
@@ -76,7 +76,7 @@ def with_passengers(
         groups = {
             # Mean number of arrivals since the last halt, at a random time.
             "waits": int(random.poisson(mean / 2)),
-            "walks": int(rate * ways.mean_s + random.random()),
+            "walks": int(rate * street_routes.mean_s + random.random()),
             "rides": int(np.ceil(_AWAY_FACTOR * mean)),
         }
         places.append(place)
@@ -86,7 +86,7 @@ def with_passengers(
             own = np.random.Generator(np.random.Philox(key=[seed, own_seed]))
             asset = body(_ON_FOOT, own_seed)
             begins[len(trips)], stop_of[len(trips)] = kind, number
-            trips.append(_trip(place, ways, kind, asset, seconds, come_in_s, own))
+            trips.append(_trip(place, street_routes, kind, asset, seconds, come_in_s, own))
     if not begins:
         return demand
     passengers = Passengers(tuple(places), begins, stop_of, alight)

@@ -86,12 +86,12 @@ def _moved(
     """Return a trip with its departure moved to arrive in a platoon."""
     if trip.actor_class in _ON_FOOT:
         return trip
-    met = next((k for k, edge in enumerate(trip.edges) if edge in of_approach), None)
-    if met is None:
+    approach_index = next((k for k, edge in enumerate(trip.edges) if edge in of_approach), None)
+    if approach_index is None:
         return trip
     factor = float(drivers.get(trip.actor_class, {}).get("speed_factor") or 1.0)
-    takes_s = sum(seconds.get(edge, 0.0) for edge in trip.edges[: met + 1]) / factor
-    platoon = of_approach[trip.edges[met]]
+    takes_s = sum(seconds.get(edge, 0.0) for edge in trip.edges[: approach_index + 1]) / factor
+    platoon = of_approach[trip.edges[approach_index]]
     # Even times stay even when shifted by the travel time.
     arrival_s = moved_into(np.array([trip.depart_s]), float(platoon["cycle_s"]), platoon["shares"])[
         0

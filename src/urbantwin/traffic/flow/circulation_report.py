@@ -43,14 +43,14 @@ def circulation_report(
     counted_s = float(seen.seconds[started:].sum())
     population, passages = {}, {}
     # Passengers are in addition to the circulating actors; vehicles may come from a reserve.
-    came = Counter(
+    departed = Counter(
         demand.trips[trip].actor_class
         for trip in simulated.departed
         if demand.trips[trip].in_reserve
     )
     for group in demand.populations:
         column = ACTOR_CLASSES.index(group.actor_class)
-        count = group.count + came[group.actor_class]
+        count = group.count + departed[group.actor_class]
         population[group.actor_class] = {
             "planned": count,
             "least": int(seen.least[started:, column].min()),
