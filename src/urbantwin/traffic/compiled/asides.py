@@ -106,19 +106,21 @@ def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
         return False
     into, drives = False, False
     for ahead in looks:
-        own, its = int(come[i]) + ahead, j + ahead
-        if its > last[j]:
+        own, other_row = int(come[i]) + ahead, j + ahead
+        if other_row > last[j]:
             break
-        x, y = now[i - 1, 0] - boxes[its, 0], now[i - 1, 1] - boxes[its, 1]
-        reach = MAY_TOUCH * (now[i - 1, 6] + boxes[its, 6] + GAP_M)
-        if close_to(x, y, reach) and depth_of(x, y, now[i - 1], boxes[its]) + GAP_M > 0:
+        x, y = now[i - 1, 0] - boxes[other_row, 0], now[i - 1, 1] - boxes[other_row, 1]
+        reach = MAY_TOUCH * (now[i - 1, 6] + boxes[other_row, 6] + GAP_M)
+        if close_to(x, y, reach) and depth_of(x, y, now[i - 1], boxes[other_row]) + GAP_M > 0:
             return False
-        if not close_to(boxes[its, 0] - boxes[j, 0], boxes[its, 1] - boxes[j, 1], DRIVES_M):
+        if not close_to(
+            boxes[other_row, 0] - boxes[j, 0], boxes[other_row, 1] - boxes[j, 1], DRIVES_M
+        ):
             drives = True
         if own <= last[i]:
-            x = boxes[own, 0] + off[a, 0] - boxes[its, 0]
-            y = boxes[own, 1] + off[a, 1] - boxes[its, 1]
-            if close_to(x, y, reach) and depth_of(x, y, boxes[own], boxes[its]) + GAP_M > 0:
+            x = boxes[own, 0] + off[a, 0] - boxes[other_row, 0]
+            y = boxes[own, 1] + off[a, 1] - boxes[other_row, 1]
+            if close_to(x, y, reach) and depth_of(x, y, boxes[own], boxes[other_row]) + GAP_M > 0:
                 into = True
     return into and drives
 
@@ -130,18 +132,18 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
     from_x, from_y = off[a, 0], off[a, 1]
     theirs_x, theirs_y = (off[b, 0], off[b, 1]) if walks else (0.0, 0.0)
     for ahead in looks:
-        own, its = int(come[i]) + ahead, j
+        own, other_row = int(come[i]) + ahead, j
         if j < len(last):
-            its = (int(come[j]) if walks else j) + ahead
-            if its > last[j]:
+            other_row = (int(come[j]) if walks else j) + ahead
+            if other_row > last[j]:
                 return
         if ahead == 0 or own > last[i]:
             return
-        between_x = boxes[own, 0] + from_x - boxes[its, 0] - theirs_x
-        between_y = boxes[own, 1] + from_y - boxes[its, 1] - theirs_y
-        if not close_to(between_x, between_y, boxes[own, 6] + boxes[its, 6] + GAP_M):
+        between_x = boxes[own, 0] + from_x - boxes[other_row, 0] - theirs_x
+        between_y = boxes[own, 1] + from_y - boxes[other_row, 1] - theirs_y
+        if not close_to(between_x, between_y, boxes[own, 6] + boxes[other_row, 6] + GAP_M):
             continue
-        if depth_of(between_x, between_y, boxes[own], boxes[its]) + GAP_M <= 1e-6:
+        if depth_of(between_x, between_y, boxes[own], boxes[other_row]) + GAP_M <= 1e-6:
             continue
         # On the side on which they pass each other.
         x = between_x - (now[i, 0] + from_x - now[j, 0] - theirs_x)
@@ -154,7 +156,7 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
         side = -1.0 if beside < 0.02 else 1.0
         reach = GAP_M - side * beside
         reach += _extent_along(boxes[own], left_x, left_y) + _extent_along(
-            boxes[its], left_x, left_y
+            boxes[other_row], left_x, left_y
         )
         if reach > ROOM_M or reach <= 0:
             return
@@ -232,8 +234,8 @@ def _yielding_share(r, now, joined, step_s):
     """Return how far a pedestrian gives way, by its speed; standing ones hardly."""
     if not joined[r]:
         return STANDING
-    went = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
-    return STANDING + (1 - STANDING) * min(went / step_s, 1.0)
+    travelled = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
+    return STANDING + (1 - STANDING) * min(travelled / step_s, 1.0)
 
 
 @per_actor

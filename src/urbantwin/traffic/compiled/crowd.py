@@ -286,10 +286,10 @@ def _limit_motion(
     # No backward motion, except a step for others when all are stuck; lateral motion is slow.
     on, lateral = goes_x * ahead_x + goes_y * ahead_y, goes_y * ahead_x - goes_x * ahead_y
     on = max(on, -BACK_MS * step_s if held[q] * step_s > PATIENCE_S else 0.0)
-    went = math.hypot(base_x - boxes[max(u - 1, 0), 0], base_y - boxes[max(u - 1, 0), 1])
+    path_step = math.hypot(base_x - boxes[max(u - 1, 0), 0], base_y - boxes[max(u - 1, 0), 1])
     if not joined[u]:
-        went = 0.0
-    most = max(ASIDE_MS * step_s, min(went, FASTEST_MS * step_s))
+        path_step = 0.0
+    most = max(ASIDE_MS * step_s, min(path_step, FASTEST_MS * step_s))
     lateral = min(max(lateral, -most), most)
     did_x, did_y = 0.0, 0.0
     if joined[q]:

@@ -26,9 +26,9 @@ def displaced(moved, sides, slope, short, factor, weight, rounds):
         rounds: number of rounds.
     """
     count, pairs = len(moved), len(sides)
-    here, right = np.zeros((count + 1, 2)), np.zeros((count + 1, 2))
+    solution, right = np.zeros((count + 1, 2)), np.zeros((count + 1, 2))
     for n in range(count):
-        here[n, 0], here[n, 1] = moved[n, 0], moved[n, 1]
+        solution[n, 0], solution[n, 1] = moved[n, 0], moved[n, 1]
     size, dual = np.empty(pairs), np.zeros((pairs, 2, 2))
     for p in range(pairs):
         size[p] = max(_product(slope, slope, p), 1e-6)
@@ -38,7 +38,7 @@ def displaced(moved, sides, slope, short, factor, weight, rounds):
         for p in range(pairs):
             for s in range(2):
                 for k in range(2):
-                    wanted[p, s, k] = here[sides[p, s], k] + dual[p, s, k]
+                    wanted[p, s, k] = solution[sides[p, s], k] + dual[p, s, k]
             lack = max(short[p] - _product(slope, wanted, p), 0.0) / size[p]
             for s in range(2):
                 for k in range(2):
@@ -46,9 +46,9 @@ def displaced(moved, sides, slope, short, factor, weight, rounds):
                     dual[p, s, k] = wanted[p, s, k] - target
                     right[sides[p, s], k] += target - dual[p, s, k]
         for n in range(count):
-            here[n, 0], here[n, 1] = weight * right[n, 0], weight * right[n, 1]
-        _solve(factor, here)
-    return here[:count]
+            solution[n, 0], solution[n, 1] = weight * right[n, 0], weight * right[n, 1]
+        _solve(factor, solution)
+    return solution[:count]
 
 
 @per_actor

@@ -73,8 +73,8 @@ def driven(
                 stops = max((brake * step_s) ** 2 + 2 * brake * room, 0.0)
                 goes = math.sqrt(stops) - brake * step_s
             safe = min(safe, goes)
-        here = allowed[min(int(position[k - 1] / grid_m), len(allowed) - 1)]
-        wanted = min(safe, here, speed + starts * step_s)
+        allowed_here = allowed[min(int(position[k - 1] / grid_m), len(allowed) - 1)]
+        wanted = min(safe, allowed_here, speed + starts * step_s)
         now = max(wanted, speed - hardest * step_s, 0.0)
         did = max(did, (speed - now) / step_s)
         if wanted < now:

@@ -23,7 +23,7 @@ def shortest_way(cost, start, goal):
     """
     high, wide = cost.shape
     spent = np.full((high, wide), np.inf)
-    came = np.full((high, wide), -1, np.int64)
+    previous = np.full((high, wide), -1, np.int64)
     done = np.zeros((high, wide), np.bool_)
     spent[start[0], start[1]] = 0.0
     queue = [(0.0, start[0] * wide + start[1])]
@@ -44,14 +44,14 @@ def shortest_way(cost, start, goal):
                     continue
                 now = spent[y, x] + math.hypot(dx, dy) * (cost[y, x] + cost[v, u]) / 2
                 if now < spent[v, u]:
-                    spent[v, u], came[v, u] = now, cell
+                    spent[v, u], previous[v, u] = now, cell
                     rest = math.hypot(v - goal[0], u - goal[1])
                     heapq.heappush(queue, (now + rest, v * wide + u))
     if not done[goal[0], goal[1]]:
         return np.zeros((0, 2), np.int64)
     cells = [goal[0] * wide + goal[1]]
     while cells[-1] != start[0] * wide + start[1]:
-        cells.append(came[cells[-1] // wide, cells[-1] % wide])
+        cells.append(previous[cells[-1] // wide, cells[-1] % wide])
     path = np.empty((len(cells), 2), np.int64)
     for k in range(len(cells)):
         path[k, 0], path[k, 1] = cells[len(cells) - 1 - k] // wide, cells[len(cells) - 1 - k] % wide

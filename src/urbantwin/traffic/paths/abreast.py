@@ -56,8 +56,10 @@ def with_parties(
     if not parties:
         return simulated
     new = _followers(simulated, parties, _Walkable(network, simulated.lanes), step_s)
-    came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    whole, departed = [simulated], simulated.departed | came
+    departed_members = {
+        n for leader, all_ in parties.items() if leader in simulated.departed for n in all_
+    }
+    whole, departed = [simulated], simulated.departed | departed_members
     del simulated
     return replace(with_rows(whole, new), departed=departed)
 

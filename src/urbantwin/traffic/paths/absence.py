@@ -111,22 +111,22 @@ def absent_from(
     by_visit[visit] = whose
     staged = np.isin(by_visit, list(beside.own))
     stays = staged | (begins < beside.until)
-    gone = np.zeros(count, np.bool_)
+    is_absent = np.zeros(count, np.bool_)
     early = np.flatnonzero(step < beside.until)
-    gone[visit[early[_are_among(whose[early], step[early], beside.absent)]]] = True
-    gone &= ~staged
+    is_absent[visit[early[_are_among(whose[early], step[early], beside.absent)]]] = True
+    is_absent &= ~staged
     # Overlaps with static objects, or with own bodies, do not depend on other actors.
     alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[np.maximum(pairs[:, 1], 0)])
     meets = visit[np.concatenate([hits, pairs[alone, 0]])]
-    gone[meets] |= ~stays[meets]
-    met = visit[pairs[~alone]]
+    is_absent[meets] |= ~stays[meets]
+    visit_pairs = visit[pairs[~alone]]
     cost = np.array([_COST_OF_ABSENCE.get(kind, 1) for kind in kinds])
-    _choose_absent(met, gone, stays, cost, poses)
-    away = gone[visit]
+    _choose_absent(visit_pairs, is_absent, stays, cost, poses)
+    away = is_absent[visit]
     steps = np.unique(np.column_stack([whose[away], step[away]]).astype(np.int64), axis=0)
     led = np.flatnonzero(whose != leads)
     away[led] |= _are_among(leads[led], step[led], steps)
-    why = _reasons(rows, values, overlapping, visit, gone)
+    why = _reasons(rows, values, overlapping, visit, is_absent)
     ends = np.zeros(count, np.int64)
     np.maximum.at(ends, visit, step)
     each = [
@@ -136,7 +136,7 @@ def absent_from(
             "until_s": round(float(ends[number] * step_s), 3),
             **why.get(number, {}),
         }
-        for number in np.flatnonzero(gone).tolist()
+        for number in np.flatnonzero(is_absent).tolist()
     ]
     counts = {
         "visits": len(each),
@@ -246,16 +246,20 @@ def _choose_absent(
     Greedy: repeatedly the one with the least cost per overlap; among equals the shortest. Visits
     without remaining overlaps are restored afterwards. Two that must both stay keep their overlap.
     """
-    every = {(a, b) for a, b in np.unique(np.sort(met, axis=1), axis=0).tolist()}
-    every = {(a, b) for a, b in every if not (gone[a] or gone[b] or (stays[a] and stays[b]))}
-    left, went = set(every), []
-    while left:
-        times = Counter(visit for pair in left for visit in pair if not stays[visit])
-        went.append(min(times, key=lambda visit: (cost[visit] / times[visit], poses[visit], visit)))
-        gone[went[-1]] = True
-        left = {pair for pair in left if went[-1] not in pair}
-    for visit in sorted(went, key=lambda visit: (-cost[visit], -poses[visit], visit)):
-        gone[visit] = any(visit in pair and not gone[sum(pair) - visit] for pair in every)
+    conflicts = {(a, b) for a, b in np.unique(np.sort(met, axis=1), axis=0).tolist()}
+    conflicts = {
+        (a, b) for a, b in conflicts if not (gone[a] or gone[b] or (stays[a] and stays[b]))
+    }
+    open_pairs, chosen = set(conflicts), []
+    while open_pairs:
+        times = Counter(visit for pair in open_pairs for visit in pair if not stays[visit])
+        chosen.append(
+            min(times, key=lambda visit: (cost[visit] / times[visit], poses[visit], visit))
+        )
+        gone[chosen[-1]] = True
+        open_pairs = {pair for pair in open_pairs if chosen[-1] not in pair}
+    for visit in sorted(chosen, key=lambda visit: (-cost[visit], -poses[visit], visit)):
+        gone[visit] = any(visit in pair and not gone[sum(pair) - visit] for pair in conflicts)
 
 
 def _place_of_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -164,11 +164,11 @@ class Parted:
 
 def _with_earlier_traffic(left: LeftOff, before: Before | None) -> Before:
     """Return the earlier traffic up to the begin of a stretch, or up to an event within it."""
-    gone = {name: left.columns[name] for name in ("trip", "step")}
+    earlier = {name: left.columns[name] for name in ("trip", "step")}
     if before is None or before.until <= left.step:
         own, rigid = (before.own, before.rigid) if before else (frozenset[int](), frozenset[int]())
-        nothing = np.zeros((len(gone["trip"]), _ROUNDS + 1))
-        return Before(({**gone, "behind": nothing},), left.step, own, rigid, left.step)
+        nothing = np.zeros((len(earlier["trip"]), _ROUNDS + 1))
+        return Before(({**earlier, "behind": nothing},), left.step, own, rigid, left.step)
     return replace(before, begin=left.step)
 
 

@@ -138,8 +138,8 @@ def _stays(
             elif what == "boards":
                 from_s, slot = since.pop(trip)
                 del taken[slot]
-                here, door = slots[slot % len(slots)], doors.of(vehicle, place, at_s, 0)
-                yield _Stay(trip, place, here, door, from_s, at_s)
+                waiting_xy, door = slots[slot % len(slots)], doors.of(vehicle, place, at_s, 0)
+                yield _Stay(trip, place, waiting_xy, door, from_s, at_s)
             else:
                 yield _Stay(trip, place, None, doors.of(vehicle, place, at_s, 1), at_s)
         for trip, (from_s, slot) in since.items():

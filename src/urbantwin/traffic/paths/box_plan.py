@@ -128,7 +128,7 @@ def shared_areas(boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.float
     """Return the area of overlap of each pair of boxes (P,), square metres."""
     area = np.zeros(len(pairs))
     deep, _ = meetings(boxes, pairs)
-    met = np.flatnonzero(deep > 0)
-    first, second = (boxes.take(pairs[met, side]).polygons for side in (0, 1))
-    area[met] = shapely.area(shapely.intersection(first, second))
+    overlapping = np.flatnonzero(deep > 0)
+    first, second = (boxes.take(pairs[overlapping, side]).polygons for side in (0, 1))
+    area[overlapping] = shapely.area(shapely.intersection(first, second))
     return area

@@ -38,9 +38,11 @@ def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
     """
     ahead = {first for first, _ in _joints()}
     towed_bodies = {second for _, second in _joints()}
-    every = as_rows(actors)
-    names = every.distinct(["asset"])["asset"].to_pylist()
-    rows = every.where("asset", [x for x in names if AssetName.of(x).body in ahead | towed_bodies])
+    all_rows = as_rows(actors)
+    names = all_rows.distinct(["asset"])["asset"].to_pylist()
+    rows = all_rows.where(
+        "asset", [x for x in names if AssetName.of(x).body in ahead | towed_bodies]
+    )
     columns = {
         name: np.asarray(rows[name].to_numpy())
         for name in ("time_s", "track", "asset", "x", "y", "yaw")

@@ -149,9 +149,9 @@ def _start_steps(
     """Return the steps (S,) in which any of a crossing's links lets pedestrians start."""
     green = np.zeros(count, np.uint8)
     for program, link in links:
-        every = states[program]
-        begins = [max(step - first, 0) for step, _ in every]
-        for begin, end, (_, state) in zip(begins, [*begins[1:], count], every, strict=True):
+        changes = states[program]
+        begins = [max(step - first, 0) for step, _ in changes]
+        for begin, end, (_, state) in zip(begins, [*begins[1:], count], changes, strict=True):
             if link < len(state) and state[link] in _START_STATES:
                 green[begin:end] = 1
     return green
@@ -200,8 +200,8 @@ def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
     first = np.flatnonzero(~joined)
     part = np.cumsum(~joined) - 1
     last = np.append(first[1:] - 1, len(step) - 1)[part]
-    went = np.where(joined, np.hypot(*np.diff(xy, axis=0, prepend=xy[:1]).T), 0.0)
-    far = np.cumsum(went)
+    step_m = np.where(joined, np.hypot(*np.diff(xy, axis=0, prepend=xy[:1]).T), 0.0)
+    far = np.cumsum(step_m)
     far -= far[first][part]
     boxes = np.concatenate([box_rows(xy, yaw, half), ground.boxes])
     row = np.arange(len(step))
@@ -224,14 +224,16 @@ def crowd_walked(  # noqa: PLR0913 - all inputs of pedestrian motion
     )
     own_ends, other_ends = (np.searchsorted(step[rows], steps) for rows in (own_rows, other_rows))
     actor, level = moving.actor.astype(np.int64), moving.level.astype(np.int64)
-    pace = _speed_around(went / step_s, first, round(_SPEED_WINDOW_S / step_s))
-    kerbs = crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some]))
+    pace = _speed_around(step_m / step_s, first, round(_SPEED_WINDOW_S / step_s))
+    kerbs = crossings.kerbs(
+        columns["lane"], joined, last, lambda sampled: ground.on_footway(xy[sampled])
+    )
     patience = np.round(np.array(patience_s) / step_s).astype(np.int64)
-    for some in each(range(0, len(steps) - 1, _AT_ONCE), tell, "past each other"):
+    for k in each(range(0, len(steps) - 1, _AT_ONCE), tell, "past each other"):
         walked(
-            own_ends[some : some + _AT_ONCE + 1], own_rows, other_ends[some : some + _AT_ONCE + 1],
+            own_ends[k : k + _AT_ONCE + 1], own_rows, other_ends[k : k + _AT_ONCE + 1],
             other_rows, boxes, actor, level, far, pace, joined, last, kerbs,
-            np.ascontiguousarray(crossings.green[:, some : some + _AT_ONCE]), patience,
+            np.ascontiguousarray(crossings.green[:, k : k + _AT_ONCE]), patience,
             ground.still, ground.numbers, ground.within, ground.cells.cells, ground.cells.corner,
             step_s, now, place, come, far_now, held, yields,
         )  # fmt: skip

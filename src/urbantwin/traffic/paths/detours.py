@@ -55,15 +55,15 @@ def round_blocks(
         is_near = uniform_filter1d(changed.astype(float), 2 * wide + 1, mode="nearest") > 0
         detour[is_near] = uniform_filter1d(detour, wide, axis=0, mode="nearest")[is_near]
         moved = np.diff(detour, axis=0, prepend=detour[:1])
-        went = np.hypot(*moved.T)
-        turns = np.flatnonzero(is_near & (went > _MIN_MOTION_M))
+        step_m = np.hypot(*moved.T)
+        turns = np.flatnonzero(is_near & (step_m > _MIN_MOTION_M))
         last = np.searchsorted(turns, np.arange(len(rows)), side="right") - 1
         course = np.arctan2(moved[turns, 1], moved[turns, 0])
         turned = is_near & (last >= 0)
         changed_columns["yaw"][rows[turned]] = course[last[turned]]
         changed_columns["xy"][rows] = detour
-        changed_columns["distance"][rows] = changed_columns["distance"][rows[0]] + np.cumsum(went)
-        changed_columns["speed"][rows[is_near]] = went[is_near] / step_s
+        changed_columns["distance"][rows] = changed_columns["distance"][rows[0]] + np.cumsum(step_m)
+        changed_columns["speed"][rows[is_near]] = step_m[is_near] / step_s
     return {**columns, **changed_columns}
 
 
@@ -94,7 +94,7 @@ def _around_obstacles(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[n
 
 def _points_on_detour(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points on a detour (K, 2) in proportion to progress on the replaced path (N, 2)."""
-    went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
+    progress_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])
-    station_m = went / max(went[-1], 1e-6) * along[-1]
+    station_m = progress_m / max(progress_m[-1], 1e-6) * along[-1]
     return np.column_stack([np.interp(station_m, along, arc[:, k]) for k in (0, 1)])

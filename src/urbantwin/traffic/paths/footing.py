@@ -93,8 +93,8 @@ def on_footways(simulated: Simulated, demand: Demand, network: RoadNetwork) -> S
     rows = np.flatnonzero(on_foot[simulated.trip])
     front = simulated.front.copy()
     footways = Footways(network, simulated.lanes)
-    for some in (rows[k : k + _ROWS_AT_ONCE] for k in range(0, len(rows), _ROWS_AT_ONCE)):
-        displacement = footways.way_in(simulated.lane[some], front[some])
+    for part_rows in (rows[k : k + _ROWS_AT_ONCE] for k in range(0, len(rows), _ROWS_AT_ONCE)):
+        displacement = footways.way_in(simulated.lane[part_rows], front[part_rows])
         is_near = np.linalg.norm(displacement, axis=1) <= FARTHEST_M
-        front[some[is_near]] += displacement[is_near]
+        front[part_rows[is_near]] += displacement[is_near]
     return replace(simulated, front=front)

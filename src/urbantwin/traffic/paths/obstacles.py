@@ -125,8 +125,8 @@ class Blocks:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return rows (P,) of boxes with heights (N,) near obstacles, and their indices (P,)."""
         row, block = self._outlines.beside(boxes, within_m)
-        met = np.flatnonzero(self.begins[block] < height[row])
-        return row[met], block[met]
+        below = np.flatnonzero(self.begins[block] < height[row])
+        return row[below], block[below]
 
 
 class Obstacles:

@@ -106,21 +106,24 @@ def overlaps_told(
     def of(row: int, name: str) -> Any:  # noqa: ANN401 - of any column
         return still[name][-1 - row] if row < 0 else values[name][np.searchsorted(rows, row)]
 
-    met: dict[tuple[int, int], tuple[float, dict[str, Any]]] = {}
+    worst_of_pair: dict[tuple[int, int], tuple[float, dict[str, Any]]] = {}
     for pair, area in zip(found.pairs.tolist(), found.area.tolist(), strict=True):
         first, second = sorted(int(of(row, "track")) for row in pair)
-        if (first, second) in met and area <= met[first, second][0]:
+        if (first, second) in worst_of_pair and area <= worst_of_pair[first, second][0]:
             continue
         in_order = sorted(pair, key=lambda row: (row < 0, row))
         middle = {axis: np.mean([of(row, axis) for row in pair]) for axis in ("x", "y")}
-        met[first, second] = area, {
+        worst_of_pair[first, second] = area, {
             "tracks": [first, second],
             "classes": [str(of(row, "class")) for row in in_order],
             "time_s": float(of(pair[0], "time_s")),
             **{axis: round(float(coordinate), 1) for axis, coordinate in middle.items()},
             "area_m2": round(area, 2),
         }  # fmt: skip
-    worst = [row for _, (_, row) in sorted(met.items(), key=lambda entry: (-entry[1][0], entry[0]))]
+    worst = [
+        row
+        for _, (_, row) in sorted(worst_of_pair.items(), key=lambda entry: (-entry[1][0], entry[0]))
+    ]
     kinds = Counter(" and ".join(sorted(row["classes"])) for row in worst)
     hits: dict[int, dict[str, Any]] = {}
     for row, name in zip(found.hits.tolist(), found.what.tolist(), strict=True):
@@ -173,8 +176,12 @@ def rows_that_overlap(
             first = begin + number
             moving = _columns(part)
             boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-            met, area = _overlapping_pairs(moving, boxes, still, standing, outlines)
-            pairs.append(np.where(met < part.num_rows, met + first, part.num_rows - 1 - met))
+            pair_rows, area = _overlapping_pairs(moving, boxes, still, standing, outlines)
+            pairs.append(
+                np.where(
+                    pair_rows < part.num_rows, pair_rows + first, part.num_rows - 1 - pair_rows
+                )
+            )
             areas.append(area)
             rows, what = _static_overlaps(
                 moving, boxes, obstacles, who[first : first + part.num_rows]
@@ -273,5 +280,5 @@ def _static_overlaps(
         np.maximum(boxes.half[rows] - TOUCH_M, 0.01),
     )
     what = np.array(obstacles.met(inner, columns["z"][rows], columns["height"][rows]), object)
-    met = np.array([bool(name) for name in what], np.bool_)
-    return rows[met], what[met]
+    is_hit = np.array([bool(name) for name in what], np.bool_)
+    return rows[is_hit], what[is_hit]

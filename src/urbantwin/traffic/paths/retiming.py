@@ -172,11 +172,11 @@ def curve_speeds(
         step_s: time between steps, seconds.
     """
     grid = np.arange(0.0, at[-1] + GRID_M, GRID_M)
-    went = np.gradient(at, step_s)
+    speed = np.gradient(at, step_s)
     reach = round(_CATCH_UP_RANGE_M / GRID_M)
     cell = np.minimum((at / GRID_M).astype(int), len(grid) - 1)
     fastest = np.zeros(len(grid))
-    np.maximum.at(fastest, cell, went)
+    np.maximum.at(fastest, cell, speed)
     fastest = _max_around(fastest, reach) * _CATCH_UP_FACTOR + _CATCH_UP_MS
     distinct, group = np.unique(np.round(at, 3), return_inverse=True)
     heading = np.interp(grid, distinct, np.bincount(group, yaw) / np.bincount(group))

@@ -148,8 +148,8 @@ class Moving:
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m, wanted)
         first, second = pairs.T
         vehicle = self.vehicles[self.actor]
-        met = (self.level[first] == self.level[second]) & (vehicle[first] != vehicle[second])
-        return np.asarray(pairs[met])
+        relevant = (self.level[first] == self.level[second]) & (vehicle[first] != vehicle[second])
+        return np.asarray(pairs[relevant])
 
 
 class PartingPaths:
@@ -210,8 +210,8 @@ class PartingPaths:
         axes = np.concatenate([self.axes, np.zeros((1, 2, 2))])
         sides = np.stack([first, second], axis=1)
         slope = np.einsum("psad,pd->psa", axes[sides], direction) * np.array([1.0, -1.0])[:, None]
-        here = np.concatenate([moved, np.zeros((1, 2))])
-        short = least + (slope * here[sides]).sum(axis=(1, 2))
+        displacement = np.concatenate([moved, np.zeros((1, 2))])
+        short = least + (slope * displacement[sides]).sum(axis=(1, 2))
         system = self._system()
         system[2] += _CONSTRAINT_WEIGHT * np.bincount(sides.ravel(), minlength=count + 1)[:count]
         factor = cholesky_banded(system)
@@ -318,10 +318,10 @@ def _ways(
     lateral = np.column_stack([-past[:, 1], past[:, 0]]) / np.maximum(pace, 1e-9)[:, None]
     offset = (lateral * between).sum(axis=1)
     key = actor[first].astype(np.int64) * (int(actor.max(initial=0)) + 1) + actor[second]
-    _, met = np.unique(key, return_inverse=True)
+    _, meeting_id = np.unique(key, return_inverse=True)
     weight = np.exp(-((between**2).sum(axis=1))) * (pace > _MIN_PASSING_MS)
-    side = np.bincount(met, offset * weight)
-    sign = np.where(side[met] < 0, -1.0, 1.0)
+    side = np.bincount(meeting_id, offset * weight)
+    sign = np.where(side[meeting_id] < 0, -1.0, 1.0)
     lateral *= sign[:, None]
     most = np.where(
         boxes.half[pairs].max(axis=(1, 2)) > _LONG_HALF_LENGTH_M, _LONG_ASIDE_M, ASIDE_M

@@ -262,19 +262,21 @@ class Ways:
         (B,).
         """
         low = group[0].low
-        went, was = self._kept.span("distance", low, low + last + 1), done[0]["distance"][-1]
-        row = max(int(np.searchsorted(went, was + 1e-9, side="right")) - 1, 0)
+        distance_m, was = self._kept.span("distance", low, low + last + 1), done[0]["distance"][-1]
+        row = max(int(np.searchsorted(distance_m, was + 1e-9, side="right")) - 1, 0)
         share = 0.0
         if row < last:
-            share = float(np.clip((was - went[row]) / (went[row + 1] - went[row]), 0.0, 1.0))
+            share = float(
+                np.clip((was - distance_m[row]) / (distance_m[row + 1] - distance_m[row]), 0.0, 1.0)
+            )
         off, turned = np.zeros((len(group), 2)), np.zeros(len(group))
         for body, (visit, columns) in enumerate(zip(group, done, strict=True)):
             visit_row = visit.low + row
             for name, difference in (("xy", off), ("yaw", turned)):
-                here, next_ = self._kept.span(name, visit_row, min(visit_row + 2, self._count))[
+                value, next_ = self._kept.span(name, visit_row, min(visit_row + 2, self._count))[
                     [0, -1]
                 ]
-                difference[body] = columns[name][-1] - (here + share * (next_ - here))
+                difference[body] = columns[name][-1] - (value + share * (next_ - value))
         return row + share, off, (turned + np.pi) % (2 * np.pi) - np.pi
 
     def _back_on_its_way(
@@ -285,8 +287,8 @@ class Ways:
         Earlier points have the full displacement.
         """
         path = self._rows(rows)
-        went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path["xy"], axis=0).T))])
-        beyond = went - np.interp(row, np.arange(len(went)), went)
+        travelled_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path["xy"], axis=0).T))])
+        beyond = travelled_m - np.interp(row, np.arange(len(travelled_m)), travelled_m)
         share = (1 + np.cos(np.pi * np.clip(beyond / _RETURN_M, 0.0, 1.0))) / 2
         path["xy"] = path["xy"] + off * share[:, None]
         path["yaw"] = path["yaw"] + turned * share
@@ -294,8 +296,10 @@ class Ways:
         path["aside"] = (left * off).sum(axis=1) * share
         rear_m = self.rear_m[int(path["trip"][0])]
         if rear_m > 0 and np.abs(off).max() > _TOLERANCE:
-            here = int(np.ceil(row))
-            path["yaw"][here:] = steered(path["xy"][here:], path["yaw"][here:], rear_m)
+            first_row = int(np.ceil(row))
+            path["yaw"][first_row:] = steered(
+                path["xy"][first_row:], path["yaw"][first_row:], rear_m
+            )
         return path
 
     def _catching_up(self, way: Columns, row: float, first: int, done: Columns) -> Way:
@@ -306,11 +310,11 @@ class Ways:
         pace = Pace(own, curve_speeds(own, np.unwrap(way["yaw"]), self.step_s), self.step_s)
         station_m = own.copy()
         if kind in LIMITS:
-            here = float(np.interp(row, np.arange(len(own)), own))
-            station_m[:first] = here
+            station_here = float(np.interp(row, np.arange(len(own)), own))
+            station_m[:first] = station_here
             if len(done["step"]) > 1:
                 station_m[: first - 1] = max(
-                    here - float(np.hypot(*np.diff(done["xy"], axis=0)[0])), 0.0
+                    station_here - float(np.hypot(*np.diff(done["xy"], axis=0)[0])), 0.0
                 )
             station_m = retimed(pace, np.full(len(own), np.inf), LIMITS[kind], station_m, first)
         return Way(0, np.arange(len(own))[None], kind, pace, station_m, 0)

@@ -204,9 +204,9 @@ def _smoothed_twice(
     below = np.floor(place).astype(int)
     share = place - below
     column = np.arange(len(values))
-    every = np.array(fits)
+    all_fits = np.array(fits)
     above = np.minimum(below + 1, len(fits) - 1)
-    return np.asarray(every[below, column] * (1 - share) + every[above, column] * share)
+    return np.asarray(all_fits[below, column] * (1 - share) + all_fits[above, column] * share)
 
 
 @cache

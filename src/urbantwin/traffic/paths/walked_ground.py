@@ -57,9 +57,11 @@ class Solids:
         if len(blocks.yaw) and len(points):
             shapes = blocks.polygons
             # In parts, to limit memory.
-            some = [points[k : k + _POINTS_AT_ONCE] for k in range(0, len(points), _POINTS_AT_ONCE)]
-            every = [np.unique(np.round(part / _SEARCH_CELL_M), axis=0) for part in some]
-            cells = np.unique(np.concatenate(every), axis=0) * _SEARCH_CELL_M
+            parts = [
+                points[k : k + _POINTS_AT_ONCE] for k in range(0, len(points), _POINTS_AT_ONCE)
+            ]
+            part_cells = [np.unique(np.round(part / _SEARCH_CELL_M), axis=0) for part in parts]
+            cells = np.unique(np.concatenate(part_cells), axis=0) * _SEARCH_CELL_M
             tree = shapely.STRtree(shapely.points(cells))
             near = tree.query(shapes, predicate="dwithin", distance=_OBSTACLE_RANGE_M)[0]
             wide = shapely.buffer(shapes[np.unique(near)], ROOM_M, quad_segs=2)

@@ -158,11 +158,11 @@ class _Yielding:
         )
         self.were: dict[int, NDArray[np.float64]] = {}
         before = before or Before((), 0)
-        for went in before.stretches:
-            early = went["step"] < before.until
-            actor_ids = went["trip"][early]
+        for stretch in before.stretches:
+            early = stretch["step"] < before.until
+            actor_ids = stretch["trip"][early]
             place = np.flatnonzero(np.diff(actor_ids, prepend=-1))
-            delay_m = np.split(went["behind"][early], place[1:])
+            delay_m = np.split(stretch["behind"][early], place[1:])
             self.were = (
                 dict(zip(actor_ids[place].tolist(), delay_m, strict=True)) if len(place) else {}
             )
@@ -216,9 +216,9 @@ class _Yielding:
         if not self.able[number] or len(rows) <= 2 * over:
             return False
         limits, ahead = LIMITS[kind], self.moving.boxes.take(rows).axes[:, 0]
-        went = (np.gradient(self.columns["xy"][rows], self.step_s, axis=0) * ahead).sum(axis=1)
+        pace_ms = (np.gradient(self.columns["xy"][rows], self.step_s, axis=0) * ahead).sum(axis=1)
         turn = np.gradient(np.unwrap(self.columns["yaw"][rows]), self.step_s)
-        for speed in (self.columns["speed"][rows], went):
+        for speed in (self.columns["speed"][rows], pace_ms):
             gain = uniform_filter1d(np.gradient(speed, self.step_s), over)
             sideways = np.abs(uniform_filter1d(turn, over) * speed)
             if (
@@ -236,12 +236,12 @@ class _Yielding:
         self.changed[:] = False
         when: dict[tuple[int, int], list[int]] = {}
         parts = np.split(steps, np.arange(_STEPS_AT_ONCE, len(steps), _STEPS_AT_ONCE))
-        for some in each(parts, tell, "waiting for each other"):
-            for pair, overlap_step in self._pairs(np.flatnonzero(np.isin(step, some))):
+        for part_steps in each(parts, tell, "waiting for each other"):
+            for pair, overlap_step in self._pairs(np.flatnonzero(np.isin(step, part_steps))):
                 when.setdefault(pair, []).append(overlap_step)
         meetings = []
-        for (first, other), every in when.items():
-            ordered = np.unique(every)
+        for (first, other), overlap_steps in when.items():
+            ordered = np.unique(overlap_steps)
             apart = np.flatnonzero(np.diff(ordered) > self._steps(_NEW_ENCOUNTER_S)) + 1
             meetings += [(first, other, int(part[0])) for part in np.split(ordered, apart)]
         return sorted(meetings, key=lambda meeting: (meeting[2], meeting[:2]))
@@ -251,8 +251,8 @@ class _Yielding:
 
     def _pairs(self, rows: NDArray[np.int64]) -> list[tuple[tuple[int, int], int]]:
         """Return the pairs of paths that overlap in some rows, with the step."""
-        boxes, some = self.moving.boxes, self.moving.take(rows)
-        pairs = rows[some.pairs(0.0, some.boxes.xy)]
+        boxes, subset = self.moving.boxes, self.moving.take(rows)
+        pairs = rows[subset.pairs(0.0, subset.boxes.xy)]
         path_ids = np.sort(self.whose[pairs], axis=1)
         relevant = (path_ids[:, 0] != path_ids[:, 1]) & self.able[path_ids].any(axis=1)
         pairs, path_ids = pairs[relevant], path_ids[relevant]
@@ -274,8 +274,10 @@ class _Yielding:
                 earlier.first == first and abs(earlier.since - constraint.since) <= again
                 for earlier in path.lets
             ]
-            old = [earlier for earlier, met in zip(path.lets, same, strict=True) if met]
-            others = [earlier for earlier, met in zip(path.lets, same, strict=True) if not met]
+            old = [earlier for earlier, is_same in zip(path.lets, same, strict=True) if is_same]
+            others = [
+                earlier for earlier, is_same in zip(path.lets, same, strict=True) if not is_same
+            ]
             constraints = (*others, constraint)
             span = (
                 min(x.begin for x in (*old, constraint)),
@@ -303,8 +305,8 @@ class _Yielding:
         """Update a vehicle's waiting for another that changed between two steps."""
         constraints, spans = [], []
         for constraint in way.lets:
-            met = constraint.first == first and constraint.begin + way.start < high
-            if met and constraint.until + way.start > low:
+            is_affected = constraint.first == first and constraint.begin + way.start < high
+            if is_affected and constraint.until + way.start > low:
                 spans.append((constraint.begin, constraint.until))
                 constraint = self._let(way, first, constraint.since)  # noqa: PLW2901 - the updated constraint
                 spans.append((constraint.begin, constraint.until))
@@ -343,12 +345,12 @@ class _Yielding:
         for body in range(len(way.bodies)):
             own = _box_rows(self._along(way, body, grid, _GAP_AHEAD_M if body == 0 else 0.0))
             for rows in self.bodies[first]:
-                theirs, after = self._during(first, rows, begin + way.start, until + way.start)
-                if not len(theirs):
+                other_rows, after = self._during(first, rows, begin + way.start, until + way.start)
+                if not len(other_rows):
                     continue
-                part = slice(after - begin - way.start, after - begin - way.start + len(theirs))
+                part = slice(after - begin - way.start, after - begin - way.start + len(other_rows))
                 contact_cells = first_contacts(
-                    top[part], width, own, _box_rows(boxes.take(theirs)), _LATERAL_GAP_M
+                    top[part], width, own, _box_rows(boxes.take(other_rows)), _LATERAL_GAP_M
                 )
                 np.minimum(bound[part], (contact_cells + low) * GRID_M, out=bound[part])
         # While it was ahead of the other, and not in conflict yet, there is no bound.
@@ -402,17 +404,17 @@ class _Yielding:
         boxes, total = self.moving.boxes, 0.0
         low = max(step - self._steps(_BEFORE_S), self.starts[mine], self.starts[first])
         high = step + self._steps(_AFTER_S)
-        for body, every in enumerate(self.bodies[mine]):
-            rows, begin = self._during(mine, every, low, high)
-            own = boxes.take(rows)
+        for body, body_rows in enumerate(self.bodies[mine]):
+            rows, begin = self._during(mine, body_rows, low, high)
+            own_boxes = boxes.take(rows)
             if at is not None and len(rows):
                 begin -= self.starts[mine]
-                own = self._along(self._way(mine), body, at[begin : begin + len(rows)], 0.0)
+                own_boxes = self._along(self._way(mine), body, at[begin : begin + len(rows)], 0.0)
             for others in self.bodies[first]:
-                theirs = boxes.take(self._during(first, others, low, high)[0])
-                number = np.arange(min(len(own.yaw), len(theirs.yaw)))
-                both = PlanBoxes.joined([own, theirs])
-                deep, _ = meetings(both, np.column_stack([number, number + len(own.yaw)]))
+                other_boxes = boxes.take(self._during(first, others, low, high)[0])
+                number = np.arange(min(len(own_boxes.yaw), len(other_boxes.yaw)))
+                both = PlanBoxes.joined([own_boxes, other_boxes])
+                deep, _ = meetings(both, np.column_stack([number, number + len(own_boxes.yaw)]))
                 total += float(np.maximum(deep, 0.0).sum()) * self.step_s
         return total
 
