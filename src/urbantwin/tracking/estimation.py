@@ -120,10 +120,14 @@ def fronted(
     ahead = one.velocity[:, 0] * np.cos(axis) + one.velocity[:, 1] * np.sin(axis)
     steps = np.diff(one.state[:, :2], axis=0)
     half = axis[:-1] + wrapped(np.diff(axis)) / 2
-    gone = float((steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)).sum())
+    travelled_m = float((steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)).sum())
     agree = float(weight[np.sign(facing) == np.sign(votes)].sum()) / max(float(weight.sum()), 1e-9)
-    backs = abs(gone) < _MAX_REVERSING_M and agree > _REVERSING_SHARE and len(yaw) > 3
-    front = np.sign(gone) if abs(gone) > _MIN_TRAVEL_M and not backs else (np.sign(votes) or 1.0)
+    backs = abs(travelled_m) < _MAX_REVERSING_M and agree > _REVERSING_SHARE and len(yaw) > 3
+    front = (
+        np.sign(travelled_m)
+        if abs(travelled_m) > _MIN_TRAVEL_M and not backs
+        else (np.sign(votes) or 1.0)
+    )
     turned = np.full(len(axis), front)
     if not user.turns:
         goes = np.abs(ahead) > _MIN_SPEED_M_S

@@ -160,8 +160,8 @@ class KeptRows:
 
     def trips(self) -> NDArray[np.int32]:
         """Return the trip of each row (N,)."""
-        every = [rows["track"].to_numpy().astype(np.int32) for rows in self]
-        return np.concatenate([np.zeros(0, np.int32), *every])
+        parts = [rows["track"].to_numpy().astype(np.int32) for rows in self]
+        return np.concatenate([np.zeros(0, np.int32), *parts])
 
     def rows(
         self,
@@ -191,12 +191,12 @@ class KeptRows:
     def _numbered(self, track: NDArray[np.integer], kept: NDArray[np.bool_]) -> Iterator[pa.Table]:
         """Yield the selected rows with their track ids, part by part."""
         begin = 0
-        some = (
+        slices = (
             rows.slice(k, _ROWS_AT_ONCE)
             for rows in self
             for k in range(0, rows.num_rows, _ROWS_AT_ONCE)
         )
-        for rows in some:
+        for rows in slices:
             part_rows = slice(begin, begin + rows.num_rows)
             begin = part_rows.stop
             tracks = pa.array(track[part_rows], pa.int32())

@@ -152,7 +152,7 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
     ground, lanes, shown = place.ground, simulated.lanes, simulated.signals
     hand_back_freed_memory()
     with _folder_for(len(simulated.step), scratch) as folder:
-        ways = actor_ways(
+        paths = actor_ways(
             simulated, demand, place.roads, ground, place.blocks.low, solids,
             step_s=step_s, asset=asset, rigid=before.rigid if before else None, folder=folder,
             tell=between(tell, 0.0, _AFTER_SMOOTHING),
@@ -161,21 +161,21 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         hand_back_freed_memory()
         tell(_AFTER_SMOOTHING, "past each other")
         parting = Parted(
-            ways, ground.levels(lanes), place.blocks, solids.shapes,
+            paths, ground.levels(lanes), place.blocks, solids.shapes,
             place.roads.footway(0), step_s=step_s, asset=asset,
         )  # fmt: skip
-        every = stretches(*ways.steps, step_s)
-        lead = ways.who == vehicles(ways.who)
+        all_stretches = stretches(*paths.steps, step_s)
+        lead = paths.who == vehicles(paths.who)
         left, outside, posed, poses = None, 0, 0, []
         stored = KeptRows(folder, place.region)
         rows_of = partial(
-            actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
+            actor_rows, trips=paths.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
         )
         # Rows of one stretch are made while conflicts of the next are resolved.
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
-            for n, stretch in enumerate(every):
-                share = (_AFTER_CONFLICTS - _AFTER_SMOOTHING) / len(every)
+            for n, stretch in enumerate(all_stretches):
+                share = (_AFTER_CONFLICTS - _AFTER_SMOOTHING) / len(all_stretches)
                 telling = between(
                     tell, _AFTER_SMOOTHING + n * share, _AFTER_SMOOTHING + (n + 1) * share
                 )
@@ -204,15 +204,15 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         tell(_AFTER_PLACING, "who passes through whom")
         trip = stored.trips()
         absent = absent_from(
-            stored, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
+            stored, whose[trip], vehicles(paths.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
         hand_back_freed_memory()
         tell(0.97, "who passes through whom")
-        number = ways.who if by_trip else None
+        number = paths.who if by_trip else None
         rows = stored.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)
-    return Tabled(rows, outside, ways.rigid, tuple(poses), absent, overlaps)
+    return Tabled(rows, outside, paths.rigid, tuple(poses), absent, overlaps)
 
 
 @contextmanager

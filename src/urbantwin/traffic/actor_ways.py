@@ -168,7 +168,7 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         # An animal beside its owner avoids obstacles, too, and is longer.
         stored.add(stages.round(bent, trips, led=True))
         return KeptWays(stored, trips, actor_ids, rigid, frozenset(), 0, steps)
-    every, number = list(demand.trips), list(range(len(demand.trips)))
+    all_trips, number = list(demand.trips), list(range(len(demand.trips)))
     count = 0
     parts = list(some_actors(simulated.trip))
     for n, rows in enumerate(parts):
@@ -177,28 +177,28 @@ def actor_ways(  # noqa: PLR0913 - all surroundings of a path
         bent, trips, actor_ids = stages.bent(stages.ways(seen, demand, telling), demand, seen)
         bent = stages.round(bent, trips, led=True)
         further = bent["trip"] >= len(demand.trips)
-        bent["trip"][further] += len(every) - len(demand.trips)
+        bent["trip"][further] += len(all_trips) - len(demand.trips)
         for trip_index in np.unique(seen.trip).tolist():
-            every[trip_index] = trips[trip_index]
-        every += trips[len(demand.trips) :]
+            all_trips[trip_index] = trips[trip_index]
+        all_trips += trips[len(demand.trips) :]
         number += actor_ids[len(demand.trips) :].tolist()
         count += len(bent["trip"])
         stored.add(bent)
         del seen, bent, rows
     del parts
     hand_back_freed_memory()
-    trips, actor_ids = tuple(every), np.array(number, np.int64)
+    trips, actor_ids = tuple(all_trips), np.array(number, np.int64)
     if rigid is None:
         rigid = frozenset().union(
-            *(stages.cutters(some, trips, actor_ids) for some in _some_steps(stored, steps))
+            *(stages.cutters(columns, trips, actor_ids) for columns in _some_steps(stored, steps))
         )
-    gone: frozenset[int] = frozenset()
+    removed: frozenset[int] = frozenset()
     if rigid:
-        gone = frozenset(np.flatnonzero(np.isin(vehicles(actor_ids), list(rigid))).tolist())
+        removed = frozenset(np.flatnonzero(np.isin(vehicles(actor_ids), list(rigid))).tolist())
         demand = with_rigid(demand, rigid, asset)
         stored.add(stages.smooth(_of_trips(simulated, rigid), demand, untold))
         trips = tuple(demand.trips[n] if n in rigid else trip for n, trip in enumerate(trips))
-    return KeptWays(stored, trips, actor_ids, rigid, gone, count, steps)
+    return KeptWays(stored, trips, actor_ids, rigid, removed, count, steps)
 
 
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:

@@ -104,8 +104,8 @@ def inserted(
         >>> changed, (track,) = inserted(motion, [path], TwinSurface(twin))
     """
     made = Insertion.of(motion, paths, surface)
-    if not through_walls and (met := surface.solid.met_by(made.rows, motion.step_s)):
-        raise StageError(f"cannot be inserted: {met}")
+    if not through_walls and (overlap := surface.solid.met_by(made.rows, motion.step_s)):
+        raise StageError(f"cannot be inserted: {overlap}")
     return made.into(motion), made.tracks
 
 

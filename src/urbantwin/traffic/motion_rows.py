@@ -92,14 +92,14 @@ class ActorRows(ABC):
     def distinct(self, columns: Sequence[str]) -> pa.Table:
         """Return the distinct combinations of values of some columns, unordered."""
         names = list(columns)
-        every = [group.group_by(names).aggregate([]) for group in self._groups(names)]
+        parts = [group.group_by(names).aggregate([]) for group in self._groups(names)]
         empty = pa.schema([ACTOR_SCHEMA.field(name) for name in names]).empty_table()
-        return pa.concat_tables([empty, *every]).group_by(names).aggregate([])
+        return pa.concat_tables([empty, *parts]).group_by(names).aggregate([])
 
     def where(self, column: str, values: Sequence[Any]) -> pa.Table:
         """Return the rows whose column has one of the given values."""
-        some = pa.array(list(values), ACTOR_SCHEMA.field(column).type)
-        selected = [group.filter(pc.is_in(group[column], some)) for group in self._groups(None)]
+        wanted = pa.array(list(values), ACTOR_SCHEMA.field(column).type)
+        selected = [group.filter(pc.is_in(group[column], wanted)) for group in self._groups(None)]
         return pa.concat_tables([ACTOR_SCHEMA.empty_table(), *selected])
 
     def write(self, to: Path | pa.NativeFile) -> None:

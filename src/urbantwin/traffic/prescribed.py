@@ -74,8 +74,8 @@ class PrescribedPath:
         if (np.diff(self.time_s) <= 0).any():
             row = int(np.argmax(np.diff(self.time_s) <= 0)) + 1
             raise InputError("time does not go on", place=f"moment {row}", expected="later times")
-        every = (self.time_s, self.xy, self.yaw, self.speed, self.z)
-        if not all(column is None or np.isfinite(column).all() for column in every):
+        columns = (self.time_s, self.xy, self.yaw, self.speed, self.z)
+        if not all(column is None or np.isfinite(column).all() for column in columns):
             raise InputError("a path with values that are not finite")
 
     def heading(self) -> NDArray[np.float64]:
@@ -150,9 +150,10 @@ def prescribed_table(
     for number, path in each(list(enumerate(paths)), tell, "on the ground"):
         begin, end = path.time_s[0] - _TIME_TOLERANCE_S, path.time_s[-1] + _TIME_TOLERANCE_S
         present_s = times[(times >= begin) & (times <= end)]
-        for gone, back in path.absent:
+        for absent_from_s, absent_to_s in path.absent:
             present_s = present_s[
-                (present_s <= gone + _TIME_TOLERANCE_S) | (present_s >= back - _TIME_TOLERANCE_S)
+                (present_s <= absent_from_s + _TIME_TOLERANCE_S)
+                | (present_s >= absent_to_s - _TIME_TOLERANCE_S)
             ]
         rows = _rows(path, present_s, first_track + number, surface)
         on_ground = np.isfinite(rows["z"])
@@ -212,8 +213,10 @@ def _phases(
     """Return the gait phase at each step: by distance travelled, or standing."""
     moving = np.zeros(len(times))
     if mesh.phases > 1:
-        gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])
-        cycles = np.interp(times, path.time_s, gone) / mesh.stride_m + track * _GOLDEN_RATIO
+        travelled_m = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))]
+        )
+        cycles = np.interp(times, path.time_s, travelled_m) / mesh.stride_m + track * _GOLDEN_RATIO
         moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
     halted = np.abs(speed) < _STANDING_MS
     return np.where(halted, mesh.standing, moving).astype(np.int16)

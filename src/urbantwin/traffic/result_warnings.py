@@ -117,9 +117,9 @@ def _of_absent(absent: Mapping[str, Any]) -> Iterator[ResultWarning]:
     reason = f"{actors} would pass through others, or through what stands"
     place = absent.get("most_at", {})
     if place.get("visits", 0) > 1:
-        met = max(absent["with"].items(), key=lambda entry: entry[1])[0]
+        frequent_pair = max(absent["with"].items(), key=lambda entry: entry[1])[0]
         reason += f"; {place['visits']} of them near {place['x']:g}, {place['y']:g}"
-        reason += f"; most often {met}"
+        reason += f"; most often {frequent_pair}"
     yield ResultWarning(
         "traffic",
         f"{absent['visits']} of {absent['of']} visits are left out",

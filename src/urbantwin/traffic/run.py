@@ -359,14 +359,16 @@ class _Streets:
         until = math.ceil(changed_from(events) / self.step_s - 1e-6)
         own = frozenset(trip for reaction in reacted for trip in reaction.trips)
         before = Before(without.poses, until, own, without.rigid)
-        gone = without.absent.steps
+        absent_steps = without.absent.steps
         for reaction in reacted:
-            if (np.isin(gone[:, 0], reaction.trips) & (gone[:, 1] == until - 1)).any():
+            if (
+                np.isin(absent_steps[:, 0], reaction.trips) & (absent_steps[:, 1] == until - 1)
+            ).any():
                 what = f"{reaction.event.event} at {reaction.event.at_s:g} s cannot be staged: "
                 raise NotStagedError(what + "its actor is left out of the motion", reaction.number)
         drive = self.tabled(
             simulated, demand, place, by_trip=True, tell=untold, before=before,
-            beside=Bystanders(own, until, gone[gone[:, 1] < until]),
+            beside=Bystanders(own, until, absent_steps[absent_steps[:, 1] < until]),
         )  # fmt: skip
         actors, staged = staged_table(without.actors.table(), drive.actors.table(), reacted, events)
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)

@@ -85,13 +85,13 @@ _TREES = ("tree", "tree_row", "tree_group", "wood", "scrub")
 def furniture_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield a finding for each kind of object without any in the region."""
     added = [correction.asked for correction in place.corrections]
-    here = [spot(place.frame, shapely.Point(0.0, 0.0), name="the anchor")]
+    anchor_spot = [spot(place.frame, shapely.Point(0.0, 0.0), name="the anchor")]
     tags = [item.tags for item in place.features]
     if not any(isinstance(correction, AddTree) for correction in added) and not any(
         feature_tags.get("natural") in _TREES or feature_tags.get("landuse") == "forest"
         for feature_tags in tags
     ):
-        yield finding("trees-missing", "no tree is mapped in the region", spots=here)
+        yield finding("trees-missing", "no tree is mapped in the region", spots=anchor_spot)
     if not any(
         isinstance(correction, AddPole) and correction.kind in _POLES for correction in added
     ) and not any(
@@ -104,7 +104,7 @@ def furniture_findings(place: MappedSite) -> Iterator[Finding]:
         share = 1.0 - len(lit) / max(len(place.streets), 1)
         if share > 0:
             problem = "neither street lamps nor poles are mapped in the region"
-            yield finding("lamps-missing", problem, share=share, spots=here)
+            yield finding("lamps-missing", problem, share=share, spots=anchor_spot)
 
 
 Tags = Mapping[str, str]

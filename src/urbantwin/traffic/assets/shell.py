@@ -197,10 +197,10 @@ def shell(
     count = rim * columns
     before: list[Panel] | None = None
     for side, column, sign in (("right", 0, -1.0), ("left", columns - 1, 1.0)):
-        here = [panel for panel in panels if panel.side in ("both", side)]
-        if here != before:  # both sides are equal for most vehicles
-            flat, triangles, materials = _side(outline, here, section.edge_radius, step)
-            before = here
+        side_panels = [panel for panel in panels if panel.side in ("both", side)]
+        if side_panels != before:  # both sides are equal for most vehicles
+            flat, triangles, materials = _side(outline, side_panels, section.edge_radius, step)
+            before = side_panels
         inner = flat[rim:]
         y = sign * _half_width(outline, section, inner)
         vertices.append(np.column_stack([inner[:, 0], y, inner[:, 1]]))
@@ -305,8 +305,8 @@ def _strips(outline: Outline) -> tuple[NDArray[np.int64], list[str]]:
         tag: [next(name for limit, name in BANDS[tag] if out <= limit) for out in outer]
         for tag in set(outline.tags)
     }
-    here = np.arange(rim)[:, None] * columns + np.arange(columns - 1)
-    after = np.roll(here, -1, axis=0)
-    pairs = [[here, after + 1, after], [here, here + 1, after + 1]]
+    corner = np.arange(rim)[:, None] * columns + np.arange(columns - 1)
+    after = np.roll(corner, -1, axis=0)
+    pairs = [[corner, after + 1, after], [corner, corner + 1, after + 1]]
     faces = np.moveaxis(np.array(pairs), (0, 1), (2, 3)).reshape(-1, 3)
     return faces, [name for tag in outline.tags for name in across[tag] for _ in range(2)]

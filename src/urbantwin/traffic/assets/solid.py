@@ -148,17 +148,17 @@ def _revolution(
     """
     angle = np.arange(sides) * (2 * np.pi / sides)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    here, after = np.arange(sides), np.roll(np.arange(sides), -1)
+    corner, after = np.arange(sides), np.roll(np.arange(sides), -1)
     low = sides * rings
-    faces = [np.column_stack([np.full(sides, low), after, here])]
+    faces = [np.column_stack([np.full(sides, low), after, corner])]
     band = [0] * sides
     for number in range(rings - 1):
         below, above = number * sides, (number + 1) * sides
-        faces.append(np.column_stack([below + here, below + after, above + after]))
-        faces.append(np.column_stack([below + here, above + after, above + here]))
+        faces.append(np.column_stack([below + corner, below + after, above + after]))
+        faces.append(np.column_stack([below + corner, above + after, above + corner]))
         band += [number + 1] * (2 * sides)
     last = low - sides
-    faces.append(np.column_stack([last + here, last + after, np.full(sides, low + 1)]))
+    faces.append(np.column_stack([last + corner, last + after, np.full(sides, low + 1)]))
     band += [rings] * sides
     return circle, np.concatenate(faces).astype(np.int32), tuple(band)
 
@@ -300,17 +300,17 @@ def loft(sections: Sequence[ArrayLike], material: str | Sequence[str]) -> Solid:
     rings = np.array([np.asarray(section, np.float64) for section in sections])
     count, sides, _ = rings.shape
     names = [material] * (count - 1) if isinstance(material, str) else list(material)
-    here, after = np.arange(sides), np.roll(np.arange(sides), -1)
+    corner, after = np.arange(sides), np.roll(np.arange(sides), -1)
     centre_low, centre_high = count * sides, count * sides + 1
-    faces = [np.column_stack([np.full(sides, centre_low), after, here])]
+    faces = [np.column_stack([np.full(sides, centre_low), after, corner])]
     labels = [names[0]] * sides
     for band, name in enumerate(names):
         below, above = band * sides, (band + 1) * sides
-        faces.append(np.column_stack([below + here, below + after, above + after]))
-        faces.append(np.column_stack([below + here, above + after, above + here]))
+        faces.append(np.column_stack([below + corner, below + after, above + after]))
+        faces.append(np.column_stack([below + corner, above + after, above + corner]))
         labels += [name] * (2 * sides)
     last = (count - 1) * sides
-    faces.append(np.column_stack([last + here, last + after, np.full(sides, centre_high)]))
+    faces.append(np.column_stack([last + corner, last + after, np.full(sides, centre_high)]))
     labels += [names[-1]] * sides
     middles = [rings[0].mean(axis=0), rings[-1].mean(axis=0)]
     return Solid.build(

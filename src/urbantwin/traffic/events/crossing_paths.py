@@ -305,12 +305,12 @@ def _ways_across(
     if event.actor in ("car", "motorcycle"):
         return _lanes_across(event.actor, setting, at, yaw)
     kerb = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
-    ways = []
+    paths = []
     for share, side in product(_LENGTH_SHARES[event.actor], (kerb, -kerb)):
         across = share * side * np.array([-np.sin(yaw), np.cos(yaw)])
         ends = at + across * _BEFORE_M[event.actor], at - across * _BEYOND_M[event.actor]
-        ways.append(Way(np.linspace(*ends, 60)))
-    return ways
+        paths.append(Way(np.linspace(*ends, 60)))
+    return paths
 
 
 def _lanes_across(

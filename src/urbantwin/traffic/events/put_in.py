@@ -114,10 +114,10 @@ def event_row(
         told: further entries.
     """
     main = tracks[0] if tracks else None
-    met, conflict = None, None
+    other_track, conflict = None, None
     if main is not None:
         ignoring = frozenset(tracks[1:]) - {with_track}
-        met, conflict = conflict_with(others, main, with_track, from_s, until_s, ignoring)
+        other_track, conflict = conflict_with(others, main, with_track, from_s, until_s, ignoring)
     place = _place_of(others, main, from_s if conflict is None else conflict.gap_at_s)
     row: dict[str, Any] = {
         "event": event.event,
@@ -129,8 +129,12 @@ def event_row(
     }
     if place is not None:
         row["at"] = place
-    if met is not None and conflict is not None:
-        row["nearest"] = {"track": met, "class": _class_of(others, met), **conflict.told()}
+    if other_track is not None and conflict is not None:
+        row["nearest"] = {
+            "track": other_track,
+            "class": _class_of(others, other_track),
+            **conflict.told(),
+        }
     extra = dict(told or {})
     extra.pop("asked", None)
     return {**row, **extra}
@@ -309,8 +313,8 @@ def _put_in(
     def stage(one: Any) -> tuple[Scripted, Insertion]:  # noqa: ANN401 - any event
         scripted = PUT_IN[event.event](one, setting)
         made = Insertion.of(motion, scripted.paths, surface)
-        if met := surface.solid.met_by(made.rows, motion.step_s):
-            raise StageError(f"{event.event} at {one.at_s:g} s cannot be staged: {met}")
+        if overlap := surface.solid.met_by(made.rows, motion.step_s):
+            raise StageError(f"{event.event} at {one.at_s:g} s cannot be staged: {overlap}")
         return scripted, made
 
     try:

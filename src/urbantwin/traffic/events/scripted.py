@@ -177,8 +177,8 @@ def first_free(
             if in_the_way:
                 # Most times are rejected because of an actor that is in the way for a second or
                 # more.
-                some = np.arange(0, len(passage.time_s), _COARSE_STEPS)
-                closest = setting.others.nearest(passage.of_rows(some))
+                sampled_rows = np.arange(0, len(passage.time_s), _COARSE_STEPS)
+                closest = setting.others.nearest(passage.of_rows(sampled_rows))
             if closest is None or closest.gap_m >= CLEAR_M:
                 closest = setting.others.nearest(passage)
             if closest is not None and closest.gap_m < CLEAR_M:

@@ -135,12 +135,12 @@ def _stopping_profile(
         0.0, even_s + gentle_s, max(int((even_s + gentle_s) / _TIME_SPACING_S), 2) + 1
     )
     off = times if not stops else times[-1] - times
-    gone = np.where(
+    travelled_m = np.where(
         off < gentle_s,
         _GENTLE_ACCELERATION_MS2 * off**2 / 2,
         gentle_m + np.maximum(off - gentle_s, 0.0) * speed,
     )
-    station = way.length - gone if stops else gone
+    station = way.length - travelled_m if stops else travelled_m
     heading = np.array([way.heading(float(station_m)) for station_m in station])
     return times, way.at(station), np.unwrap(heading)
 

@@ -64,13 +64,13 @@ class SeenTrack:
         if kind != last.detected_class:
             return NEVER
         step = one.middle - last.middle
-        gone = float(np.linalg.norm(step))
+        moved_m = float(np.linalg.norm(step))
         large = kind is None and max(one.diagonal, last.diagonal) > LARGE_M
         on_foot = kind == "pedestrian"
         if kind is None:
             on_foot = max(one.diagonal, last.diagonal) < PERSON_M
         most = DRIVES_M_S if large else WALKS_M_S if on_foot else RIDES_M_S
-        if gone > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
+        if moved_m > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
             return NEVER
         taller = abs(one.top - last.top)
         well = large and min(len(one.points), len(last.points)) >= WELL_SEEN
@@ -78,17 +78,17 @@ class SeenTrack:
         if (
             abs(one.moves - last.moves) > SAME_SHARE
             or taller > (SAME_HEIGHT_M if well else TALLER_M)
-            or (len(outlines) > 1 and gone > SAME_PLACE_M)
+            or (len(outlines) > 1 and moved_m > SAME_PLACE_M)
         ):
             return NEVER
-        if large and gone > 2 * ERROR_M:
+        if large and moved_m > 2 * ERROR_M:
             heading = np.arctan2(step[1], step[0])
             for each in (one, last):
                 off = abs(float(wrapped(2 * (heading - each.long_way)))) / 2
                 if each.diagonal > LARGE_M and off > ALONG:
                     return NEVER
         if self.velocity is None:
-            return gone / 2 + abs(one.diagonal - last.diagonal) + taller
+            return moved_m / 2 + abs(one.diagonal - last.diagonal) + taller
         off = float(np.linalg.norm(step - self.velocity * seconds))
         return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
@@ -100,10 +100,10 @@ class SeenTrack:
     def cost_standing(self, one: SeenObject) -> float:
         """Return the cost of an object as the same static vehicle after a gap, metres."""
         last = self.seen[-1]
-        gone = float(np.linalg.norm(one.middle - last.middle))
+        moved_m = float(np.linalg.norm(one.middle - last.middle))
         off = abs(one.diagonal - last.diagonal) + abs(one.top - last.top)
         same = one.moves < STANDS and one.diagonal > LARGE_M
-        return gone + off if same and max(gone, off) < SAME_M else NEVER
+        return moved_m + off if same and max(moved_m, off) < SAME_M else NEVER
 
     def add(self, one: SeenObject, seconds: float) -> None:
         """Append a detection after a time, and update the velocity."""
@@ -138,9 +138,9 @@ def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list
         followed, stood = list[SeenTrack](), list[SeenTrack]()
         for track in active:
             last = track.seen[-1].frame
-            here = group[last] == group[number]
-            stays_open = number - last <= LOST + 1 and (here or track.stands)
-            (done if not stays_open else followed if here else stood).append(track)
+            same_group = group[last] == group[number]
+            stays_open = number - last <= LOST + 1 and (same_group or track.stands)
+            (done if not stays_open else followed if same_group else stood).append(track)
         active = followed + stood
         taken = set[int]()
         if active and objects:

@@ -196,9 +196,9 @@ def unseen_above(
         top: greatest height that belongs to the person, metres.
     """
     passes = np.inf
-    here = above <= top
-    for number in np.unique(sensor[here]):
-        from_sensor = here & (sensor == number)
+    below_top = above <= top
+    for number in np.unique(sensor[below_top]):
+        from_sensor = below_top & (sensor == number)
         rings = np.unique(ring[from_sensor])
         tops = np.sort([above[from_sensor & (ring == each)].max() for each in rings])
         if len(tops) > 1 and (over := 2 * tops[-1] - tops[-2]) > top:

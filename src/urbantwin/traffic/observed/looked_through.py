@@ -50,7 +50,7 @@ def looked_through(
         beside_m: half width of the place as seen from a sensor, metres.
         deep_m: half depth, metres.
     """
-    through, met = 0, 0
+    through, ended = 0, 0
     for number, origin in enumerate(sensors):
         to_place = place - origin[:2]
         distance = float(np.linalg.norm(to_place))
@@ -63,11 +63,11 @@ def looked_through(
         share = distance / along
         lateral_m = np.abs(seen[:, 1] * ahead[0] - seen[:, 0] * ahead[1]) * share
         above = origin[2] + seen[:, 2] * share - ground_m
-        here = (lateral_m < beside_m) & (above > _MIN_HEIGHT_M) & (above < _MAX_HEIGHT_M)
+        in_window = (lateral_m < beside_m) & (above > _MIN_HEIGHT_M) & (above < _MAX_HEIGHT_M)
         beyond = along > distance + deep_m
-        through += int((here & beyond).sum())
-        met += int((here & ~beyond).sum())
-    return through >= _MIN_BEAMS and through > met
+        through += int((in_window & beyond).sum())
+        ended += int((in_window & ~beyond).sum())
+    return through >= _MIN_BEAMS and through > ended
 
 
 def seen_length(

@@ -168,11 +168,11 @@ def _objects(
         own, below = plan[frame.sensor[rows] == most], _height(ground, item.middle)
         return replace(item, length=seen_length(own, item.long_way, frame, sensors, below))
 
-    objects, theirs = [], np.zeros(len(above), np.bool_)
+    objects, in_box = [], np.zeros(len(above), np.bool_)
     for actor, rows in with_points(detected or (), frame.points[rises]):
         objects.append(seen(rises[rows], actor))
-        theirs[rises[rows]] = True
-    left = rises[~theirs[rises]]
+        in_box[rises[rows]] = True
+    left = rises[~in_box[rises]]
     wanted = moves[left]
     if lanes is not None:
         wanted = wanted | lanes.cover(frame.points[left])

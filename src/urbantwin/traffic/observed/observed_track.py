@@ -125,10 +125,10 @@ def observed_track(
         name: str | None = "bicycle" if rides else "pedestrian"
     else:
         name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
-    gone = float(np.linalg.norm(middles[-1] - middles[0]))
+    moved_m = float(np.linalg.norm(middles[-1] - middles[0]))
     if name in SMALL and (
         not small
-        or (gone < GONE_M and moving < SURELY and "bicycle" not in outlines)
+        or (moved_m < GONE_M and moving < SURELY and "bicycle" not in outlines)
         or min(item.bottom for item in seen) > OFF_GROUND_M
         or not SHORT_M < top < TALL_M
     ):

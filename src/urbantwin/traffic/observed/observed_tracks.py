@@ -101,12 +101,12 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     track, time_s, x, y, yaw, *sides = (column[order] for column in numbers)
     name, xy = name[order], np.column_stack([x, y])
     # Speeds to the previous and next frame: an actor slow in either stands.
-    ways = np.full((2, len(track)), np.nan)
+    both_speeds = np.full((2, len(track)), np.nan)
     same = np.flatnonzero(np.diff(track) == 0)
     along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]
-    ways[0, same], ways[1, same + 1] = along, along
-    slowest = np.fmin(*ways)
-    speed = np.where(np.isnan(ways).any(axis=0), slowest, ways.mean(axis=0))
+    both_speeds[0, same], both_speeds[1, same + 1] = along, along
+    slowest = np.fmin(*both_speeds)
+    speed = np.where(np.isnan(both_speeds).any(axis=0), slowest, both_speeds.mean(axis=0))
     times = _times(summary, folder / "observation.json")
     once = np.isnan(speed) if times.gap.any() else None
     sensors = np.array(summary.sensors, np.float64).reshape(-1, 2)

@@ -83,12 +83,12 @@ def apart(plan: NDArray[np.float64], above: NDArray[np.float64]) -> list[NDArray
         return []
     nearest_head = cdist(plan, heads).argmin(axis=1)
     parts = [np.flatnonzero(nearest_head == k) for k in range(len(heads))]
-    theirs = [
+    person_parts = [
         part
         for part in parts
         if len(part) and silhouette(plan[part], above[part], fitted_yaw(plan[part])) is not None
     ]
-    return parts if sum(map(len, theirs)) >= _MIN_PERSON_SHARE * len(plan) else []
+    return parts if sum(map(len, person_parts)) >= _MIN_PERSON_SHARE * len(plan) else []
 
 
 def _heads(plan: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -136,38 +136,42 @@ def _transition_counts(one: _Objects, other: _Objects, seconds: float) -> NDArra
     the first. An object in one frame alone counts as half.
     """
     step = other.place[None] - one.place[:, None]
-    gone = np.linalg.norm(step, axis=2)
+    moved_m = np.linalg.norm(step, axis=2)
     large = np.maximum(one.diagonal[:, None], other.diagonal) > LARGE_M
-    fits = gone <= np.where(large, DRIVES_M_S, RIDES_M_S) * seconds + ERROR_M
+    fits = moved_m <= np.where(large, DRIVES_M_S, RIDES_M_S) * seconds + ERROR_M
     alike = fits.copy()
-    for own, its, most in (
+    for values, other_values, most in (
         (one.diagonal, other.diagonal, _MAX_DIAGONAL_DIFFERENCE_M),
         (one.top, other.top, _MAX_HEIGHT_DIFFERENCE_M),
     ):
-        alike &= np.abs(own[:, None] - its) < np.where(large, most[1], most[0])
+        alike &= np.abs(values[:, None] - other_values) < np.where(large, most[1], most[0])
     both = (one.outline[:, None] > 0) & (other.outline > 0)
-    fits &= ~(both & (one.outline[:, None] != other.outline) & (gone > 2 * ERROR_M))
+    fits &= ~(both & (one.outline[:, None] != other.outline) & (moved_m > 2 * ERROR_M))
     walks = (one.outline[:, None] == 1) & (other.outline == 1)
-    fits &= ~(walks & (gone > WALKS_M_S * seconds + ERROR_M))
+    fits &= ~(walks & (moved_m > WALKS_M_S * seconds + ERROR_M))
     heading = np.arctan2(step[..., 1], step[..., 0])
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
-        fits &= ~(large & (gone > _AXIS_TEST_M) & (off > _AXIS_TOLERANCE_RAD))
+        fits &= ~(large & (moved_m > _AXIS_TEST_M) & (off > _AXIS_TOLERANCE_RAD))
     # A unique candidate is the same object, despite differences by rings and hidden parts.
     alone = (fits.sum(axis=0) == 1) & (fits.sum(axis=1, keepdims=True) == 1)
     fits &= alike | alone
-    cost = np.where(fits, gone, np.inf)
+    cost = np.where(fits, moved_m, np.inf)
     stays = _STATIONARY_M if seconds > _STEP_S else 0.0
     still, still_later = _matched(np.where(cost < stays, cost, np.inf))
-    left = ~np.isin(np.arange(len(one.top)), still)
-    came = ~np.isin(np.arange(len(other.top)), still_later)
+    disappeared = ~np.isin(np.arange(len(one.top)), still)
+    appeared = ~np.isin(np.arange(len(other.top)), still_later)
     counts = []
     for kind in (False, True):
-        among = cost[np.ix_(left & (one.large == kind), came & (other.large == kind))]
-        met = among[_matched(among)]
-        nearby = len(met) if kind else int((met <= WALKS_M_S * seconds + ERROR_M).sum())
-        alone = sum(among.shape) / 2 - len(met)
-        counts.append([nearby, len(met) - nearby, alone])
+        among = cost[np.ix_(disappeared & (one.large == kind), appeared & (other.large == kind))]
+        pair_distances = among[_matched(among)]
+        nearby = (
+            len(pair_distances)
+            if kind
+            else int((pair_distances <= WALKS_M_S * seconds + ERROR_M).sum())
+        )
+        alone = sum(among.shape) / 2 - len(pair_distances)
+        counts.append([nearby, len(pair_distances) - nearby, alone])
     return np.array(counts, np.float64)
 
 
@@ -220,7 +224,8 @@ def _fitted(
         halfway = (_SHARES_IN_SEQUENCE + chance) / 2
         follows = np.where(follows[:, 2:] > halfway[:, 2:], halfway, follows)
     with np.errstate(divide="ignore"):
-        every = np.logaddexp(np.log(share) + by_chance, np.log(1 - share) + at_once).sum()
+        log_likelihood = np.logaddexp(np.log(share) + by_chance, np.log(1 - share) + at_once).sum()
     return likely, float(
-        every + _SHARES_WEIGHT * (_SHARES_IN_SEQUENCE * np.log(follows + _MIN_PROBABILITY)).sum()
+        log_likelihood
+        + _SHARES_WEIGHT * (_SHARES_IN_SEQUENCE * np.log(follows + _MIN_PROBABILITY)).sum()
     )

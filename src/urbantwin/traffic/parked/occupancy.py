@@ -176,10 +176,12 @@ def _hindrances(tried: Sequence[_Candidate], network: RoadNetwork, mesh: Labelle
         np.array([[vehicle.asset.length, vehicle.asset.width] for vehicle in tried]) / 2 + 0.05,
     )
     z = np.array([vehicle.space.place[2] for vehicle in tried])
-    met = Obstacles(mesh).met(boxes, z, np.array([vehicle.asset.height for vehicle in tried]))
+    obstacle_classes = Obstacles(mesh).met(
+        boxes, z, np.array([vehicle.asset.height for vehicle in tried])
+    )
     why = [
         "kept_free" if kept_free.intersects(outline) else "in_the_way" if what else ""
-        for outline, what in zip(outlines, met, strict=True)
+        for outline, what in zip(outlines, obstacle_classes, strict=True)
     ]
     # The first vehicle stays.
     pairs = shapely.STRtree(outlines).query(outlines, predicate="intersects").T

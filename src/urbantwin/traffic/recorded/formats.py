@@ -278,17 +278,17 @@ def openlabel_rows(path: Path, spec: TracksSpec) -> RecordedRows:
             values = _mapping(first).get("val")
             if values is None:
                 continue
-            here = f"{place}.objects.{name}.object_data.cuboid"
+            cuboid_place = f"{place}.objects.{name}.object_data.cuboid"
             if not isinstance(values, list) or len(values) not in _CUBOID_VALUES:
-                raise rows.error(here, "has not 9 or 10 values")
+                raise rows.error(cuboid_place, "has not 9 or 10 values")
             if not all(isinstance(number, int | float) for number in values):
-                raise rows.error(here, "holds something else than numbers")
+                raise rows.error(cuboid_place, "holds something else than numbers")
             if len(values) == _CUBOID_VALUES[1]:
                 yaw = yaw_of_quaternion(values[6], *values[3:6])
             else:
                 yaw = float(values[5])
             kind = kinds.get(name) or str(data.get("type", "unknown"))
-            rows.add(here, name, time_s, kind, values[:3], yaw, values[-3:])
+            rows.add(cuboid_place, name, time_s, kind, values[:3], yaw, values[-3:])
     return rows.made()
 
 

@@ -80,17 +80,17 @@ def smooth_track(track: RecordedTrack, step_s: float, *, smooth: bool = True) ->
     moved = np.zeros(len(track.time_s))
     for piece in pieces:
         begin, end = track.time_s[piece[0]] - 1e-6, track.time_s[piece[-1]] + 1e-6
-        here = (times >= begin) & (times <= end)
+        in_piece = (times >= begin) & (times <= end)
         own = track.time_s[piece]
         position, going = smooth_positions(
-            own, track.xy[piece], np.concatenate([times[here], own]), smooth=smooth
+            own, track.xy[piece], np.concatenate([times[in_piece], own]), smooth=smooth
         )
-        count = int(here.sum())
-        xy[here], velocity[here] = position[:count], going[:count]
+        count = int(in_piece.sum())
+        xy[in_piece], velocity[in_piece] = position[:count], going[:count]
         moved[piece] = np.linalg.norm(position[count:] - track.xy[piece], axis=1)
     between = np.zeros(len(times), np.bool_)
-    for gone, back in absent:
-        between |= (times > gone + 1e-6) & (times < back - 1e-6)
+    for from_s, to_s in absent:
+        between |= (times > from_s + 1e-6) & (times < to_s - 1e-6)
     if between.all():
         return None
     present = ~between

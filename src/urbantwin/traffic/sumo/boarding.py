@@ -70,14 +70,14 @@ class Boarding:
                 self.state[name], self.since[name] = "waits", now_s
                 self._note(now_s, "waits", name, -1, 0)
         for stop, (end_m, _) in self.stops.items():
-            here = {
+            halting = {
                 name
                 for name in libsumo.busstop.getVehicleIDs(stop)
                 if abs(libsumo.vehicle.getLanePosition(name) - end_m) < _MAX_STOP_DISTANCE_M
             }
-            for vehicle in sorted(here - self.halted[stop]):
+            for vehicle in sorted(halting - self.halted[stop]):
                 self._exchange(stop, vehicle, now_s, present)
-            self.halted[stop] = here
+            self.halted[stop] = halting
 
     def _exchange(self, stop: str, vehicle: str, now_s: float, present: set[str]) -> None:
         """Let passengers alight and board."""

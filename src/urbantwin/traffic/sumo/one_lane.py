@@ -98,8 +98,8 @@ class OneLaneStreets:
             most = max(_safe_speed(ahead_m - BEFORE_M), speed - HARDEST_MS2 * step_s, 0.0)
             libsumo.vehicle.setSpeed(name, most)
             slowed.add(name)
-        here = set(libsumo.vehicle.getIDList())
-        for name in sorted((self.slowed - slowed) & here):
+        present = set(libsumo.vehicle.getIDList())
+        for name in sorted((self.slowed - slowed) & present):
             libsumo.vehicle.setSpeed(name, -1)
         self.slowed = slowed
 
@@ -183,9 +183,9 @@ class OneLaneStreets:
     def _leave(self) -> None:
         """Release the edges that vehicles have left; register vehicles that were not admitted."""
         vehicle = libsumo.vehicle
-        here = set(vehicle.getIDList())
+        present = set(vehicle.getIDList())
         for name, (entry, edges) in list(self.passages.items()):
-            if name not in here:
+            if name not in present:
                 del self.passages[name]
                 continue
             road = vehicle.getRoadID(name)

@@ -58,7 +58,7 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
         net: the network.
         roads: the lanes of the map.
     """
-    gone = np.zeros(len(simulated.step), np.bool_)
+    beyond_map = np.zeros(len(simulated.step), np.bool_)
     lanes = {name: number for number, name in enumerate(simulated.lanes)}
     for item in etree.parse(net).getroot().iterfind("edge/lane"):
         lane = roads.lane_by_id.get(item.get("id", ""))
@@ -73,8 +73,8 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
             continue
         ahead = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
         on_lane = np.flatnonzero(simulated.lane == lanes[lane.id])
-        gone[on_lane[(simulated.front[on_lane] - points[0]) @ ahead < _FRONT_M]] = True
-    return simulated.only(~gone) if gone.any() else simulated
+        beyond_map[on_lane[(simulated.front[on_lane] - points[0]) @ ahead < _FRONT_M]] = True
+    return simulated.only(~beyond_map) if beyond_map.any() else simulated
 
 
 def _lengthen_short(root: etree._Element, edges: Collection[str]) -> int:

@@ -325,24 +325,24 @@ class Arrivals(Staged):
                     name, route, kind_of, depart="now", departLane="best", departPos="base",
                     departSpeed="max",
                 )  # fmt: skip
-        came = [name for name, _ in self.told["vehicles"] if name in self._present()]
-        self.who = came
-        return bool(came)
+        entered = [name for name, _ in self.told["vehicles"] if name in self._present()]
+        self.who = entered
+        return bool(entered)
 
     def act(self, now_s: float, step_s: float) -> None:
         """Update its vehicles every step, since they enter one after the other."""
         if self.state == "acts":
             present = self._present()
-            came = [name for name, _ in self.told["vehicles"] if name in present]
-            self.note["came"] = max(self.note.get("came", 0), len(came))
+            entered = [name for name, _ in self.told["vehicles"] if name in present]
+            self.note["came"] = max(self.note.get("came", 0), len(entered))
             if self.told["kind"] == "emergency":
-                for name in came:
+                for name in entered:
                     self._look_ahead(name)
-            for name in came:
+            for name in entered:
                 if "passed_s" not in self.note and libsumo.vehicle.getLaneID(name) == self._lane:
                     self.note["passed_s"] = now_s
-            self.who = sorted({*self.who, *came}, key=int)
-            if not came:
+            self.who = sorted({*self.who, *entered}, key=int)
+            if not entered:
                 self._end(now_s)
         else:
             super().act(now_s, step_s)

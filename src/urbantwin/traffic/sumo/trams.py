@@ -167,12 +167,12 @@ class Trams:
         self._release(set(slowed), calmed, waiting)
 
     def _release(self, slowed: set[str], calmed: set[str], waiting: set[str]) -> None:
-        here, walk = set(libsumo.vehicle.getIDList()), set(libsumo.person.getIDList())
-        for name in sorted((self.slowed - slowed) & here):
+        present, walk = set(libsumo.vehicle.getIDList()), set(libsumo.person.getIDList())
+        for name in sorted((self.slowed - slowed) & present):
             libsumo.vehicle.setSpeed(name, -1)
         for name in sorted(calmed - self.calmed):
             libsumo.vehicle.setLaneChangeMode(name, NO_CHANGE)
-        for name in sorted((self.calmed - calmed) & here):
+        for name in sorted((self.calmed - calmed) & present):
             libsumo.vehicle.setLaneChangeMode(name, ANY_CHANGE)
         for name in sorted(waiting - self.waiting):
             libsumo.person.setSpeed(name, 0.0)

@@ -200,8 +200,8 @@ class Recorder:
                 walks = pair[0] in libsumo.person.getIDList()
                 x, y = (libsumo.person if walks else libsumo.vehicle).getPosition(pair[0])
                 self.collisions[pair] = libsumo.simulation.getTime(), x, y, collision.lane
-        came = filter(events.is_actor, libsumo.simulation.getDepartedIDList())
-        self.departed |= {int(name) for name in came}
+        departed = filter(events.is_actor, libsumo.simulation.getDepartedIDList())
+        self.departed |= {int(name) for name in departed}
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedPersonIDList()}
 
     def record(self, step: int) -> None:
