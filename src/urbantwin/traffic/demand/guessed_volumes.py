@@ -24,7 +24,6 @@ __all__ = ["bounded_by_signals", "share_of_motor"]
 #: chapter 19; RiLSA 2015), beyond which queues grow from cycle to cycle now and then. They do not
 #: count pedestrians that delay turns, nor vehicles that wait on a junction: simulated hours of ten
 #: places carry 0.62 to 0.75.
-#: hours of ten places carry 0.62 to 0.75.
 FULL = 0.62
 #: Relative excess above which a lane counts as full.
 EXCESS = 0.01
