@@ -39,7 +39,7 @@ _HEADING_OF = {name: title for title, names in _HEADINGS.items() for name in nam
 
 
 class Group(click.Group):
-    """Commands whose functions are read when they are asked for."""
+    """Commands whose functions are imported on first use."""
 
     def __init__(self, name: str, group: str = "", **settings: Any) -> None:  # noqa: ANN401
         super().__init__(

@@ -91,9 +91,9 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         progress: called with the fraction done and a description.
 
     Raises:
-        InputError: an unavailable backend, a motion on another twin, a negative number, an interval
-            without frames, a gap that leaves a part of the split empty, a rig on an actor that is
-            absent in some frames, or an ``out`` that holds other files.
+        InputError: an unavailable backend, a motion on another twin, a negative number, or an
+            interval without frames. Also a gap that empties a part of the split, a rig on an actor
+            that is absent in some frames, and an ``out`` that holds other files.
         StageError: a worker was killed, the disk is full, or the storage fails.
     """
     seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)

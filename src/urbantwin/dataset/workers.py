@@ -271,7 +271,7 @@ def _runs(
     Args:
         tasks: the frames.
         count: how many they are.
-        workers: who records them.
+        workers: number of workers that record them.
         longest: says how many frames are a run at most, besides `_LONGEST_RUN`.
     """
     waiting = iter(tasks)

@@ -39,7 +39,7 @@ class StoredDataset(Artefact):
     def __init__(self, url: str) -> None:
         self.url = url
         self._storage = Storage.of(url)
-        self._manifests  # noqa: B018 - that there is one is known before somebody asks
+        self._manifests  # noqa: B018 - fails at once where there is none
 
     @classmethod
     def open(cls, url: str) -> StoredDataset:

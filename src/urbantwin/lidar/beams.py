@@ -3,8 +3,8 @@
 **Footprint.** A laser beam is Gaussian: at angle r from its axis its irradiance is ``exp(-r^2 / (2
 s^2))`` of that on the axis, with s the full width at half maximum over ``2 sqrt(2 ln 2)``; its
 power has a mean square angle of ``2 s^2``. Seven rays of equal share, one on the axis and six at
-``sqrt(7 / 3) s``, have the same mean square and, by symmetry, the same first and third moments, so
-the mean range of a surface over them is correct to second order.
+``sqrt(7 / 3) s``, have the same mean square and, by symmetry, the same first and third moments.
+Therefore the mean range of a surface over them is correct to second order.
 
 **Encoder resolution.** A sensor reports its azimuth in steps (``azimuth_step_deg``: a hundredth of
 a degree in packets of Velodyne and Hesai). Columns on whole steps, like those of 0.2 degrees or of

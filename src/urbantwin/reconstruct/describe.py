@@ -41,10 +41,10 @@ def describe_geometry(path: Path) -> dict[str, Any]:
         path: a mesh, a ``tileset.json``, a city model, a point cloud, or a folder of one of them.
 
     Returns:
-        ``kind``; ``triangles`` or ``points``, ``objects`` and some of their names, ``lowest`` and
-        ``highest`` corner in its own coordinates (longitude, latitude and ellipsoidal height if
-        those are Earth-centred), ``crs``, ``latitude`` and ``longitude`` of its centre if
-        georeferenced, ``up`` and ``unit_m`` with their source, and ``problems``.
+        ``kind``; ``triangles`` or ``points``, ``objects`` and some of their names. ``lowest`` and
+        ``highest`` corner are in its own coordinates (longitude, latitude and ellipsoidal height
+        if those are Earth-centred). Further: ``crs``, ``latitude`` and ``longitude`` of its centre
+        if georeferenced, ``up`` and ``unit_m`` with their source, and ``problems``.
 
     Raises:
         InputError: nothing can be read.

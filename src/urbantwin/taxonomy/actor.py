@@ -30,14 +30,14 @@ ACTOR_SEMANTICS: dict[str, str] = {
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
 
-#: What is put on a street and stands there: a cone, a barrier, what was lost. Nobody asks for so
-#: many per hour; it has boxes all the same.
+#: Static object on a street: a cone, a barrier, a lost load. It is not part of the demand, but has
+#: a box.
 OBSTACLE = "obstacle"
 
 #: The same as ``ACTOR_SEMANTICS`` for every class that boxes are labelled with.
 BOX_SEMANTICS: dict[str, str] = {**ACTOR_SEMANTICS, OBSTACLE: "other-object"}
 
-#: Those who come with others: no traffic is asked of them.
+#: Classes that accompany others: they have no demand of their own.
 COMPANIONS: tuple[str, ...] = ("trailer", "animal")
 
 #: The classes that rules of access to lanes tell apart. Vans go where cars go.

@@ -39,7 +39,7 @@ _MIN_SIZE_FACTOR, _MAX_SIZE_FACTOR = 0.7, 1.4
 #: Length of a pedestrian in stride, metres, and usual walking speed, m/s.
 _STRIDE_M, _WALKING_M_S = 0.7, 1.2
 _SIDES = ("length", "width", "height")
-#: Names of tracks that identify nobody, unlike a licence plate or a person's name.
+#: Names of tracks without personal data, unlike a licence plate or a person's name.
 _is_plain_number = re.compile(r"[0-9]{1,9}").fullmatch
 _MAX_OFF_GROUND_SHARE = 0.02  # share of poses beside the ground above which there is a warning
 

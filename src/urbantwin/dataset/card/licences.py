@@ -1,4 +1,4 @@
-"""Whose data a dataset was made from, and what their licences ask of who passes it on."""
+"""Sources of a dataset, and the obligations of their licences for redistribution."""
 
 from __future__ import annotations
 

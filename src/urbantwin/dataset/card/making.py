@@ -1,4 +1,4 @@
-"""How a dataset was made, as its card tells it: sensors, effects, traffic."""
+"""The card's account of how a dataset was made: sensors, effects, traffic."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _faults(sensor: Mapping[str, Any]) -> list[str]:
 
 
 def weather_of(rig: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return what is told of the weather beside its name."""
+    """Return the stated parameters of the weather, with their labels."""
     told = mapping(rig, "conditions")
     sun = told.get("sun_elevation_deg") is not None
     return [

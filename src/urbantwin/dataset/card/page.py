@@ -76,7 +76,7 @@ _FRAMES = {
     "sensor": "the sensor's own frame",
     "site": "the site's: east, north, up",
 }
-#: How the sensors' sources say that nobody could look the number up again.
+#: Phrase in the sensors' sources for a number that could not be checked at its source.
 _UNCHECKED = "not at hand"
 
 
@@ -105,7 +105,7 @@ def card_of_dataset(
     Args:
         folder: the dataset's.
         statistics: of its boxes; None where it has no table of them.
-        private: what was found of people in its files; None where nobody looked.
+        private: what was found of people in its files; None without a search.
         beside: where the card goes: pictures are shown that are in ``pictures/`` there; the
             dataset's folder if not given.
 
@@ -190,7 +190,7 @@ def card_of_export(folder: Path, private: Sequence[Finding] | None) -> str:
 
     Args:
         folder: what ``urbantwin export`` wrote.
-        private: what was found of people in its files; None where nobody looked.
+        private: what was found of people in its files; None without a search.
 
     Raises:
         InputError: its manifest is damaged.
@@ -319,7 +319,7 @@ def _warnings(manifest: Mapping[str, Any]) -> list[tuple[str, ResultWarning]]:
 
 
 def _unchecked(manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
-    """Return of each model of sensor the fields nobody could check, and those not known."""
+    """Return the unchecked and the unknown fields of each sensor model."""
     found = {}
     for one in manifest["rig"]["sensors"]:
         sources, unknown = (mapping(one["sensor"], key) for key in ("sources", "unknown"))

@@ -1,3 +1,3 @@
-"""Loops over points that numba compiles. Types are inferred; words tell them."""
+"""Loops over points, compiled by numba. Types are inferred; docstrings state them."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Labels and rays of a frame's points as its files hold them, and what is told of the points."""
+"""Labels, rays and attributes of a frame's points, in the layout of its files."""
 
 import numpy as np
 

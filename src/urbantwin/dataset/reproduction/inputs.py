@@ -33,7 +33,7 @@ class Found:
         name: its own.
         sha256: that it must have.
         licence: on what terms it may be used; empty where that is not known.
-        attribution: who made it.
+        attribution: its author.
         path: where it is; an address or a pattern of tiles; ``None`` where it is not found.
         problem: why it cannot be used, or ``None``.
         remark: what is uncertain though it can be.

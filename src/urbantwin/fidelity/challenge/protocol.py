@@ -8,10 +8,10 @@ points of each are compared.
 Weights, classes, crop and limits are the challenge's. The number of points, the seed, and that the
 "Frechet point distance" is the one of x, y, z, are from a participant's public repository
 (amanupg/urbantwin-sim2real-lumpi), not from the organisers. The scoring program was not available.
-We therefore chose the Chamfer distance (the sum of both directions' mean squared distance), the
-kernel (Gaussians of 1, 4 and 16 m), the number of points that are assigned to each other (2,000 of
-the 10,000), and the random generator. Scores compare twins with each other and with the anchors,
-not with a leaderboard.
+Chosen here are the Chamfer distance (the sum of both directions' mean squared distance) and the
+kernel (Gaussians of 1, 4 and 16 m). So are the number of points that are assigned to each other
+(2,000 of the 10,000), and the random generator. Scores compare twins with each other and with the
+anchors, not with a leaderboard.
 """
 
 from __future__ import annotations

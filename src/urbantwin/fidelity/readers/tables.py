@@ -6,10 +6,10 @@
 ``num_points``, ``occlusion`` (0..1) and ``ignore`` (1: neither to be detected nor wrong if
 detected; ``ignored`` gives the reason). Frames that are not listed are not labelled.
 
-``frames.csv`` is written by `urbantwin export`: a row for each frame and each of its sensors, with
-``frame``, ``time_s`` (seconds from the start of the motion), ``part`` (of the split), ``of``
-(``frame`` or the sensor's name), ``x``, ``y``, ``z``, ``qw``, ``qx``, ``qy``, ``qz`` (pose of its
-points in the site).
+``frames.csv`` is written by `urbantwin export`: a row for each frame and each of its sensors. Its
+columns are ``frame``, ``time_s`` (seconds from the start of the motion), ``part`` (of the split),
+``of`` (``frame`` or the sensor's name), ``x``, ``y``, ``z``, ``qw``, ``qx``, ``qy``, ``qz``
+(pose of its points in the site).
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ _layer_range = per_ray(layer_rule.layer_range)
 
 #: Ways to spread beams over their footprint, see `tracer.Casting`.
 _AT_EDGES, _EVERYWHERE = 1, 2
-#: So many beams ahead planes are asked for.
+#: Number of beams by which planes are prefetched.
 _AHEAD = 8
 
 

@@ -15,14 +15,14 @@ __all__ = ["BESIDE", "ActorLayers", "AloneEchoes", "BeamEchoes", "combine"]
 #: that is reported lies on the axis, and so beside the actor.
 BESIDE = 1 << 20
 
-#: So many beams ahead the world's layers are asked for.
+#: Number of beams by which the world's layers are prefetched.
 _AHEAD = 8
 
 #: A beam with more layers than this loses the farthest.
 _MOST_LAYERS = 128
 #: Amplitude below which a surface is neglected, unless nothing passes through it.
 _FAINT = 1e-7
-#: Black, or met edge on: it is there, however faint.
+#: Amplitude of a black surface, or of one seen edge-on.
 _FAINTEST = 1e-9
 
 
@@ -120,7 +120,7 @@ def _echoes(layers, count, who, share, light, left, pulse_m, found):
     Args:
         layers: `_LAYER` records, nearest first.
         count: how many.
-        who: the owner of those that count, as if nothing else were there, or `_ANYBODY`.
+        who: owner of the layers that count, as if it were alone, or `_ANYBODY`.
         share: (S,) float64, of a beam's light that each of its rays carries.
         light: (2^S,) float64, what rays carry together, see `_light_of_masks`.
         left: (S,) float64, room for what is left of it.
@@ -331,7 +331,7 @@ def _is_among(who, layers, count):
 def _write(echoes, at, range_m, amplitude, owner, peak):
     """Write an echo, if there is room for it.
 
-    ``peak`` is that (L,) of the static world's layers; actors are met squarely enough.
+    ``peak`` (L,) belongs to the static world's layers; actors count as hit at right angles.
     """
     if at < len(echoes.range_m):
         echoes.range_m[at], echoes.amplitude[at], echoes.owner[at] = range_m, amplitude, owner

@@ -6,7 +6,7 @@ from urbantwin.geometry.compiled import per_block, per_ray
 
 __all__ = ["APART_S", "LATER_S", "actor_from_sensor", "poses_at", "set_pose"]
 
-#: How much later an actor is looked at again, to tell how fast the sensor goes past it, seconds.
+#: Time step of the finite difference that gives an actor's speed relative to the sensor, seconds.
 LATER_S = 1e-3
 #: Columns that fire farther apart than this do not follow each other, seconds.
 APART_S = 0.05

@@ -63,8 +63,8 @@ class Absent:
         steps: (K, 2) actor and step of the same.
         told: entry of `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``,
             by class; ``with`` the other class or object, by both; ``most_at``: the place with most
-            conflicts within 5 m, and their number; ``each``: class, begin and end, and with whom,
-            when and where.
+            conflicts within 5 m, and their number; ``each``: class, begin, end, the other actor,
+            time and place.
         left: remaining overlaps.
     """
 

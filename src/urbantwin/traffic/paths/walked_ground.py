@@ -63,8 +63,8 @@ class Solids:
             part_cells = [np.unique(np.round(part / _SEARCH_CELL_M), axis=0) for part in parts]
             cells = np.unique(np.concatenate(part_cells), axis=0) * _SEARCH_CELL_M
             tree = shapely.STRtree(shapely.points(cells))
-            near = tree.query(shapes, predicate="dwithin", distance=_OBSTACLE_RANGE_M)[0]
-            wide = shapely.buffer(shapes[np.unique(near)], ROOM_M, quad_segs=2)
+            nearby = tree.query(shapes, predicate="dwithin", distance=_OBSTACLE_RANGE_M)[0]
+            wide = shapely.buffer(shapes[np.unique(nearby)], ROOM_M, quad_segs=2)
             outlines = [
                 _filled(outline, footway) for outline in shapely.get_parts(shapely.union_all(wide))
             ]

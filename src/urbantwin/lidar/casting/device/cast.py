@@ -1,7 +1,7 @@
-"""What beams meet, on the device: the same as `compiled.cast`, by the same rule of a layer.
+"""Casting of beams on the device: the results of `compiled.cast`, by the same rule of a layer.
 
 A ray is a thread. First all rays along the beams' axes are cast; then, where neighbours meet
-something else, the rays of a beam's footprint. Who casts puts the layers that are found in order.
+something else, the rays of a beam's footprint. The caller sorts the layers.
 """
 
 from collections.abc import Callable
