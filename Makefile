@@ -35,7 +35,7 @@ RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
 .PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help \
-  machine machine-test browser test-bare
+  machine machine-test browser test-bare detector
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -45,6 +45,7 @@ help:
 	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
 	@echo "make test-bare  both of them on bare Debian 12 and 13, in chroots (root; an hour)"
+	@echo "make detector MAPS=FOLDER  train the shipped detector anew (40 minutes)"
 	@echo "make bench   the benchmarks"
 	@echo "make kills   every command killed at random moments, disks filled: hours"
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
@@ -92,6 +93,10 @@ lint: $(DEVELOPMENT)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+# MAPS: folder of the extracts that tools/detector/grid.yaml names.
+detector: $(DEVELOPMENT)
+	$(BIN)/python tools/detector/make.py $(MAPS)
 
 test-bare:
 	tools/test_bare.sh
