@@ -283,7 +283,7 @@ def test_a_key_is_told_to_its_server_and_to_nobody_else(server, fetch, tmp_path)
     assert set(told) == {KEY}
     assert "elevation" in got.inputs
     assert "bad key ***" in got.outcome["sorry"].told
-    assert got.outcome["echo"].told == "is refused: the key stands in what it answers"
+    assert got.outcome["echo"].told == "is refused: the answer contains the key"
     assert got.outcome["none"].told == "needs a key in the environment variable NO_KEY"
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert len(files) > 4

@@ -308,7 +308,7 @@ def test_what_is_asked_of_a_cloud_must_be_there(fleet):
     frame = fleet.frame(0)
     for options, words in [
         ({"frame_of": "lamp"}, "has no node 'lamp'"), ({"frame_of": "car"}, "car is not there"),
-        ({"using": "best"}, "expected true, reported"), ({"at": "nearest"}, "nobody receives"),
+        ({"using": "best"}, "expected true, reported"), ({"at": "nearest"}, "no receiver is given"),
         ({"nodes": ["pole", "lamp"]}, "has no node 'lamp'"),
     ]:  # fmt: skip
         with pytest.raises(ut.InputError, match=words):
@@ -353,9 +353,9 @@ BAD = {
     "own class": ([{"name": "a", "rig": {**RIDES, "ride": {"class": "tram"}}}], {},
                   "nodes[0].rig.ride.class: the motion has no tram"),
     "word": ([{"name": "a", "rig": RIDES, "ride": "hovercraft"}], {}, "expected one of car, "),
-    "stands": ([{"name": "a", "rig": POLE, "ride": "car"}], {}, "the rig stands on the site"),
+    "stands": ([{"name": "a", "rig": POLE, "ride": "car"}], {}, "the rig is static"),
     "both": ([{"name": "a", "rig": ROOF}, {"name": "b", "rig": ROOF}], {},
-             "b and a ride the same actor, track 4"),
+             "b and a are mounted on the same actor, track 4"),
     "too few": ([{"name": k, "rig": RIDES} for k in "abc"], {}, "no car is left"),
     "wall": ([NODES[0], {"name": "b", "rig": {"sensors": [
         {**SENSOR, "name": "q", "east_m": 15, "north_m": 20, "up_m": -3}]}}], {},
@@ -393,7 +393,7 @@ def test_options_of_one_rig_are_refused_beside_nodes(paths, tmp_path, capsys):
     for option in (["--rig", "r.yaml"], ["--ride", "4"], ["--separate"], ["--fused"],
                    ["--background", "a.npz"], ["--fuse"]):  # fmt: skip
         assert main(["record", *map(str, paths), "--nodes", str(file), *option, "-q"]) == 2
-        assert "several nodes are asked for" in capsys.readouterr().err
+        assert "several nodes are given" in capsys.readouterr().err
 
 
 def test_a_rate_for_all(paths, tmp_path):

@@ -105,7 +105,7 @@ BAD = {
     "unknown": ({"ride": {"track": 5}, "sensors": [RIDING]}, (), 0.5, "no track 5"),
     "no bus": ({"ride": {"class": "bus"}, "sensors": [RIDING]}, (), 0.5, "the motion has no bus"),
     "by option": ({"ride": {"track": 4}, "sensors": [RIDING]}, ("--ride", "bus"), 0.5, "no bus"),
-    "stands": ({"sensors": [STANDING]}, ("--ride", "4"), 0.5, "the rig stands on the site"),
+    "stands": ({"sensors": [STANDING]}, ("--ride", "4"), 0.5, "the rig is static"),
     "effect": ({"sensors": [STANDING]}, ("--effects", "fog"), 0.5, "there is no effect 'fog'"),
     "weather": ({"sensors": [STANDING]}, ("--weather", "hail"), 0.5, "is 'hail'; expected 'clear'"),
     "visibility": ({"sensors": [STANDING]}, ("--visibility", "0"), 0.5, "expected more than 0"),

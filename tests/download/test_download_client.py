@@ -399,7 +399,7 @@ def test_answers_are_unpacked():
         one = client(server.url)
         got = [one.get(f"{server.url}/{name}") for name in "abcd"]
         assert got == [text, b"abcde", b"to the end", b""]
-        refused(one, f"{server.url}/e", "in a way that was not asked for")
+        refused(one, f"{server.url}/e", "in a way that was not requested")
         refused(one, f"{server.url}/f", "cannot be unpacked")
 
 

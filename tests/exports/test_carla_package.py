@@ -248,7 +248,7 @@ def test_a_sensor_turns_at_its_own_speed_and_a_rig_that_rides_is_refused(small_t
     assert float(attributes["rotation_frequency"]) == 20.0
     columns, channels = rig.sensors[0].columns, rig.sensors[0].sensor.channels
     assert float(attributes["points_per_second"]) == channels * columns * 20.0
-    with pytest.raises(InputError, match="the rig rides"):
+    with pytest.raises(InputError, match="the rig is mounted on a vehicle"):
         carla_rig(replace(rig, ride=RideSpec(track=3)))
 
 

@@ -111,7 +111,7 @@ def test_traffic_that_waited_all_the_time_is_no_background():
 def test_frames_of_a_sensor_that_moved_are_refused():
     one, generator = beams(), np.random.default_rng(3)
     passing = generator.uniform(3, 90, (LEAST_FRAMES, one.count))
-    with pytest.raises(InputError, match="stands still"):
+    with pytest.raises(InputError, match="are static"):
         measured_backgrounds(looks_at(one, passing, passing > 0), [one])
 
 

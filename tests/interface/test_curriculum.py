@@ -118,5 +118,5 @@ def test_a_grade_with_nobody_in_reach_is_refused(
     touch, near = (Grade(name="touch", range_m=1.0), Grade(name="near", range_m=RANGE_M))
     refuse_nobody(near, placed(graded_rig(spec, near), twin, file), motion, twin.region, [7.0])
     rig = placed(graded_rig(spec, touch), twin, file)
-    with pytest.raises(ut.InputError, match=r"grade touch: .*nobody within 1 m.* comes to \d+ m"):
+    with pytest.raises(ut.InputError, match=r"grade touch: .*no actor within 1 m.* comes to \d+ m"):
         refuse_nobody(touch, rig, motion, twin.region, [7.0, 7.1])

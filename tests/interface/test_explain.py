@@ -106,7 +106,7 @@ def test_the_same_twice_writes_the_same_bytes(
             ["nowhere", "--model", "m"],
             "is not there; expected a folder that `urbantwin experiment vary`",
         ),
-        (["PAIR"], "nobody says what was detected"),
+        (["PAIR"], "neither a model nor detections are given"),
         (["PAIR", "--detections", "BASE"], "1 are given for 2 recordings; expected one each of"),
         (["PAIR", "--model", "m", "--detections", "BASE"], "is given beside detections"),
         (["PAIR", "--model", "BASE"], "model"),

@@ -158,7 +158,7 @@ def test_what_cannot_be_studied_is_one_line_before_anything_is_done(
     ("fields", "said"),
     [
         ({"model": "cars", "classes": ["car", "bicycle"]}, "names bicycle, which the model cars"),
-        ({"model": "floors"}, "floors: tells no boxes; expected a model of"),
+        ({"model": "floors"}, "floors: has no output of boxes; expected a model of"),
         ({"model": "twin"}, "model.yaml: is not there"),
         (
             {"design": "factorial", "factors": {

@@ -237,7 +237,7 @@ def test_no_ground_is_a_clear_line(box_mesh, ground_mesh, exact):
             cells_over(ground_mesh(), BOUNDS, size)
     rig: Rig = exact[0]
     riding = dataclasses.replace(rig.sensors[0], carrier_SE3_sensor=Pose.from_ypr(np.zeros(3)))
-    with pytest.raises(InputError, match="rides"):
+    with pytest.raises(InputError, match="mounted on a vehicle"):
         rig_coverage(dataclasses.replace(rig, sensors=(riding,)), ground_mesh(), BOUNDS)
 
 

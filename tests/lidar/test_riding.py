@@ -142,7 +142,7 @@ def test_boarding_by_track_and_by_class(motion):
 @pytest.mark.parametrize(("ride", "first", "last", "words"), [
     ({"track": 3}, 0.0, 9.9, "car 3, which carries the rig, is there from 0.5 to 4 s"),
     ({"track": 3}, 3.0, 4.1, "expected --start 0.5 --stop 4$"),
-    ({"track": 11}, 0.0, 9.9, "from 3 to 9.9 s, and frames from 0 to 9.9 s are asked for"),
+    ({"track": 11}, 0.0, 9.9, "from 3 to 9.9 s, and frames from 0 to 9.9 s are requested"),
     ({"track": 11}, 0.0, 2.5, "from 0 to 2 s"),
     ({"track": 4}, 0.0, 9.9, "rig.yaml: ride.track: the motion has no track 4; expected.* 3 to 11"),
     ({"class": "truck"}, 0.0, 9.9, "ride.class: the motion has no truck; expected one of bus, car"),

@@ -132,9 +132,9 @@ def test_frames_of_two_places_are_refused(tmp_path):
         points = np.load(file)
         points[:, :2] += 4.0 * number
         np.save(file, points)
-    with pytest.raises(InputError, match="stands still"):
+    with pytest.raises(InputError, match="static"):
         read_recording(tmp_path)
-    with pytest.raises(InputError, match="stands still"):
+    with pytest.raises(InputError, match="static"):
         observe(RecordedFrames(tmp_path))
 
 

@@ -88,7 +88,7 @@ def test_what_cannot_be_passed_is_told_in_one_line(tmp_path):
     wall = shapely.box(-0.2, -14, 0.2, 14)
     (warning,) = built(tmp_path, undrawn(), [wall]).warnings
     text = str(warning)
-    assert text.startswith("ways through junctions: 3 lead over what stands there, at ")
+    assert text.startswith("ways through junctions: 3 lead through static objects, at ")
     assert "\n" not in text
 
 

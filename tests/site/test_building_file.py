@@ -109,7 +109,7 @@ def test_a_site_of_it_loads_again_from_what_it_resolves_to(mapped):
     site.write_text(json.dumps(resolved))
     assert load_site(site).resolved()["buildings"] == resolved["buildings"]
     site.write_text(json.dumps({**resolved, "osm": None, "roads": {"file": "map.osm"}}))
-    with pytest.raises(InputError, match=r"buildings.*stands without an extract"):
+    with pytest.raises(InputError, match=r"buildings.*given without an extract"):
         load_site(site)
 
 

@@ -65,7 +65,7 @@ def test_another_carrier() -> None:
     assert (by_class.track, by_class.actor_class) == (None, "car")
     with pytest.raises(InputError, match="command line: class: is 'dog'; expected one of car"):
         RigChanges(ride="dog").applied_to(riding)
-    with pytest.raises(InputError, match="--ride: the rig stands on the site"):
+    with pytest.raises(InputError, match="--ride: the rig is static"):
         RigChanges(ride="car").applied_to(rig())
 
 

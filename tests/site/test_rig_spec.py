@@ -168,7 +168,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
     "stands on a ride": (
         [SENSOR],
         RIDE,
-        "is placed on the site, but its rig rides",
+        "is placed on the site, but its rig is mounted on a vehicle",
     ),
     "rides a pole": ([RIDER], {}, "is placed on a vehicle, but its rig stands"),
     "both": ([SENSOR | {"forward_m": 1.0}], RIDE, "is placed twice"),

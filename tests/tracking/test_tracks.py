@@ -248,7 +248,7 @@ def test_a_folder_is_tracked_the_same_each_time_and_bad_ones_are_one_line(tmp_pa
         ut.model.track(tmp_path / "back", tmp_path / "y", progress=False)
     one = joined(["a"], [(np.zeros((0, 7)), [], np.zeros(0))], np.zeros(1))
     write_detections(tmp_path / "one", one, {})
-    with pytest.raises(ut.InputError, match="nobody can be followed"):
+    with pytest.raises(ut.InputError, match="too few to track"):
         ut.model.track(tmp_path / "one", tmp_path / "z", progress=False)
     none = joined(["a", "b"], [(np.zeros((0, 7)), [], np.zeros(0))] * 2, np.arange(2.0))
     assert not len(tracked(none, np.arange(2.0), smooth=True))

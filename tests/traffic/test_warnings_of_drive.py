@@ -79,7 +79,7 @@ def test_an_event_that_is_elsewhere_or_touches_somebody_is_told() -> None:
     there = {"event": "hard_brake", "nearest": near}
     assert problems(events=[there]) == []
     (line,) = problems(events=[{**there, "moved_m": 35.8, "moved_because": "a queue"}])
-    assert "is 36 m from the place that was asked for: a queue" in line
+    assert "is 36 m from the requested place: a queue" in line
     assert "within_m: 0" in line
     (line,) = problems(events=[{**there, "nearest": {**near, "gap_m": 0.0}}])
     assert "touches track 7 at 12 s" in line
@@ -93,7 +93,7 @@ def test_more_traffic_than_asked_for_is_told_beyond_chance() -> None:
         "motor_traffic_per_hour": {"asked": 2147.0, "driven": 4691.0},
     }
     (line,) = problems(circulation={**told, "carried_share_of_motor_traffic": 2.185})
-    assert "4691 motor vehicles an hour drive, of 2147 asked for" in line
+    assert "4691 motor vehicles an hour drive, of 2147 requested" in line
     assert problems(circulation={**told, "carried_share_of_motor_traffic": 1.6}) == []
 
 

@@ -242,7 +242,7 @@ def _check_keyless(found: AcquiredInput, web: Web) -> None:
     """
     if found.path is not None and web.secrets.held_by(found.path.read_bytes()):
         found.path.unlink()
-        raise NotAcquiredError("is refused: the key stands in what it answers")
+        raise NotAcquiredError("is refused: the answer contains the key")
 
 
 def _noted(one: AcquiredInput) -> FetchedInput:
@@ -270,7 +270,7 @@ def _no_map(asked: Sequence[Attempt], web: Web) -> InputError:
         else "a network, --offline with what a cache holds, or --osm FILE"
     )
     return InputError(
-        f"the map cannot be fetched ({reasons or 'no source of maps may be asked'})",
+        f"the map cannot be fetched ({reasons or 'no source of maps is enabled'})",
         place="--at",
         expected=expected,
     )

@@ -26,7 +26,7 @@ def name_tileset(
     """Return a reference to a tileset without fetching it, since providers forbid storing tiles."""
     server = web.server(spec)  # checks the key
     if web.offline:
-        raise NotAcquiredError("is asked during the build, and offline nobody is asked")
+        raise NotAcquiredError("is fetched during the build, which is not possible with --offline")
     fields = {"url": spec.address}
     if spec.key_env is not None:
         fields["key_env"] = spec.key_env

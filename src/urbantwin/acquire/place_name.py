@@ -213,7 +213,7 @@ def _of_kind(sources: Sequence[SourceSpec], kind: str) -> SourceSpec:
     for one in sources:
         if one.kind == kind:
             return one
-    raise NotAcquiredError(f"no source of {kind} is among those that may be asked")
+    raise NotAcquiredError(f"no source of {kind} is among the enabled sources")
 
 
 def _as_pattern(street: str) -> str:

@@ -246,7 +246,7 @@ class Server:
 
     def _ask(self, address: str, span: Span | None) -> Answer:
         if self.web.offline:
-            raise DownloadError("is not in the cache, and offline nobody is asked")
+            raise DownloadError("is not in the cache, and --offline forbids to fetch it")
         there = address.replace("{key}", quote(self._key, safe=""))
         self.web.wait(str(parse_address(there).origin), self.source.pause_s)
         return self._client.fetch(there, span)

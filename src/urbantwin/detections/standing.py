@@ -56,9 +56,9 @@ def standing_places(found: Detections, file: Path | None = None) -> NDArray[np.f
     count = len(found.frames)
     if count < FEWEST_FRAMES:
         raise InputError(
-            f"{count} frames do not tell what always stands there",
+            f"{count} frames are too few to find static objects",
             file=file,
-            expected=f"at least {FEWEST_FRAMES}, over longer than anybody stays at one place",
+            expected=f"at least {FEWEST_FRAMES}, over longer than a person stays at one place",
         )
     slight = found.only([name in _SLIGHT for name in found.class_names])
     places = slight.box[:, :2]

@@ -192,7 +192,7 @@ class Client:
         self._spend(0)
         origin = address.origin
         if self._unanswered[origin] >= PATIENCE:
-            raise DownloadError("is not asked for: the server has stopped to answer")
+            raise DownloadError("is not requested: the server no longer answers")
         try:
             answer = self._answer(self._with_key(address), span)
         except DownloadError as error:

@@ -140,7 +140,7 @@ class Pace:
             self._start = time.monotonic()
         self._received += received
         if self._received > self._most:
-            raise DownloadError("is refused: the server sends more than it was asked for")
+            raise DownloadError("is refused: the server sends more than was requested")
 
 
 class _Plain(socket.socket):
@@ -205,7 +205,7 @@ def proxy_for(origin: Origin) -> Proxy | None:
     except ValueError:
         host, port, parts = None, 0, urlsplit("")
     if parts.scheme != "http" or not host:
-        raise DownloadError(f"is not asked for: {origin.scheme}_proxy names no proxy of HTTP")
+        raise DownloadError(f"is not requested: {origin.scheme}_proxy names no proxy of HTTP")
     headers = {}
     if parts.username is not None:
         who = f"{unquote(parts.username)}:{unquote(parts.password or '')}".encode()

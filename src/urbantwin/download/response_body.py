@@ -55,7 +55,7 @@ def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span 
         re.ASCII,
     )
     if told is None or int(told[1]) != span[0]:
-        raise DownloadError("is refused: another range comes than was asked for")
+        raise DownloadError("is refused: the server sends another range than was requested")
     first, after = int(told[1]), int(told[2]) + 1
     total = None if told[3] == "*" else int(told[3])
     if after != (span[1] if total is None else min(span[1], total)):
@@ -93,7 +93,7 @@ def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:
         raise _too_large(most_bytes)
     packed = (response.getheader("Content-Encoding") or "identity").strip().lower()
     if packed not in ("identity", "gzip", "x-gzip"):
-        raise DownloadError("is packed by the server in a way that was not asked for")
+        raise DownloadError("is compressed by the server in a way that was not requested")
     parts: list[bytes] = []
     size = received = 0
     machine = zlib.decompressobj(wbits=31)
@@ -131,7 +131,7 @@ def _stated_length(response: http.client.HTTPResponse) -> int | None:
     coding = response.getheader("Transfer-Encoding")
     if coding is not None:
         if coding.strip().lower() != "chunked":
-            raise DownloadError("is packed by the server in a way that was not asked for")
+            raise DownloadError("is compressed by the server in a way that was not requested")
         return None
     stated = set(response.headers.get_all("Content-Length") or [])
     if not stated:

@@ -156,7 +156,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
     if picture == "sight":
         sight = sight_on(twin)
         if sight is None:
-            raise InputError("the rig looks at no junction", expected="a rig that stands at one")
+            raise InputError("no junction is in sight of the rig", expected="a rig at a junction")
         return _figure_of_sight(twin, sight)
     raise InputError(
         f"there is no picture {picture!r:.40}", expected="plan, sight, scene or ground"

@@ -183,7 +183,7 @@ def refuse_nobody(
             return
     came = f"; the nearest comes to {nearest_m:.0f} m" if np.isfinite(nearest_m) else ""
     raise InputError(
-        f"has nobody within {reach:g} m of a sensor in the frames that are recorded{came}",
+        f"has no actor within {reach:g} m of a sensor in the frames that are recorded{came}",
         place=f"grade {grade.name}",
         expected="more frames (seconds, start, stop), or a ladder with a larger range_m",
     )

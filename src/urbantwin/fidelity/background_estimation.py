@@ -90,7 +90,7 @@ def measured_backgrounds(
             kept.append((beam.astype(np.int32), *found))
     if count < LEAST_FRAMES:
         raise InputError(
-            f"{count} {'frame does' if count == 1 else 'frames do'} not tell what stands still",
+            f"{count} {'frame does' if count == 1 else 'frames do'} not show what is static",
             file=file,
             expected=f"{LEAST_FRAMES} frames or more, over half a minute where traffic waits",
         )
@@ -121,10 +121,9 @@ def measured_backgrounds(
         still = float((modes.share.sum(axis=1) * modes.looks).sum()) / max(1, points)
         if still < _LEAST_STILL:
             raise InputError(
-                f"{still:.0%} of the points of {one.name or one.sensor.name} are of what "
-                "stands still",
+                f"{still:.0%} of the points of {one.name or one.sensor.name} are static",
                 file=file,
-                expected="frames of a sensor that stands still, in its own frame",
+                expected="frames of a static sensor, in its own frame",
             )
         _check_places(one, kept, some, file)
         its = waits[len(backgrounds)] if waits else None
@@ -167,7 +166,7 @@ def _check_places(
             f"{one.name or one.sensor.name} sees another place in frame {numbers[then]} than in "
             f"frame {numbers[first]}: {alike[first, then]:.0%} of the beams end alike",
             file=file,
-            expected="frames of a sensor that stands still, in its own frame",
+            expected="frames of a static sensor, in its own frame",
         )
 
 

@@ -175,7 +175,7 @@ def beams_of_rig(
     if not sensors:
         raise InputError(f"the rig has no sensor {only!r}", expected=f"one of {names}")
     if rig.ride is not None:
-        raise InputError("the rig rides", expected="a rig that stands")
+        raise InputError("the rig is mounted on a vehicle", expected="a static rig")
     site_SE3_points = dataset_frame(points_in, sensors[0].site_SE3_sensor)
     found = []
     for one in sensors:

@@ -213,7 +213,9 @@ def _check(
     """
     if (model is None) == (not given):
         raise InputError(
-            "nobody says what was detected" if model is None else "is given beside detections",
+            "neither a model nor detections are given"
+            if model is None
+            else "is given beside detections",
             place="--model",
             expected="a model, or detections of each recording",
         )

@@ -132,7 +132,7 @@ def film(
     )
     shape = (0, 0)
     with shown_stage("film", progress) as tell, replaced_file(place, kind="film") as path:
-        tell(0.0, "drawing what stands")
+        tell(0.0, "drawing the static scene")
         picture = film_pictures(
             plan, opened, ground, attribution=" · ".join(attributions(ground.manifest))
         )

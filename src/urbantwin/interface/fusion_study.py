@@ -167,7 +167,7 @@ def fuse(
     detector = read_model(source)
     if not detector.design.classes:
         raise InputError(
-            "tells no boxes", file=source, expected="a model of `urbantwin model train`"
+            "has no output of boxes", file=source, expected="a model of `urbantwin model train`"
         )
     reach = detector.design.range_m
     if within is not None and not 0 < within <= reach:

@@ -157,7 +157,7 @@ def improve(
     detections = bench.detections("drives/look-detections", source, look)
     cases = _missed(detections, look, design.classes)
     if not cases:
-        raise StageError(f"{source} misses nobody in {look}: there is nothing to learn")
+        raise StageError(f"{source} misses no object in {look}: there is nothing to learn")
     counts = Counter(one.class_name for one, _ in cases)
     missed = {name: counts[name] for name in design.classes if counts[name]}
     words = ", ".join(f"{count} of {name}" for name, count in missed.items())
@@ -278,7 +278,7 @@ def _put_in(
         staged.append(event)
         rows += motion.manifest["events"]
     if not staged:
-        raise StageError(f"none of {len(cases)} who were missed can be put into {folder}")
+        raise StageError(f"none of {len(cases)} missed objects can be put into {folder}")
     replace(motion, manifest={**motion.manifest, "events": rows}).save(folder)
     text = yaml.safe_dump({"events": staged}, sort_keys=False)
     folder.with_name(f"{folder.name}-scenario.yaml").write_text(text, encoding="utf-8")

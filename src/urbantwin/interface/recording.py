@@ -454,7 +454,7 @@ def _refuse_with_nodes(**options: object) -> None:
     for name, value in options.items():
         if value not in (None, [], False) or (name == "fused" and value is False):
             raise InputError(
-                "is of one rig, and several nodes are asked for",
+                "is for one rig, and several nodes are given",
                 place=f"--{name}",
                 expected="it in the file of the nodes, or in the rig of a node",
             )

@@ -180,7 +180,7 @@ def _check_detector(file: StudyFile, rig: RigSpec) -> list[str]:
         design = read_model(file.model).design
         if not design.classes:
             expected = "a model of `urbantwin model train`"
-            raise InputError("tells no boxes", file=file.model, expected=expected)
+            raise InputError("has no output of boxes", file=file.model, expected=expected)
         for name in file.classes or ():
             if name not in design.classes:
                 raise InputError(

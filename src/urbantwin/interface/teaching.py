@@ -289,6 +289,6 @@ def _classes_of(datasets: Sequence[Path]) -> list[str]:
     found = [name for name in DETECTED_CLASSES if name in seen]
     if not found:
         raise InputError(
-            "nobody is in any frame", file=datasets[0], expected="traffic that the rig sees"
+            "no frame has a labelled object", file=datasets[0], expected="traffic that the rig sees"
         )
     return found

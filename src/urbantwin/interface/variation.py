@@ -162,7 +162,7 @@ def _check_values(described: RunFile, factor: Factor, twin: Twin) -> None:
     moving = described.motion if factor.changes_traffic else None
     if moving is not None and Motion.open(moving).manifest.get("asked") is None:
         raise InputError(
-            "does not say what traffic was asked for",
+            "does not state its requested traffic",
             file=moving,
             expected="a motion of urbantwin drive, or traffic: in the run",
         )

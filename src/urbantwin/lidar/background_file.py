@@ -274,7 +274,7 @@ def with_background(
     mounted = sensors[number]
     if rig.ride is not None or mounted.sway is not None or mounted.sensor.pattern is not None:
         raise InputError(
-            f"is of a sensor that stands still, and {mounted.name} does not",
+            f"is of a static sensor, and {mounted.name} does not",
             file=file,
             expected="a sensor without ride or sway, whose beams repeat",
         )

@@ -56,7 +56,7 @@ def boarded(
         on, off = (f"{value:.9g}" for value in (best.start_s, best.stop_s))
         raise InputError(
             f"{best.who}, which carries the rig, is there from {on} to {off} s, and frames from "
-            f"{first:g} to {last:g} s are asked for",
+            f"{first:g} to {last:g} s are requested",
             file=file,
             place="ride",
             expected=f"--start {on} --stop {off}",

@@ -130,7 +130,7 @@ class MountedSensor:
         """Return the path without errors of the reported pose."""
         if self.carrier_SE3_sensor is not None:
             if carrier is None:
-                raise ValueError(f"{self.name} rides, and nothing carries it")
+                raise ValueError(f"{self.name} is mounted on a vehicle, and no carrier is given")
             return RidingPath(carrier, self.carrier_SE3_sensor, self.deskew)
         if self.sway is not None:
             return SwayingPath(

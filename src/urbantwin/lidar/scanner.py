@@ -253,7 +253,7 @@ class Scanner:
             if actor.track == self._rig.carrier:
                 return actor.way
         raise InputError(
-            f"the rig rides on track {self._rig.carrier}, which is not in this frame",
+            f"the rig is mounted on track {self._rig.carrier}, which is not in this frame",
             expected="an actor that is there in every recorded frame",
         )
 

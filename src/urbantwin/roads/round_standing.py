@@ -89,9 +89,9 @@ def warnings_of_ways(
     return (
         ResultWarning(
             "ways through junctions",
-            f"{len(contacts)} lead over what stands there, at {places}{more_text}",
-            "no way round it bends as gently as cars turn",
-            "draw them as turns of a sketch, or correct where it stands",
+            f"{len(contacts)} lead through static objects, at {places}{more_text}",
+            "no path around them is drivable for a car",
+            "draw them as turns of a sketch, or correct the objects' positions",
         ),
     )
 

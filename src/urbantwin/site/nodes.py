@@ -227,7 +227,7 @@ class NodesFile:
             spec, field = load_rig_spec(file, frame), ""
         if node.ride is not None and spec.ride is None:
             raise self.document.error(
-                "the rig stands on the site", (*at, "ride"), "a rig with ride:, for a vehicle"
+                "the rig is static", (*at, "ride"), "a rig with ride:, for a vehicle"
             )
         if not spec.fused:
             raise self.document.error(

@@ -202,11 +202,13 @@ class SensorSpec(SensorPlace, _Named):
 def _stands_where_the_rig_does(sensor: SensorSpec, info: ValidationInfo) -> SensorSpec:
     riding = info.data.get("ride") is not None
     if riding and not sensor.rides:
-        raise wrong("is placed on the site, but its rig rides", "forward_m and left_m")
+        raise wrong(
+            "is placed on the site, but its rig is mounted on a vehicle", "forward_m and left_m"
+        )
     if sensor.rides and not riding:
         raise wrong("is placed on a vehicle, but its rig stands", "ride: {track: N} in the rig")
     if riding and sensor.sway is not None:
-        raise wrong("sways, but its rig rides", "no sway")
+        raise wrong("sways, but its rig is mounted on a vehicle", "no sway")
     return sensor
 
 

@@ -57,9 +57,7 @@ class RigChanges:
             ]
         if self.ride is not None:
             if spec.ride is None:
-                raise InputError(
-                    "the rig stands on the site", place="--ride", expected="a rig with ride:"
-                )
+                raise InputError("the rig is static", place="--ride", expected="a rig with ride:")
             text = self.ride.strip()
             track = whole_number(text)
             ride = {"class": text} if track is None else {"track": track}

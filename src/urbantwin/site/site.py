@@ -366,7 +366,7 @@ def load_site(path: Path) -> Site:
         expected = "an OpenStreetMap extract, or else a map of the roads (roads.file) or a sketch"
         raise document.error("is missing", ("osm",), expected)
     if raw.sketch is not None and raw.osm is not None:
-        raise document.error("stands beside an extract (osm)", ("sketch",), "one of the two")
+        raise document.error("is given beside an extract (osm)", ("sketch",), "one of the two")
     sketch = _input_file(document, "sketch", raw.sketch, "GeoJSON") if raw.sketch else None
     osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract") if raw.osm else None
     roads = None
@@ -385,7 +385,7 @@ def load_site(path: Path) -> Site:
     if raw.buildings is not None:
         if raw.osm is None:
             raise document.error(
-                "stands without an extract (osm)", ("buildings",), "a map that it completes"
+                "is given without an extract (osm)", ("buildings",), "a map that it completes"
             )
         buildings = _input_file(document, "buildings", raw.buildings, "footprints as GeoJSON")
     if isinstance(raw.rig, str):

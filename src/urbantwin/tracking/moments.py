@@ -38,7 +38,7 @@ def moments(
     count = len(found.frames)
     if count < 2:
         raise InputError(
-            f"has {count} frame{'s' * (count != 1)}, and nobody can be followed",
+            f"has {count} frame{'s' * (count != 1)}: too few to track objects",
             file=file,
             expected="frames that follow each other",
         )

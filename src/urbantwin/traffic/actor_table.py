@@ -201,14 +201,14 @@ def actor_table(  # noqa: PLR0913 - all inputs of a drive
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
-        tell(_AFTER_PLACING, "who passes through whom")
+        tell(_AFTER_PLACING, "looking for overlaps")
         trip = stored.trips()
         absent = absent_from(
             stored, whose[trip], vehicles(paths.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
         hand_back_freed_memory()
-        tell(0.97, "who passes through whom")
+        tell(0.97, "looking for overlaps")
         number = paths.who if by_trip else None
         rows = stored.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)

@@ -285,7 +285,7 @@ def _warnings(
                 "signals",
                 f"groups {', '.join(without_place)} are left out",
                 "nothing says where their stop lines are",
-                "tell them under signals.places",
+                "give them under signals.places",
             )
         )
     return warnings

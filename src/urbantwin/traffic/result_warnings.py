@@ -62,7 +62,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
         yield ResultWarning(
             "traffic",
             f"teleports: {manifest['teleports']}",
-            "SUMO moves on who stands too long in a jam that does not clear",
+            "SUMO removes vehicles that are stuck in a jam",
             "lower traffic.per_hour",
         )
     if manifest["collisions"]:
@@ -134,7 +134,7 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
         if "moved_m" in row:
             yield ResultWarning(
                 f"event {row['event']}",
-                f"is {row['moved_m']:.0f} m from the place that was asked for",
+                f"is {row['moved_m']:.0f} m from the requested place",
                 row["moved_because"],
                 "within_m: 0 in the scenario keeps it there",
             )
@@ -204,7 +204,7 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
     if carried is not None and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
         yield ResultWarning(
             "traffic",
-            f"{carried:.0%} of the motor traffic asked for is carried",
+            f"{carried:.0%} of the requested motor traffic is driven",
             circulation.get("held_up") or "too few vehicles come round in time",
             "lower traffic.per_hour, lengthen traffic.warmup_s, or give counted flows and signal "
             "programs in site.yaml",
@@ -214,7 +214,7 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
         yield ResultWarning(
             "traffic",
             f"{volumes.get('driven', 0.0):.0f} motor vehicles an hour drive, of "
-            f"{volumes.get('asked', 0.0):.0f} asked for",
+            f"{volumes.get('asked', 0.0):.0f} requested",
             "gates let in the queues that they need at the end of the warm-up",
             "lengthen the motion, or traffic.warmup_s",
         )
@@ -222,7 +222,7 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
     if guess is not None and guess < ENOUGH:
         yield ResultWarning(
             "traffic",
-            f"{guess:.0%} of the motor traffic that was guessed is asked for",
+            f"{guess:.0%} of the guessed motor traffic is requested",
             circulation.get("guess_lowered_because") or "more jams the streets",
             "give counted flows and signal programs in site.yaml",
         )

@@ -174,7 +174,7 @@ def _driven(
     motion = resized(driven.with_meshes(between(told, _AFTER_TABLE, 0.91)), size)
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
-    told(0.91, "who passes through whom")
+    told(0.91, "looking for overlaps")
     return _told(motion, twin, overlaps)
 
 

@@ -97,7 +97,7 @@ def warnings_of_build(
         yield ResultWarning(
             "signals",
             f"{bare} heads are missing",
-            "there is nowhere for their poles to stand",
+            "there is no free place for their poles",
             "sensors will not see these poles",
         )
     if parts:

@@ -77,7 +77,7 @@ def test_right_boxes_are_worth_all_and_half_of_them_half() -> None:
 def test_nobody_to_find_is_told() -> None:
     truth = labelled(0)
     few = replace(truth, num_points=np.full(22, 2))
-    with pytest.raises(InputError, match="nobody of car has 5 points within 50 m"):
+    with pytest.raises(InputError, match="no car has 5 points within 50 m"):
         Judge(["0"], np.zeros(1), [few], np.zeros((1, 2)), 50.0, ("car",))
 
 

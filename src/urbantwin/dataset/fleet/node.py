@@ -113,7 +113,7 @@ def placed_nodes(
             track = rig.ride.track
             if track in taken:
                 raise asked.document.error(
-                    f"{spec.name} and {taken[track]} ride the same actor, track {track}",
+                    f"{spec.name} and {taken[track]} are mounted on the same actor, track {track}",
                     (*where, "ride") if spec.ride is not None else where,
                     "another track, or one rig with the sensors of both",
                 )

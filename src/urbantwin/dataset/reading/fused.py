@@ -105,7 +105,7 @@ def fused_cloud(
             )
         own = _pose(receiver, using)
     elif at != "same":
-        raise InputError("nobody receives", place="frame_of", expected="a node, or at: same")
+        raise InputError("no receiver is given", place="frame_of", expected="a node, or at: same")
     clouds, labels, numbers = [], [], []
     frames: dict[str, str | None] = {}
     age_s: dict[str, float] = {}

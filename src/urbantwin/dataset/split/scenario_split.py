@@ -155,6 +155,6 @@ def _warnings(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
         yield ResultWarning(
             "split",
             "parts show the same place",
-            "its streets, its buildings and who is parked there are in several parts",
+            "its streets, buildings and parked vehicles are in several parts",
             "to judge how a model does elsewhere, test on a twin of another place",
         )

@@ -27,7 +27,9 @@ def carla_rig(rig: Rig, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
             equivalent in CARLA is not known in advance.
     """
     if rig.ride is not None:
-        raise InputError("the rig rides, which is not exported", expected="a rig on the site")
+        raise InputError(
+            "the rig is mounted on a vehicle, which is not exported", expected="a rig on the site"
+        )
     return {
         "fixed_delta_seconds": 1.0 / rig.rate_hz,
         "sensors": [carla_sensor(one, blueprint=blueprint) for one in rig.sensors],

@@ -73,7 +73,7 @@ def averaged(found: Sequence[Alignment], file: str | None = None) -> Alignment:
             f"its frames are from places {apart:.2f} m and "
             f"{2 * np.degrees(np.abs(turned)).max():.1f} degrees apart",
             file=file,
-            expected="frames of a sensor that stands still, or one frame",
+            expected="frames of a static sensor, or one frame",
         )
     nearest = found[int(off.argmin())]
     count = len(found)
@@ -140,7 +140,9 @@ def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
     """
     document: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
     if document.get("ride") is not None:
-        raise InputError("its rig rides", file=source, place="ride", expected="one that stands")
+        raise InputError(
+            "its rig is mounted on a vehicle", file=source, place="ride", expected="a static rig"
+        )
     for entry, pose in zip(document["sensors"], poses, strict=True):
         for name in _PLACE:
             entry.pop(name, None)
@@ -285,7 +287,9 @@ def align_rig(
             expected="up to 200 m and 180 degrees, above 0",
         )
     if rig.ride is not None:
-        raise InputError("its rig rides", file=source, place="ride", expected="one that stands")
+        raise InputError(
+            "its rig is mounted on a vehicle", file=source, place="ride", expected="a static rig"
+        )
     if (target.parent / "twin.json").exists():
         raise InputError("would change a twin", file=target, expected="a file elsewhere")
     number = _number(rig, wish.sensor, source)

@@ -58,7 +58,7 @@ def standing(rig: Rig, mesh: LabelledMesh) -> Rig:
             )
             frame = dataset_frame(rig.frame, poses[0])
             return replace(rig, sensors=sensors, dataset_SE3_site=frame.inverse())
-    raise InputError("has no place where the rig could stand", file="the arbitrary site")
+    raise InputError("has no free place for the rig", file="the arbitrary site")
 
 
 def _tries() -> Iterator[tuple[NDArray[np.float64], float]]:

@@ -335,5 +335,5 @@ def _nothing_found(frames: Sequence[NDArray[np.float64]], pieces: int) -> InputE
         )
     return InputError(
         f"the rings of no sensor are found in {_counted(frames)}",
-        expected="frames of turning sensors that stand still, as they measured them",
+        expected="unprocessed frames of static rotating sensors",
     )

@@ -69,7 +69,7 @@ def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) ->
             raise InputError(
                 f"{names[first]} and {names[number]} do not show the same place: "
                 f"{same:.0%} of what rises from the ground is in both",
-                expected="frames of sensors that stand still, or one frame alone",
+                expected="frames of static sensors, or one frame alone",
             )
 
 
@@ -114,7 +114,7 @@ def check_standing(
             raise InputError(
                 f"{one.name} has {count.max()} points in {high} and {count.min()} in {low}: the "
                 "sensors moved",
-                expected="frames of sensors that stand still, or one frame alone",
+                expected="frames of static sensors, or one frame alone",
             )
     if len(frames) < 2:
         return
@@ -125,7 +125,7 @@ def check_standing(
     if far > _MOVED_M and far > _DEVIATIONS * np.hypot(*known[:2]):
         raise InputError(
             f"{sensors[0].name} moved by {far:.2f} m from {names[0]} to {names[-1]}",
-            expected="frames of sensors that stand still, or one frame alone",
+            expected="frames of static sensors, or one frame alone",
         )
 
 

@@ -94,7 +94,9 @@ def tune(
     asked = tuning or Tuning()
     say = progress or untold
     if rig.ride is not None:
-        raise InputError("its rig rides", file=rig_file, place="ride", expected="one that stands")
+        raise InputError(
+            "its rig is mounted on a vehicle", file=rig_file, place="ride", expected="a static rig"
+        )
     if asked.trials < 1:
         raise InputError(f"{asked.trials} trials", place="trials", expected="1 or more")
     points_in: PointsIn = asked.points_in or rig.frame

@@ -204,7 +204,7 @@ def facing_per_frame(
 def _check_stands(rig: Rig) -> None:
     if any(one.carrier_SE3_sensor is not None for one in rig.sensors):
         raise InputError(
-            "the rig rides on an actor and covers no fixed place", expected="a rig that stands"
+            "the rig is mounted on a vehicle and covers no fixed place", expected="a static rig"
         )
 
 

@@ -48,7 +48,7 @@ class Looks:
         if len(frames) < LEAST_FRAMES:
             count = len(frames)
             raise InputError(
-                f"{count} {'frame does' if count == 1 else 'frames do'} not tell what stands still",
+                f"{count} {'frame does' if count == 1 else 'frames do'} not show what is static",
                 file=frames.folder,
                 expected=f"{LEAST_FRAMES} frames or more, better 50 over half a minute",
             )
@@ -80,9 +80,9 @@ class Looks:
         """
         if self.still_share < _LEAST_STILL:
             raise InputError(
-                f"{self.still_share:.0%} of the points are of what stands still",
+                f"{self.still_share:.0%} of the points are static",
                 file=self.frames.folder,
-                expected="frames of one place, of sensors that stand still",
+                expected="frames of one place, of static sensors",
             )
 
     def moving(self, frame: RecordedFrame) -> NDArray[np.bool_]:

@@ -56,13 +56,13 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
     points = np.concatenate([one.points()[one.range_m[:, 0] > 0] for one in beams])
     if len(points) < _LEAST_BEAMS:
         raise InputError(
-            f"has {len(points)} beams on what stands still",
+            f"has {len(points)} beams on static surfaces",
             file=folder,
             expected=f"{_LEAST_BEAMS} or more",
         )
     tell(0.6, "ground")
     ground = recorded_ground(points)
-    tell(0.75, "what stands")
+    tell(0.75, "static objects")
     facets = Facets.concatenate([facets_of(one, ground) for one in beams])
     facets, went = carved(facets, beams)
     east, north = ground.grid.middles()

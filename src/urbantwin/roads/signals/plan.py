@@ -212,7 +212,7 @@ def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
                     f"{link_in_words(a)} (link {a.index}) and "
                     f"{link_in_words(b)} (link {b.index})",
                     where,
-                    "the letter g for who gives way, or one of them red",
+                    "the letter g for the movement that yields, or one of them red",
                 )
         following = phases[(k + 1) % len(phases)][1]
         for link in junction.links:
@@ -239,7 +239,9 @@ def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]
     ]
     if never:
         names = ", ".join(dict.fromkeys(map(link_in_words, never)))
-        raise plan.error(f"never gives green to {names}", where, "green for everybody in the cycle")
+        raise plan.error(
+            f"never gives green to {names}", where, "green for each movement in the cycle"
+        )
     for link in junction.links:
         on = [state[link.index] in GREEN for _, state in phases]
         if not any(on):

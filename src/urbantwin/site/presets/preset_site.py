@@ -149,7 +149,7 @@ def place_of_preset(
     place = preset.place
     if place is None:
         raise InputError(
-            "is of a place that nobody published",
+            "is of an unpublished place",
             place=f"--preset {preset.name}",
             expected="--lat and --lon of a junction that you choose, or --at-junction",
         )

@@ -112,7 +112,7 @@ class Judge:
         self.roles = {name: one for name, one in roles.items() if (one > 0).any()}
         if not self.roles:
             raise InputError(
-                f"nobody of {', '.join(classes)} has {FEWEST_POINTS} points within {within_m:g} m "
+                f"no {' or '.join(classes)} has {FEWEST_POINTS} points within {within_m:g} m "
                 "of the receiver",
                 place="labels",
                 expected="objects to find: more frames, or a greater --within",

@@ -224,7 +224,7 @@ def _warnings(placed: Placed) -> list[ResultWarning]:
             ResultWarning(
                 "layouts",
                 f"{len(placed.found)} of {question.layouts} were judged",
-                "there are no more, or none that the budget meets",
+                "there are no more within the budget",
             )
         )
     if not len(question.recipe.squares.crossing):

@@ -112,7 +112,7 @@ def calibrate_traffic(
         part = recorded(0.0, fit_s)
         if not part.turns:
             raise InputError(
-                f"nobody passes the junction in its first {fit_s:.0f} s",
+                f"no vehicle passes the junction in its first {fit_s:.0f} s",
                 file=recording.file,
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )

@@ -41,7 +41,7 @@ def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict
             )
         if road in by_road:
             raise InputError(
-                f"road {road!r:.60} is told twice", place=f"{place}.approach", expected="one row"
+                f"road {road!r:.60} is given twice", place=f"{place}.approach", expected="one row"
             )
         leads = {
             lane: {after.road for after in roads.lanes_beyond(roads.lane_by_id[lane])}
@@ -67,7 +67,7 @@ def _turn(turn: str, leads: Mapping[str, set[str]], known: Mapping[str, object],
             expected=f"one of {', '.join(next_roads) or 'none'}",
         )
     if turn in known:
-        raise InputError(f"road {turn!r:.60} is told twice", place=place, expected="one row")
+        raise InputError(f"road {turn!r:.60} is given twice", place=place, expected="one row")
     return turn
 
 

@@ -77,7 +77,7 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
         if not turned:
             turns = ", ".join(f"{road.id} ({turn_of(roads, approach, road)})" for road in exits)
             raise InputError(
-                f"nobody can go {turn} from {name}", place=place, expected=f"one of {turns}"
+                f"there is no movement {turn} from {name}", place=place, expected=f"one of {turns}"
             )
         # Among several, the one nearest to a right angle, or to straight on.
         leaving = min(turned, key=lambda road: _turn_deviation(roads, approach, road, turn))
@@ -253,7 +253,7 @@ def ridden_along(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
                 movements.append((lateral_m, Way(approach, leaving)))
     if not movements:
         raise InputError(
-            f"nobody rides along the crossing {str(row['crossing'])[:60]!r}",
+            f"no bicycle route follows the crossing {str(row['crossing'])[:60]!r}",
             place=place,
             expected="a crossing that bicycles pass straight on, or approach and turn",
         )

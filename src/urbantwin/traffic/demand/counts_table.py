@@ -109,7 +109,7 @@ def by_road(
         if name := row.where.get("detector"):
             if name not in (places or {}):
                 raise InputError(
-                    f"nobody says where the detector {name[:60]!r} is",
+                    f"there is no position of the detector {name[:60]!r}",
                     file=path,
                     place=row.line,
                     expected="its lane in the file of detectors (--detectors FILE)",

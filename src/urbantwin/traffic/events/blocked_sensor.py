@@ -42,9 +42,9 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     name = event.sensor or next(iter(standing), "")
     if name not in standing:
         raise InputError(
-            f"the rig has no sensor {name!r:.40} that stands",
+            f"the rig has no static sensor {name!r:.40}",
             place="sensor",
-            expected=", ".join(standing) or "a rig that stands",
+            expected=", ".join(standing) or "a static rig",
         )
     spec = next(sensor for sensor in twin.rig_spec().sensors if sensor.name == name)
     foot, above_m = np.array(standing[name]), spec.height_m or 5.0
@@ -85,7 +85,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     if not hiding:
         raise StageError(
             f"{prefix}a truck beside {name}, {above_m:.1f} m above the ground, hides "
-            f"{most:.1%} of the junction at the most, and {event.least_share:.1%} are asked for: "
+            f"{most:.1%} of the junction at the most, and {event.least_share:.1%} are requested: "
             f"least_share: {np.floor(most * 1000) / 1000:.3f}, or a sensor that hangs lower"
         )
     raise StageError(

@@ -96,7 +96,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     except (OSError, KeyError, ValueError, pa.ArrowInvalid) as error:
         raise InputError("is no table of tracks", file=file, expected=_EXPECTED) from error
     if not len(name):
-        raise InputError("nobody was observed", file=file, expected="frames in which one moves")
+        raise InputError("has no track", file=file, expected="frames with a moving actor")
     order = np.lexsort((numbers[1], numbers[0]))
     track, time_s, x, y, yaw, *sides = (column[order] for column in numbers)
     name, xy = name[order], np.column_stack([x, y])

@@ -77,9 +77,9 @@ def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
         ResultWarning(
             "frames",
             f"{times.gap.sum()} of {len(times.gap)} pairs have a gap between them",
-            f"what moves is not where it could be a frame later ({times.confidence.mean():.0%} "
-            "sure), and nobody is followed over them",
-            "tell when frames were taken, --times",
+            "moving objects are farther apart than one frame allows "
+            f"({times.confidence.mean():.0%} sure), and tracks end there",
+            "give the times of the frames, --times",
         )
     ]
 
