@@ -420,7 +420,7 @@ def test_a_server_that_is_dead_is_given_up():
     one = client(url)
     for _ in range(client_module.PATIENCE // client_module.TRIES):
         refused(one, f"{url}/a", "(nobody listens there)")
-    refused(one, f"{url}/a", "the server has stopped to answer")
+    refused(one, f"{url}/a", "the server no longer answers")
 
 
 def test_a_proxy_is_asked_and_told_no_private_address(monkeypatch):
