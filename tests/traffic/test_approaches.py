@@ -19,7 +19,7 @@ from urbantwin.traffic.calibration.lane_use import LaneUse, approach_rows
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import JunctionLinks
 from urbantwin.traffic.demand.approaches import approaches_of
-from urbantwin.traffic.demand.counts import departures_of
+from urbantwin.traffic.demand.count_rates import departures_of
 from urbantwin.twin import Twin
 
 #: A short approach of two lanes behind a road of two lanes; a signal in the middle of a street that

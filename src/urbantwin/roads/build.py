@@ -142,11 +142,9 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         out: the ``.net.xml`` to write.
         plans: signal programs that replace assumed ones.
         closed_loop: whether outer roads beyond the region lead each exit back to an entry.
-        per_hour: actors that enter the region per hour, by class: with a closed loop, assumed
-            signal programs serve these flows.
+        per_hour: actors that enter the region per hour, by class; assumed programs serve them.
         curbs: index of a correction -> drawn lines of curbs, site frame.
-        standing: outlines of static obstacles that are not in the map, site frame: paths through
-            junctions avoid them and the map's islands where cars can drive so.
+        standing: outlines of static obstacles, site frame, that paths through junctions avoid.
         tell: called with the completed share (0..1) and the current task.
 
     Raises:

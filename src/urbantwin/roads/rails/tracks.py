@@ -29,8 +29,7 @@ __all__ = ["Track", "add_rails", "with_trams"]
 #: Minimum cosine of the turn from a track to the next; larger turns are crossings of rails. Length
 #: over which directions are measured, metres.
 TURN_COS, CHORD_M = np.cos(np.radians(40.0)), 6.0
-#: An end within these distances of the region's border or of the map's border continues beyond it,
-#: metres.
+#: An end this near to the region's or the map's border continues beyond it, metres.
 BORDER_M, RIM_M = 1.0, 40.0
 #: Outer tracks: length of the straight part, distance round the region, metres, and angular step,
 #: radians.

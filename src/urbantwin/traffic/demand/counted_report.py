@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.demand.counts import rates_of, wanted_of
+from urbantwin.traffic.demand.count_rates import rates_of, wanted_of
 from urbantwin.traffic.demand.demand import CountedRow, Demand
 from urbantwin.traffic.flow.bottleneck import bottleneck
 from urbantwin.traffic.sumo.simulation import Simulated

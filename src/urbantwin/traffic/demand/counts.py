@@ -18,104 +18,15 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.demand.count_rates import departures_of, rates_of, wanted_of
 from urbantwin.traffic.demand.counted_places import crossing_of, ridden_along, road_of, way_of
 from urbantwin.traffic.demand.demand import WALKING_MS, CountedRow, Demand, LeftOut, Routes, Trip
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = ["QUARTER_S", "counted_demand", "departures_of", "fitted_demand", "fitted_volumes"]
-__all__ += ["is_counted", "rates_of", "wanted_of", "way_through"]
-
-QUARTER_S = 900.0
-_NOT_MOTORS = ("bicycle", "pedestrian", "tram")
-
-
-def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether counts determine the number of actors of a class."""
-    named = {
-        row.get("actor_class") or ("pedestrian" if row.get("crossing") else None) for row in counts
-    }
-    return actor_class in named or (None in named and actor_class not in _NOT_MOTORS)
-
-
-def rates_of(
-    row: Mapping[str, Any], per_hour: Mapping[str, float], place: str
-) -> dict[str, list[float]]:
-    """Return, by class, the actors per hour in each quarter of an hour; a single value is constant.
-
-    Args:
-        row: row of ``traffic.counts``.
-        per_hour: composition of motor traffic that is counted without a class.
-        place: place of the row in its document, for errors.
-
-    Raises:
-        InputError: the class cannot be counted at such a place.
-    """
-    if row.get("per_quarter"):
-        rates = [4.0 * float(count) for count in row["per_quarter"]]
-    else:
-        rates = [float(row["per_hour"])]
-    if row.get("crossing") and not row.get("actor_class"):
-        return {"pedestrian": rates}
-    if row.get("actor_class"):
-        drive = set(ACTOR_CLASSES) - {"pedestrian"}
-        if row["actor_class"] not in (("pedestrian", "bicycle") if row.get("crossing") else drive):
-            raise InputError(
-                f"counts a {row['actor_class']}",
-                place=place,
-                expected="people on foot and bicycles at a crossing, who drives by approach and "
-                "turn or on a road",
-            )
-        return {row["actor_class"]: rates}
-    motors = {name: rate for name, rate in per_hour.items() if name not in _NOT_MOTORS and rate > 0}
-    motors = motors or {"car": 1.0}
-    whole = sum(motors.values())
-    return {name: [rate * share / whole for rate in rates] for name, share in motors.items()}
-
-
-def wanted_of(
-    rates: Sequence[float], warmup_s: float, duration_s: float
-) -> list[tuple[float, float, float]]:
-    """Return (begin, end, number of actors); times in seconds from the start of the warm-up."""
-    intervals, end = [], warmup_s + duration_s
-    begin = 0.0
-    for number, rate in enumerate(rates):
-        last = number == len(rates) - 1
-        until = end if last else min(warmup_s + (number + 1) * QUARTER_S, end)
-        if until > begin:
-            intervals.append((begin, until, rate * (until - begin) / 3600.0))
-            begin = until
-    return intervals
-
-
-def departures_of(
-    wanted: Sequence[tuple[float, float, float]],
-    owed: float,
-    random: np.random.Generator,
-    *,
-    evenly: bool = True,
-) -> NDArray[np.float64]:
-    """Return random times of departure for the requested numbers, seconds.
-
-    Args:
-        wanted: (begin, end, number of actors).
-        owed: fraction of a vehicle carried over from earlier rows, so that fractions add up.
-        random: random generator.
-        evenly: stratified, one in each of as many equal parts as there are departures; else
-            independent of each other.
-    """
-    times = []
-    for begin, end, count in wanted:
-        whole = int(np.floor(owed + count))
-        owed = owed + count - whole
-        drawn = random.random(whole)
-        share = (np.arange(whole) + drawn) / max(whole, 1) if evenly else np.sort(drawn)
-        times.append(begin + share * (end - begin))
-    return np.concatenate(times) if times else np.zeros(0)
-
+__all__ = ["counted_demand", "fitted_demand", "fitted_volumes", "way_through"]
 
 #: Rounds of scaling volumes, after which sums of independent counts agree to a thousandth.
 _ROUNDS = 400

@@ -10,7 +10,8 @@ from typing import Any
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.demand.approaches import approaches_of
 from urbantwin.traffic.demand.circulation import COMING_IN_S, Circulation
-from urbantwin.traffic.demand.counts import counted_demand, is_counted
+from urbantwin.traffic.demand.count_rates import is_counted
+from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.demand import Bound, Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
 from urbantwin.traffic.demand.passengers import with_passengers

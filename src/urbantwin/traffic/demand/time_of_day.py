@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from urbantwin.errors import InputError
-from urbantwin.traffic.demand.counts import QUARTER_S
+from urbantwin.traffic.demand.count_rates import QUARTER_S
 
 __all__ = ["CARS", "TRUCKS", "at_time_of_day", "counts_from", "hour_factor"]
 
