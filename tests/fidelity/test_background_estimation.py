@@ -81,7 +81,7 @@ def test_as_many_frames_are_needed_as_show_a_half_lost_surface_twice():
     frames = looks_at(one, true, generator.random(true.shape) < 0.5)
     with pytest.raises(InputError, match=f"10 frames.*{LEAST_FRAMES} frames or more"):
         measured_backgrounds(frames[:-1], [one])
-    with pytest.raises(InputError, match="1 frame does not tell"):
+    with pytest.raises(InputError, match="1 frame does not show"):
         measured_backgrounds(frames[:1], [one])
     (found,) = measured_backgrounds(frames, [one])
     assert 0.9 < found.known.mean() <= 1 - (LEAST_FRAMES + 1) / 2**LEAST_FRAMES
@@ -342,5 +342,5 @@ def test_what_is_no_background_is_said(tmp_path):
     save_backgrounds(file, [MeasuredBackground(image(1), image(1)[:, 1:], image(1), image(1))])
     with pytest.raises(InputError, match="different sizes"):
         load_backgrounds(file)
-    with pytest.raises(InputError, match=r"0 frames do not tell.*11 frames or more"):
+    with pytest.raises(InputError, match=r"0 frames do not show.*11 frames or more"):
         measured_backgrounds([], [beams()])

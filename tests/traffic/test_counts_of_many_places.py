@@ -158,7 +158,7 @@ def test_detectors_of_sumo_are_counts_of_their_roads(street_twin: Twin, tmp_path
     passed = Counter(edge for trip in found.trips for edge in trip.edges)
     for row in rows:
         assert passed[row["road"]] == pytest.approx(row["per_quarter"][0], abs=2)
-    with pytest.raises(InputError, match="where the detector 'in' is"):
+    with pytest.raises(InputError, match="no position of the detector 'in'"):
         read_counts(tmp_path / "loops.xml")
 
 
