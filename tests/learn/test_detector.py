@@ -315,7 +315,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
         said = found.of(number).box
         apart = np.linalg.norm(wanted[:, None, :3] - said[None, :, :3], axis=2)
         assert apart.min(axis=1).max() < 0.5
-    with pytest.raises(ut.InputError, match=r"/detections: 2 frames do not tell .* at least 10"):
+    with pytest.raises(ut.InputError, match=r"/detections: 2 frames are too few .* at least 10"):
         ut.model.detect(
             street, tmp_path / "d", model=folder, standing=tmp_path / "detections", progress=False
         )
