@@ -35,7 +35,7 @@ def test_traffic_as_asked_for_has_no_warning() -> None:
 
 def test_what_is_not_carried_left_out_or_stuck_is_told_with_its_number() -> None:
     (line,) = problems(circulation={"share_of_guess": 0.6})
-    assert "60% of the motor traffic that was guessed" in line
+    assert "60% of the guessed motor traffic" in line
     (line,) = problems(circulation={"carried_share_of_motor_traffic": 0.41})
     assert "41 %" in line.replace("41%", "41 %")
     assert "traffic.per_hour" in line
