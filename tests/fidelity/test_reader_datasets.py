@@ -159,6 +159,10 @@ def test_kitti_tracking(tmp_path):
     (training / "label_02/0011.txt").write_text("0 1 Car 0 0\n")
     with pytest.raises(InputError, match=r"0011\.txt: line 1"):
         open_recording(training)
+    write_bin(training / "velodyne/0012/000000.bin")
+    (training / "calib/0012.txt").write_text(text)
+    with pytest.raises(InputError, match=r"holds 2 recordings.*velodyne/0011, velodyne/0012"):
+        open_recording(training)
 
 
 def test_kitti_raw(tmp_path):

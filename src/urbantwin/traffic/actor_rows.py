@@ -137,7 +137,7 @@ class KeptRows:
         for part in _some_steps(columns):
             rows, beside = rows_of(part)
             self.add(rows)
-            left_out += int(shapely.contains_xy(self._region, beside).sum()) if len(beside) else 0
+            left_out += int(shapely.contains_xy(self._region, beside).sum())
             self.taken += len(part["trip"])
         return left_out
 

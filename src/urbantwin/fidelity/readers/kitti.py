@@ -11,6 +11,7 @@ are read for frames that ``velodyne`` lacks.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,12 +33,15 @@ from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = [
     "ALL_AROUND",
+    "CAMERA_NOTE",
     "KITTI",
     "KITTI_TRACKING",
+    "OCCLUSION",
     "SEMANTIC_KITTI",
     "Calibration",
     "box_of_values",
     "calibration_rows",
+    "frame_index",
     "label_rows",
     "read_calibration",
     "read_regions",
@@ -54,10 +58,10 @@ _PROJECTIONS = ("P2", "P_rect_02")
 #: Files of a raw recording; its ``calib_imu_to_velo.txt`` is of another sensor.
 _RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
 _LABEL_WORDS = 15  # a detection has its score as the sixteenth
-_CAMERA_NOTE = "Only objects that the camera saw are labelled."
+CAMERA_NOTE = "Only objects that the camera saw are labelled."
 #: Occlusion levels (none, partly, largely) as shares: the centres of the levels
 #: (docs/reference/labels.md).
-_OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
+OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
 #: SemanticKITTI's classes without a counterpart -> our nearest class (semantic-kitti.yaml): parked
 #: bicycles, and moving people and vehicles.
 _NEAREST = {
@@ -99,13 +103,18 @@ def _object_labels(path: Path, files: list[Path]) -> Labels:
             LabelledBox(
                 box_of_values(values[7:14], lidar_SE3_camera),
                 name,
-                occlusion=_OCCLUSION.get(int(values[1]), math.nan),
+                occlusion=OCCLUSION.get(int(values[1]), math.nan),
             )
             for _, name, values in label_rows(labels, _LABEL_WORDS)
         ]
-        return {"boxes": boxes_of(labelled), "notes": () if around else (_CAMERA_NOTE,)}
+        return {"boxes": boxes_of(labelled), "notes": () if around else (CAMERA_NOTE,)}
 
     return Labels(read)
+
+
+def frame_index(cloud: Path, index: int) -> int:
+    """Return the frame of a cloud by its name, as some clouds are missing; else its index."""
+    return int(cloud.stem) if cloud.stem.isdigit() else index
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -153,22 +162,27 @@ def calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
     return rows
 
 
-def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.float64]]]:
+def label_rows(
+    path: Path, fewest: int, leading: int = 0
+) -> Iterator[tuple[int, str, NDArray[np.float64]]]:
     """Yield line, class and numbers of each object of a label file, without ``DontCare``.
 
     Args:
         path: the label file.
         fewest: minimum number of words per line.
+        leading: number of words before the class: 2 in the tracking benchmark (frame, track). They
+            are the first of the yielded numbers.
 
     Raises:
         InputError: a line has fewer words, or one that is not a number.
     """
     for number, line in enumerate(read_lines(path, "labels of KITTI"), 1):
         words = line.split()
-        if not words or words[0] == "DontCare":
+        name = words[leading : leading + 1]
+        if not words or name == ["DontCare"]:
             continue
         try:
-            values = np.array(finite_numbers(words[1:]))
+            values = np.array(finite_numbers(words[:leading] + words[leading + 1 :]))
             if len(words) < fewest:
                 raise ValueError
         except ValueError:
@@ -178,7 +192,7 @@ def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.f
                 place=f"line {number}",
                 expected=f"{fewest} values of KITTI",
             ) from None
-        yield number, words[0], values
+        yield number, name[0], values
 
 
 def read_regions(path: Path) -> NDArray[np.float64]:
@@ -226,90 +240,46 @@ def _sequences(path: Path) -> list[Path]:
     if (folder / "velodyne").is_dir():
         folders = sorted(sub for sub in (folder / "velodyne").iterdir() if sub.is_dir())
     return [
-        one
-        for one in folders
-        if one.parent.name == "velodyne"
-        and (one.parent.parent / "calib" / f"{one.name}.txt").is_file()
-        and clouds_in(one, ".bin")
+        sequence
+        for sequence in folders
+        if sequence.parent.name == "velodyne"
+        and (sequence.parent.parent / "calib" / f"{sequence.name}.txt").is_file()
+        and clouds_in(sequence, ".bin")
     ]
-
-
-def _sequence(path: Path) -> Path:
-    """Return the only folder of clouds.
-
-    Raises:
-        InputError: there are several sequences.
-    """
-    folders = _sequences(path)
-    if len(folders) != 1:
-        names = ", ".join(f"velodyne/{folder.name}" for folder in folders[:8])
-        raise InputError(
-            f"holds {len(folders)} recordings", file=path, expected=f"one of them: {names}"
-        )
-    return folders[0]
 
 
 def _tracking_labels(path: Path, files: list[Path]) -> Labels:
     """Return the labels of a sequence, whose lines begin with the frame and the track."""
-    folder = _sequence(path)
-    split, name = folder.parent.parent, folder.name
-    labels, calibration = split / "label_02" / f"{name}.txt", split / "calib" / f"{name}.txt"
-    if not (labels.is_file() and calibration.is_file()):
+    (sequence,) = _sequences(path)
+    split, name = sequence.parent.parent, sequence.name
+    labels = split / "label_02" / f"{name}.txt"
+    if not labels.is_file():
         return Labels(lambda file, index, fields: {})
-    lidar_SE3_camera = read_calibration(calibration).camera_SE3_lidar.inverse()
-    frames: dict[int, list[LabelledBox]] = {}
-    for frame, rows in tracking_rows(labels).items():
-        frames[frame] = [
+    calibration = read_calibration(split / "calib" / f"{name}.txt")
+    lidar_SE3_camera = calibration.camera_SE3_lidar.inverse()
+    frames: dict[int, list[LabelledBox]] = defaultdict(list)
+    for _, source_name, values in label_rows(labels, _LABEL_WORDS + 2, leading=2):
+        frame, track, _, occluded = map(int, values[:4])
+        frames[frame].append(
             LabelledBox(
-                box_of_values(values[8:15], lidar_SE3_camera),
+                box_of_values(values[9:16], lidar_SE3_camera),
                 source_name,
-                track=track_of(f"{name} {int(values[0])}"),
-                occlusion=_OCCLUSION.get(int(values[2]), math.nan),
+                track=track_of(f"{name} {track}"),
+                occlusion=OCCLUSION.get(occluded, math.nan),
             )
-            for source_name, values in rows
-        ]
+        )
 
     def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
-        # Some clouds of the benchmark are missing, so the file's name tells the frame.
-        number = int(file.stem) if file.stem.isdigit() else index
-        return {"boxes": boxes_of(frames.get(number, [])), "notes": (_CAMERA_NOTE,)}
+        return {"boxes": boxes_of(frames.get(frame_index(file, index), []))}
 
-    return Labels(read)
-
-
-def tracking_rows(path: Path) -> dict[int, list[tuple[str, NDArray[np.float64]]]]:
-    """Return the class and the numbers of each object by frame, without ``DontCare``.
-
-    The numbers are the track, then those of an object label (truncation first).
-
-    Raises:
-        InputError: a line is not a label of the tracking benchmark.
-    """
-    frames: dict[int, list[tuple[str, NDArray[np.float64]]]] = {}
-    for number, line in enumerate(read_lines(path, "labels of KITTI tracking"), 1):
-        words = line.split()
-        if not words or "DontCare" in words[2:3]:
-            continue
-        try:
-            values = np.array(finite_numbers([words[1], *words[3:]]))
-            if len(words) < _LABEL_WORDS + 2:
-                raise ValueError
-            frames.setdefault(int(words[0]), []).append((words[2], values))
-        except (ValueError, IndexError):
-            raise InputError(
-                "is not a label of KITTI tracking",
-                file=path,
-                place=f"line {number}",
-                expected="frame, track, class and 14 values",
-            ) from None
-    return frames
+    return Labels(read, (CAMERA_NOTE,))
 
 
 KITTI_TRACKING = FolderDataset(
     name="kitti-tracking",
     title="KITTI tracking",
-    detect=lambda path: bool(_sequences(path)),
-    clouds=lambda path: clouds_in(_sequence(path), ".bin"),
+    detect=lambda path: len(_sequences(path)) == 1,
+    clouds=lambda path: clouds_in(_sequences(path)[0], ".bin"),
     labels=_tracking_labels,
     verified=False,
 )
@@ -354,7 +324,7 @@ def _sequence_poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose
         poses = [lidar_SE3_camera @ camera @ camera_SE3_lidar for camera in cameras]
 
     def pose(cloud: Path, index: int) -> Pose | None:
-        number = int(cloud.stem) if cloud.stem.isdigit() else index
+        number = frame_index(cloud, index)
         return poses[number] if number < len(poses) else None
 
     return pose

@@ -8,14 +8,18 @@ and ``convertOxtsToPose.m`` (poses by the Mercator projection scaled at the firs
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.kitti import calibration_rows
+from urbantwin.fidelity.readers.kitti import (
+    CAMERA_NOTE,
+    OCCLUSION,
+    calibration_rows,
+    frame_index,
+)
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, track_of
 from urbantwin.geometry import Pose
 from urbantwin.io.points import Fields
@@ -28,8 +32,7 @@ __all__ = ["KITTI_RAW"]
 _CLOUDS = "velodyne_points/data"
 _TRACKLETS = "tracklet_labels.xml"
 _EARTH_RADIUS_M = 6_378_137.0  # of the development kit's projection
-#: Occlusion of a tracklet (visible, partly, fully) as shares; -1 is not set.
-_OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
+_RECORD = "a record of KITTI's GPS and IMU"
 
 
 def _labels(path: Path, files: list[Path]) -> Labels:
@@ -37,7 +40,7 @@ def _labels(path: Path, files: list[Path]) -> Labels:
     document = path / _TRACKLETS
     if not document.is_file():
         return Labels(lambda file, index, fields: {})
-    frames: dict[int, list[LabelledBox]] = {}
+    frames: dict[int, list[LabelledBox]] = defaultdict(list)
     with laid_out(document, "tracklets of KITTI"), document.open("rb") as stream:
         tracks = next(child_elements(stream, ["tracklets"], document))
         for number, tracklet in enumerate(tracks.findall("item")):
@@ -52,14 +55,14 @@ def _labels(path: Path, files: list[Path]) -> Labels:
                     box,
                     name,
                     track=track_of(f"{path.absolute().name} {number}"),
-                    occlusion=_OCCLUSION.get(int(occlusion), math.nan),
+                    occlusion=OCCLUSION.get(int(occlusion), math.nan),
                 )
-                frames.setdefault(first + offset, []).append(labelled)
+                frames[first + offset].append(labelled)
 
     def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
-        return {"boxes": boxes_of(frames.get(_frame(file, index), []))}
+        return {"boxes": boxes_of(frames.get(frame_index(file, index), []))}
 
-    return Labels(read, ("Only objects that the camera saw are labelled.",))
+    return Labels(read, (CAMERA_NOTE,))
 
 
 def _poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
@@ -74,13 +77,16 @@ def _poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
     with laid_out(calibration, "a calibration of KITTI"):
         rows = calibration_rows(calibration)
         lidar_SE3_vehicle = checked_pose(rows["R"].reshape(3, 3), rows["T"])
-    first = _position(sorted(oxts.glob("*.txt"))[0]) if any(oxts.glob("*.txt")) else None
+    records = sorted(oxts.glob("*.txt"))
+    if not records:
+        return lambda file, index: None
+    scale = math.cos(math.radians(_measured(records[0])[0]))
+    origin = _vehicle(records[0], scale).translation
 
     def pose(file: Path, index: int) -> Pose | None:
         record = oxts / f"{file.stem}.txt"
-        if first is None or not record.is_file():
+        if not record.is_file():
             return None
-        scale, origin = first
         vehicle = _vehicle(record, scale)
         world_SE3_vehicle = Pose(vehicle.rotation, vehicle.translation - origin)
         return world_SE3_vehicle @ lidar_SE3_vehicle.inverse()
@@ -88,26 +94,21 @@ def _poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
     return pose
 
 
-def _position(record: Path) -> tuple[float, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return the projection's scale at a record's latitude, and its position in metres."""
-    with laid_out(record, "a record of KITTI's GPS and IMU"):
-        latitude = finite_numbers(read_lines(record, "a record of KITTI")[0].split()[:1])[0]
-        scale = math.cos(math.radians(latitude))
-    return scale, _vehicle(record, scale).translation
+def _measured(record: Path) -> list[float]:
+    """Return latitude and longitude (degrees), altitude (m), roll, pitch and yaw (rad)."""
+    with laid_out(record, _RECORD):
+        latitude, *others = finite_numbers(read_lines(record, _RECORD)[0].split()[:6])
+        if len(others) != 5 or not abs(latitude) < 90.0:
+            raise ValueError
+        return [latitude, *others]
 
 
 def _vehicle(record: Path, scale: float) -> Pose:
     """Return the pose of the vehicle (x forward, y left, z up) in metres east, north and up."""
-    with laid_out(record, "a record of KITTI's GPS and IMU"):
-        words = read_lines(record, "a record of KITTI")[0].split()[:6]
-        latitude, longitude, altitude, roll, pitch, yaw = finite_numbers(words)
-        x = scale * _EARTH_RADIUS_M * math.radians(longitude)
-        y = scale * _EARTH_RADIUS_M * math.log(math.tan(math.pi / 4 + math.radians(latitude) / 2))
-        return Pose.from_ypr((x, y, altitude), yaw=yaw, pitch=pitch, roll=roll)
-
-
-def _frame(file: Path, index: int) -> int:
-    return int(file.stem) if file.stem.isdigit() else index
+    latitude, longitude, altitude, roll, pitch, yaw = _measured(record)
+    x = scale * _EARTH_RADIUS_M * math.radians(longitude)
+    y = scale * _EARTH_RADIUS_M * math.log(math.tan(math.pi / 4 + math.radians(latitude) / 2))
+    return Pose.from_ypr((x, y, altitude), yaw=yaw, pitch=pitch, roll=roll)
 
 
 KITTI_RAW = FolderDataset(

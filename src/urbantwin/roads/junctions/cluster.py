@@ -233,7 +233,7 @@ def flat_nodes(
 
 
 def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
-    """Return whether a chain has a stop line or crossing, or an edge that lies in no junction."""
+    """Return whether a chain has a stop line, a crossing, or an edge outside every junction."""
     return any(
         edge.id in apart or marks.stop_lines.get(edge.id) or marks.crossings.get(edge.id)
         for edge in chain.edges

@@ -83,7 +83,7 @@ def _with_passing_vehicle(
     """Return the result of ``stage`` for the first passing vehicle for which it succeeds.
 
     Raises:
-        StageError: there is none; the reason is that of the first.
+        StageError: ``stage`` fails for each vehicle; the message is that of the first.
     """
     passing = setting.others.passing(
         spot.xy,
