@@ -222,7 +222,7 @@ def warnings_of_split(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
         if needed is not None
         else "the scene does not change within half of the recording"
     )
-    limit = ", and a gap that nobody asked for takes a tenth of it at most"
+    limit = ", and the default gap is at most a tenth of it"
     limit = "" if told["gap_asked_s"] is not None else limit
     yield ResultWarning(
         "split",
