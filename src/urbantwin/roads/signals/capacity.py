@@ -17,7 +17,7 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.roads.signals.controlled_links import Link, Signalised, admits_cars
 from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 
 __all__ = [
@@ -213,17 +213,28 @@ def on_lanes(choices: Choices, capacity: Callable[[Link], float]) -> dict[Link, 
     return flow
 
 
-def lane_loads(junction: Signalised, phases: Sequence[Phase], flows: Flows) -> list[LaneLoad]:
+def lane_loads(
+    junction: Signalised,
+    phases: Sequence[Phase],
+    flows: Flows,
+    passing: Mapping[tuple[str, int], float] | None = None,
+) -> list[LaneLoad]:
     """Return the load of each waiting lane, the highest first.
 
     Args:
         junction: the signalised junction.
         phases: its program.
         flows: cars per hour from street to street.
+        passing: (program, index) -> share of its green in which vehicles can leave; else 1.
     """
+    shares = passing or {}
     choices = choices_of(junction, flows)
     even = on_lanes(choices, lambda link: SATURATION_VEH_H)
-    capacity = {link: _capacity(junction, link, phases, even) for link in even}
+    capacity = {
+        link: shares.get((junction.program, link.index), 1.0)
+        * _capacity(junction, link, phases, even)
+        for link in even
+    }
     carried = on_lanes(choices, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
@@ -318,11 +329,6 @@ def _lane_volumes(root: etree._Element) -> dict[str, float]:
             continue
         kind = edge.get("type", "").split("|")[-1].removeprefix("highway.")
         usual = LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) + MORE_VEH_H
-        lanes = [lane.get("id") for lane in edge.iterfind("lane") if _for_cars(lane)]
+        lanes = [lane.get("id") for lane in edge.iterfind("lane") if admits_cars(lane)]
         volumes |= dict.fromkeys(lanes, min(usual, MOST_VEH_H))
     return volumes
-
-
-def _for_cars(lane: etree._Element) -> bool:
-    allow, disallow = (lane.get(key, "").split() for key in ("allow", "disallow"))
-    return "passenger" in allow if allow else not {"passenger", "all"} & set(disallow)

@@ -23,6 +23,7 @@ __all__ = [
     "FACING_DEG",
     "Link",
     "Signalised",
+    "admits_cars",
     "outgoing_of_lanes",
     "rows_of_junction",
     "signalised_junctions",
@@ -75,6 +76,7 @@ class Link:
         bend_speed: speed in its sharpest bend, m/s, at most the limit.
         crosses: edges that a crossing leads over.
         cycle_track: whether it continues along a cycle track.
+        for_cars: whether cars may use the lane that waits.
     """
 
     index: int
@@ -91,6 +93,7 @@ class Link:
     bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
     cycle_track: bool = False
+    for_cars: bool = True
 
     def __hash__(self) -> int:
         """Return the hash of junction and row, which identify a link: lookups are frequent."""
@@ -225,17 +228,22 @@ class Signalised:
         return not (self._waits_for(a, b) or self._waits_for(b, a))
 
     def _beside_a_turn(self, link: Link) -> bool:
-        """Return whether the link turns beside another lane, so that vehicles hide pedestrians."""
+        """Return whether the link turns beside another lane of cars.
+
+        One of the vehicles hides pedestrians and opposing traffic from the other.
+        """
         return link.is_turn and any(
             other.road == link.road
             and other.lane != link.lane
+            and other.for_cars
             and other.movement == link.movement
             and other.to.rpartition("_")[0] == link.to.rpartition("_")[0]
             for other in self.links
         )
 
     def _waits_for(self, a: Link, b: Link) -> bool:
-        return a.is_turn and self.gives_way(a, b) and not self.gives_way(b, a)
+        yields = self.gives_way(a, b) and not self.gives_way(b, a)
+        return a.is_turn and yields and not self._beside_a_turn(a)
 
     def meets_walkers(self, vehicle: Link, walk: Link) -> bool:
         """Return whether a link conflicts with a crossing in any way other than as a turn.
@@ -434,7 +442,14 @@ def _link(
         float(lanes[start].get("speed")),
         min(bends.get(item.get("via", ""), math.inf), float(lanes[start].get("speed"))),
         cycle_track=track,
+        for_cars=admits_cars(lanes[start]),
     )
+
+
+def admits_cars(lane: etree._Element) -> bool:
+    """Return whether cars may use a lane of a ``.net.xml``."""
+    allow, disallow = (lane.get(key, "").split() for key in ("allow", "disallow"))
+    return "passenger" in allow if allow else not {"passenger", "all"} & set(disallow)
 
 
 def _bend_speeds(root: etree._Element) -> dict[str, float]:

@@ -33,6 +33,7 @@ from urbantwin.roads.signals.capacity import (
 )
 from urbantwin.roads.signals.changes import Change, Changes, phases_of_stages
 from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
+from urbantwin.roads.signals.coordination import Stream, best_offset_s, streams_between
 from urbantwin.roads.signals.plan import WALK_S
 
 __all__ = ["set_default_programs"]
@@ -63,10 +64,15 @@ def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool =
     junctions = signalised_junctions(root)
     flows = flows or assumed_flows(root, junctions)
     logics = {logic.get("id"): logic for logic in root.iter("tlLogic")}
-    for junction in junctions:
-        logic = logics[junction.program]
-        timing = _Timing(junction, _stages(junction, _main_states(logic)), flows)
-        _write(logic, timing, fixed=fixed)
+    timings = [
+        _Timing(junction, _stages(junction, _main_states(logics[junction.program])), flows)
+        for junction in junctions
+    ]
+    plans = _coordinated(timings, streams_between(root, junctions, flows))
+    for timing in timings:
+        name = timing.junction.program
+        cycle, offset = plans.get(name, (None, 0))
+        _write(logics[name], timing, cycle, offset, fixed=fixed or name in plans)
     net.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
 
 
@@ -197,14 +203,51 @@ class _Timing:
         return phases_of_stages(self.junction, self.stages, seconds, self.changes)
 
 
-def _write(logic: etree._Element, timing: _Timing, *, fixed: bool) -> None:
+def _coordinated(
+    timings: Sequence[_Timing], streams: Sequence[Stream]
+) -> dict[str, tuple[float, int]]:
+    """Return program -> common cycle and offset, seconds, of programs with streams between them."""
+    of_program = {timing.junction.program: timing for timing in timings}
+    plans: dict[str, tuple[float, int]] = {}
+    for group in _groups(streams):
+        cycle = max(sum(of_program[name].seconds()) + of_program[name].lost_s for name in group)
+        phases = {name: of_program[name].phases(of_program[name].seconds(cycle)) for name in group}
+        cycle = max(sum(seconds for seconds, _ in each) for each in phases.values())
+        phases = {name: of_program[name].phases(of_program[name].seconds(cycle)) for name in group}
+        offsets: dict[str, int] = {}
+        for name in group:
+            offsets[name] = best_offset_s(name, phases, offsets, streams)
+        plans |= {name: (cycle, offsets[name]) for name in group}
+    return plans
+
+
+def _groups(streams: Sequence[Stream]) -> list[list[str]]:
+    """Return the programs joined by streams, each after one that it is joined to."""
+    joined: dict[str, set[str]] = defaultdict(set)
+    for stream in streams:
+        joined[stream.start[0]].add(stream.end[0])
+        joined[stream.end[0]].add(stream.start[0])
+    groups: list[list[str]] = []
+    rest = sorted(joined)
+    while rest:
+        group = [rest[0]]
+        for name in group:
+            group += sorted(joined[name] - set(group))
+        groups.append(group)
+        rest = [name for name in rest if name not in group]
+    return groups
+
+
+def _write(
+    logic: etree._Element, timing: _Timing, cycle: float | None, offset: int, *, fixed: bool
+) -> None:
     for child in list(logic):
         logic.remove(child)
-    usual = timing.seconds()
+    usual = timing.seconds(cycle)
     most = [max(pair) for pair in zip(usual, timing.seconds(LONGEST_CYCLE_S), strict=True)]
     phases = timing.phases(usual)
     extended = {} if fixed else _extended(timing, phases)
-    logic.set("offset", "0")
+    logic.set("offset", str(offset))
     logic.set("type", "actuated" if extended else "static")
     for key, value in (PARAMETERS if extended else {}).items():
         etree.SubElement(logic, "param", key=key, value=value)

@@ -7,7 +7,7 @@ over a full lane are reduced.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from lxml import etree
@@ -15,6 +15,7 @@ from lxml import etree
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads
 from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
+from urbantwin.roads.signals.coordination import passing_shares
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.demand import Bound
 
@@ -41,12 +42,14 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
         net: the SUMO network, with its programs.
         circulation: the guess.
     """
-    junctions = signalised_junctions(etree.parse(net).getroot())
+    root = etree.parse(net).getroot()
+    junctions = signalised_junctions(root)
     guessed, full = circulation, dict[str, LaneLoad]()
     for _ in range(ROUNDS):
         flows = circulation.flows()
         cuts: dict[tuple[str, str], float] = {}
-        for lane in _overloaded_lanes(junctions, flows):
+        passing = passing_shares(root, junctions, flows)
+        for lane in _overloaded_lanes(junctions, flows, passing):
             full.setdefault(lane.lane, lane)
             for link, flow in lane.links.items():
                 if flow > LITTLE * lane.flow:
@@ -66,12 +69,14 @@ def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
     return come / all_of_them if all_of_them else 1.0
 
 
-def _overloaded_lanes(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
+def _overloaded_lanes(
+    junctions: Sequence[Signalised], flows: Flows, passing: Mapping[tuple[str, int], float]
+) -> list[LaneLoad]:
     """Return the lanes with a load beyond ``FULL`` even with the longest actuated greens."""
     full = []
     for junction in junctions:
         usual, longest = (
-            {lane.lane: lane for lane in lane_loads(junction, phases, flows)}
+            {lane.lane: lane for lane in lane_loads(junction, phases, flows, passing)}
             for phases in (junction.phases, junction.longest)
         )
         least = (min(lane, longest[name], key=lambda x: x.load) for name, lane in usual.items())
