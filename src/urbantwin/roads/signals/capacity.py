@@ -111,7 +111,7 @@ def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: floa
 Flows = Mapping[tuple[str, str, str], float]
 #: Saturation flow of turns as a share of straight-on flow (HCM 2016, 19: 0.85 to 0.95), and of
 #: movements with pedestrians crossing their exit.
-TURNING, BESIDE_WALKERS = 0.9, 0.75
+TURNING, BESIDE_WALKERS = 0.9, 0.5
 #: Headway of a queue in a bend: seconds, plus metres at the bend's speed (of simulated drivers;
 #: Kimber, McDonald and Hounsell, TRRL Research Report 67, 1986, measured the effect of radius on
 #: the flow of turns).

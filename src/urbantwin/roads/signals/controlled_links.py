@@ -232,7 +232,7 @@ class Signalised:
 
         One of the vehicles hides pedestrians and opposing traffic from the other.
         """
-        return link.is_turn and any(
+        return link.is_turn and link.for_cars and any(
             other.road == link.road
             and other.lane != link.lane
             and other.for_cars

@@ -24,8 +24,8 @@ __all__ = ["bounded_by_signals", "share_of_motor"]
 #: Maximum load of a lane as a share of its capacity. Standards plan for 0.85 to 0.9 (HCM 2016,
 #: chapter 19; RiLSA 2015), beyond which queues grow from cycle to cycle now and then. They do not
 #: count pedestrians that delay turns, nor vehicles that wait on a junction: simulated hours of ten
-#: places carry 0.62 to 0.75.
-FULL = 0.62
+#: places carry 0.6 to 0.75.
+FULL = 0.6
 #: Relative excess above which a lane counts as full.
 EXCESS = 0.01
 #: Loads depend on conflicting traffic: number of rounds in which they are computed again, and least
