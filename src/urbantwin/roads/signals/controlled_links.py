@@ -232,13 +232,17 @@ class Signalised:
 
         One of the vehicles hides pedestrians and opposing traffic from the other.
         """
-        return link.is_turn and link.for_cars and any(
-            other.road == link.road
-            and other.lane != link.lane
-            and other.for_cars
-            and other.movement == link.movement
-            and other.to.rpartition("_")[0] == link.to.rpartition("_")[0]
-            for other in self.links
+        return (
+            link.is_turn
+            and link.for_cars
+            and any(
+                other.road == link.road
+                and other.lane != link.lane
+                and other.for_cars
+                and other.movement == link.movement
+                and other.to.rpartition("_")[0] == link.to.rpartition("_")[0]
+                for other in self.links
+            )
         )
 
     def _waits_for(self, a: Link, b: Link) -> bool:
