@@ -93,7 +93,7 @@ def best_offset_s(
         offsets: offsets of the other programs that are determined already, seconds.
         streams: streams between the programs.
     """
-    cycle = round(sum(seconds for seconds, _ in phases[name]))
+    cycle = len(_green(phases[name], 0))
     arriving = np.zeros(cycle)
     for stream in streams:
         (start, i), (end, j) = stream.start, stream.end
@@ -136,10 +136,11 @@ def passing_shares(
 
 
 def _green(phases: Sequence[Phase], index: int) -> NDArray[np.float64]:
-    """Return 1 for each second of the cycle in which an index has green."""
-    return np.concatenate(
-        [np.full(round(seconds), state[index] in "gG", np.float64) for seconds, state in phases]
-    )
+    """Return 1 for each second of the cycle in whose middle an index has green, else 0."""
+    ends = np.cumsum([seconds for seconds, _ in phases])
+    middles = np.arange(round(float(ends[-1]))) + 0.5
+    at = np.minimum(np.searchsorted(ends, middles, side="right"), len(phases) - 1)
+    return np.array([state[index] in "gG" for _, state in phases], np.float64)[at]
 
 
 def _edge(lane: str) -> str:
