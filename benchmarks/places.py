@@ -51,12 +51,13 @@ LIMIT_S = 900.0
 TARGETS = {
     "seconds": 180.0, "crossings": 0.95, "unmapped": 0, "signals": 0.95, "lanes": 0.95,
     "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "seen": 0.6, "cycle": 120.0,
-    "driven": 0.9, "slowing": 0.85, "stood": 0, "gone": 0,
+    "driven": 0.9, "slowing": 0.85, "stood": 0, "teleports": 0,
 }  # fmt: skip
 COLUMNS = (
     "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "guess", "carried",
     "moved", "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near",
-    "warnings", "cycle", "driven", "slowing", "halt", "stood", "gone",
+    "warnings", "cycle", "driven", "slowing", "halt", "stood",
+    "teleports",
 )  # fmt: skip
 #: Radii of regions that are drawn, metres.
 RADII_M = (80.0, 100.0, 120.0, 150.0)
@@ -193,7 +194,7 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
         "share_of_guess": told["share_of_guess"],
         "held_up": told["held_up"],
         "speeds": speeds,
-        "teleports": seen.teleports + int(max(row["teleports"] for row in rows)),
+        "teleports": max(seen.teleports, *(int(row["teleports"]) for row in rows)),
         "vehicles": [int(f(row["running"] for row in settled)) for f in (min, max)],
         "people": [people["least"], people["most"]],
         "planned": [
@@ -277,13 +278,11 @@ def line_of(row: dict[str, Any]) -> dict[str, str]:
         put("cycle", f"{streets['longest_cycle_s']:.0f}", streets["longest_cycle_s"], most=True)
     if hour := row.get("hour"):
         first, last = hour["speeds"][0], hour["speeds"][-1]
-        low, high = hour["vehicles"]
         put("driven", f"{hour['driven']:.2f}", hour["driven"])
         put("slowing", f"{last / max(first, 0.1):.2f}", last / max(first, 0.1))
         line["halt"] = f"{hour['longest_halt_s']:.0f}"
         put("stood", str(hour["stood"]), hour["stood"], most=True)
-        gone = hour["teleports"] + high - low
-        put("gone", str(gone), gone, most=True)
+        put("teleports", str(hour["teleports"]), hour["teleports"], most=True)
     return line
 
 
