@@ -159,7 +159,8 @@ def _signals(
                 if abs(signal[1] - own[0][1]) < SAME_M and signal[0] < own[0][0] + 4
             ]
             stop = own[0][1] - 0.5
-            stops.append([round(stop, 2), program, sorted({x[2] for x in same_stop}), []])
+            foes = sorted({row[2] for row in rows})
+            stops.append([round(stop, 2), program, sorted({x[2] for x in same_stop}), foes])
         elif rows and (stop := rows[0][0] - BEFORE_M) > 1.0:
             stops.append([round(stop, 2), program, [], sorted({row[2] for row in rows})])
     return sorted(stops)

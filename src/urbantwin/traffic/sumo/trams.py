@@ -36,8 +36,13 @@ EXPECTED_S, KERB_M = 1.2, 1.0
 BEFORE_M = 1.0
 #: Look-ahead of vehicles for rails, and room that a car needs between two tracks, metres.
 WAY_M, ROOM_M = 70.0, 7.0
-#: Where no street runs parallel to the rails, a tram that has waited this long proceeds, seconds.
+#: Where no street runs parallel to the rails, a tram that has waited this long at a signal proceeds;
+#: for a tram that vehicles on its rails have stopped for this long, others no longer wait: their
+#: queue can reach the rails. Seconds.
 PATIENCE_S = 15.0
+#: A tram that has waited for longer than a cycle at a signal also proceeds while all traffic that
+#: crosses its rails is stopped, seconds.
+LONGEST_CYCLE_S = 120.0
 #: Maximum extent of a signalised junction, metres.
 JUNCTION_M = 100.0
 #: SUMO's checks of a set speed, except that of the maximum deceleration.
@@ -119,6 +124,7 @@ class Trams:
                 self.on_track.setdefault(row[0], []).append((lane, row))
         self.signals: dict[str, list[Any]] = known.get("signals", {})
         self.held: dict[str, float] = {}
+        self.blocked: dict[str, float] = {}
         self.passed: dict[str, dict[str, float]] = {}
         self.slowed: set[str] = set()
         self.calmed: set[str] = set()
@@ -147,6 +153,8 @@ class Trams:
             nearby = np.flatnonzero(np.hypot(*(places - tram.nose).T) < AROUND_M)
             in_way = self._vehicles_ahead(tram, [names[k] for k in nearby], trams)
             waiting |= self._people(tram, people, where)
+            blocked = bool(in_way) and tram.speed < 0.1 and tram.free < 1.0 and not tram.stops
+            self.blocked[tram.name] = self.blocked.get(tram.name, 0.0) + step_s if blocked else 0.0
             reserved = self._reserved(tram)
             for k in nearby.tolist():
                 name = names[k]
@@ -203,6 +211,8 @@ class Trams:
                 passed.pop(program, None)
                 state = libsumo.trafficlight.getRedYellowGreenState(program)
                 go = any(state[k] in "Gg" for k in own)
+                if own and self.held.get(tram.name, 0.0) > LONGEST_CYCLE_S:
+                    go = go or not any(state[k] in "Ggy" for k in foes)
                 if not own:
                     go = not any(state[k] in "Gy" for k in foes)
                     if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
@@ -294,6 +304,8 @@ class Trams:
     def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
         """Return, by lane, the stretches that a tram occupies now or soon."""
         reserved: dict[str, list[Any]] = {}
+        if self.blocked.get(tram.name, 0.0) > PATIENCE_S:
+            return reserved
         reach = tram.front + min(tram.room, tram.speed * COMING_S + 12.0)
         if tram.stops:
             reach = tram.front
