@@ -36,7 +36,7 @@ EXPECTED_S, KERB_M = 1.2, 1.0
 BEFORE_M = 1.0
 #: Look-ahead of vehicles for rails, and room that a car needs between two tracks, metres.
 WAY_M, ROOM_M = 70.0, 7.0
-#: Where no street runs parallel to the rails, a tram that has waited this long at a signal proceeds;
+#: Where no street runs parallel to the rails, a tram that waited this long at a signal proceeds;
 #: for a tram that vehicles on its rails have stopped for this long, others no longer wait: their
 #: queue can reach the rails. Seconds.
 PATIENCE_S = 15.0
