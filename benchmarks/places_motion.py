@@ -56,16 +56,22 @@ def driving(twin: Twin, motion: Motion) -> dict[str, Any]:
     vehicles = who_drive(motion)
     lateral, braking, moved, turns = {}, {}, 0, {}
     for track, rows in _tracks(vehicles).items():
-        speed, yaw = rows["speed"], np.unwrap(rows["yaw"])
         moved += np.hypot(np.ptp(rows["x"]), np.ptp(rows["y"])) >= 5.0
         steps = max(round(SMOOTHED_S / motion.step_s), 1)
-        if len(speed) <= 2 * steps:
-            continue
-        rate = uniform_filter1d(np.gradient(yaw, motion.step_s), steps)
-        lateral[track] = float(np.abs(rate * speed).max())
-        turns[track] = float(np.degrees(np.abs(rate).max()))
-        gained = uniform_filter1d(np.gradient(speed, motion.step_s), steps)
-        braking[track] = float(-gained.min())
+        # A vehicle that leaves the region and comes back has no rows between.
+        gaps = np.flatnonzero(np.diff(rows["time_s"]) > 1.5 * motion.step_s) + 1
+        for part in np.split(np.arange(len(rows["time_s"])), gaps):
+            if len(part) <= 2 * steps:
+                continue
+            speed, yaw = rows["speed"][part], np.unwrap(rows["yaw"][part])
+            rate = uniform_filter1d(np.gradient(yaw, motion.step_s), steps)
+            gained = uniform_filter1d(np.gradient(speed, motion.step_s), steps)
+            for most, value in (
+                (lateral, float(np.abs(rate * speed).max())),
+                (turns, float(np.degrees(np.abs(rate).max()))),
+                (braking, float(-gained.min())),
+            ):
+                most[track] = max(most.get(track, 0.0), value)
     over = [track for track, most in lateral.items() if most > COMFORTABLE_M_S2]
     pairs = overlaps(motion)
     return {

@@ -97,6 +97,14 @@ def test_more_traffic_than_asked_for_is_told_beyond_chance() -> None:
     assert problems(circulation={**told, "carried_share_of_motor_traffic": 1.6}) == []
 
 
+def test_too_few_expected_vehicles_say_nothing_about_the_share_driven() -> None:
+    """151 an hour are 1.4 in 33 s: none comes in one of four such motions (e^-1.4)."""
+    few = {"counted_for_s": 33, "carried_share_of_motor_traffic": 0.0}
+    assert problems(circulation={**few, "passages_per_hour": {"car": {"asked": 151.0}}}) == []
+    (line,) = problems(circulation={**few, "passages_per_hour": {"car": {"asked": 500.0}}})
+    assert "0% of the requested motor traffic is driven" in line
+
+
 def test_a_junction_without_traffic_is_the_first_warning() -> None:
     seen = {"within_m": 50.0, "lanes_m": 700.0, "lanes_without_demand_m": 0.0}
     classes = {"car": {"asked": 10, "driven": 10, "per_hour": 2560.0}}

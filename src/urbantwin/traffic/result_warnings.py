@@ -201,7 +201,8 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
     hours = circulation.get("counted_for_s", 0) / 3600
     passed = hours * sum(row["asked"] for name, row in passages.items() if name in _MOTOR_CLASSES)
     # Tolerates the standard deviation of a random count, its square root.
-    if carried is not None and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
+    few = 0.0 < passed < _SIGNIFICANT_VEHICLES
+    if carried is not None and not few and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
         yield ResultWarning(
             "traffic",
             f"{carried:.0%} of the requested motor traffic is driven",
